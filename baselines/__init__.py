@@ -1,0 +1,1 @@
+"""Other agents on the same protocol: nothing here yet."""
