@@ -1,0 +1,28 @@
+"""Environments; importing this package registers them with Gymnasium.
+
+import envs, gymnasium
+env = gymnasium.make("mcpilco/CartPoleSwingUp-v0")
+"""
+
+from __future__ import annotations
+
+import gymnasium
+
+from envs.cartpole import CartPoleSwingUpEnv
+from envs.cartpole_dynamics import CartPoleDynamics
+from envs.cartpole_vector import CartPoleSwingUpVectorEnv
+from envs.judge import UprightJudge
+
+__all__ = [
+    "CartPoleDynamics",
+    "CartPoleSwingUpEnv",
+    "CartPoleSwingUpVectorEnv",
+    "UprightJudge",
+]
+
+gymnasium.register(
+    id="mcpilco/CartPoleSwingUp-v0",
+    entry_point="envs.cartpole:CartPoleSwingUpEnv",
+    vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
+    max_episode_steps=30,
+)

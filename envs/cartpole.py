@@ -1,0 +1,256 @@
+"""The cart-pole swing-up, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from jaxtyping import Float, UInt8
+
+from envs.cartpole_dynamics import CartPoleDynamics
+from envs.cartpole_views import picture, scene
+from envs.checks import read_array, read_stds, require_positive
+from envs.judge import UprightJudge
+from envs.swing_up import SwingUp
+from mcpilco.costs import cart_pole_cost
+from mcpilco.typing import Cost, InputError
+
+LENGTHSCALES = (1.5, 1.0)
+"""of the default cost: cart position [m], pole angle [rad]"""
+
+OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
+
+
+class CartPoleSwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Swing a hanging pole up and hold it there, by pushing the cart it hangs from.
+
+    ## Description
+
+    A cart runs on a rail; a uniform pole is hinged to it and hangs down. A horizontal force on the
+    cart, held for 0.1 s at a time, must swing the pole up, balance it, and keep the cart near the
+    origin. The equations of motion and their constants are those of PILCO's cart-pole [1],
+    integrated to rounding error; see `envs.cartpole_dynamics.CartPoleDynamics`.
+
+    The id is `mcpilco/CartPoleSwingUp-v0`, known after `import envs`; `gymnasium.make_vec` makes a
+    `CartPoleSwingUpVectorEnv` of it.
+
+    ## Action Space
+
+    A `Box(-10, 10, (1,), float32)`. A force beyond a limit is clipped to it; NaN is an error.
+
+    | Num | Action                   | Min | Max | Unit |
+    |-----|--------------------------|-----|-----|------|
+    | 0   | horizontal force on cart | -10 | 10  | N    |
+
+    ## Observation Space
+
+    A `Box` of shape (4,), float64: the state, measured with independent Gaussian noise. Any finite
+    number may occur.
+
+    | Num | Observation   | Symbol | Zero at    | Noise (std) | Unit  |
+    |-----|---------------|--------|------------|-------------|-------|
+    | 0   | cart position | q1     | the origin | 0.01        | m     |
+    | 1   | cart velocity | q1'    | rest       | 0.01        | m/s   |
+    | 2   | pole angle    | q2     | hanging    | 0.01        | rad   |
+    | 3   | pole velocity | q2'    | rest       | 0.01        | rad/s |
+
+    The pole is upright at pi, at -pi, and so on: the angle counts turns, it is not wrapped. It
+    grows as the tip of the hanging pole moves towards positive cart positions.
+
+    `info`, from `reset` and from `step`:
+
+    | Key               | Content                                                      | Unit   |
+    |-------------------|--------------------------------------------------------------|--------|
+    | `state`           | the true state, without noise                                | above  |
+    | `is_success`      | pole within 10 degrees of upright for at least the last 1 s  | [bool] |
+    | `time_up_s`       | time within 10 degrees of upright, in this episode           | s      |
+    | `mean_abs_cart_m` | mean distance of the cart from the origin, in this episode   | m      |
+
+    The last three look at the true state every 0.01 s, see `envs.judge.UprightJudge`; they are
+    False, 0 and 0 at the start.
+
+    ## Rewards
+
+    1 - cost of the true state after the step and of the force held in it, with the cost in [0, 1]
+
+        cost = 1 - exp( -(q1 / 1.5 m)^2 - ((|q2| - pi) / 1 rad)^2 )
+
+    of `mcpilco.costs.cart_pole_cost`.
+
+    ## Starting State
+
+    Independent Gaussians with mean 0 and standard deviation 0.1, in each state's unit.
+    `reset(options={"state": x})` starts exactly in x.
+
+    ## Episode End
+
+    The episode never terminates. It is truncated after 30 steps (3 s) when the env is made by id.
+
+    ## Arguments
+
+    | Keyword             | Meaning                                          | Default    | Unit   |
+    |---------------------|--------------------------------------------------|------------|--------|
+    | `cart_mass`         | mass of the cart                                 | 0.5        | kg     |
+    | `pole_mass`         | mass of the pole                                 | 0.5        | kg     |
+    | `pole_length`       | from hinge to tip                                | 0.5        | m      |
+    | `cart_friction`     | viscous friction between cart and rail           | 0.1        | N s/m  |
+    | `gravity`           | acceleration of gravity                          | 9.82       | m/s^2  |
+    | `force_limit`       | largest force                                    | 10         | N      |
+    | `dt`                | time for which a force is held                   | 0.1        | s      |
+    | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
+    | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
+    | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
+    | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
+    | `render_mode`       | None or `"rgb_array"`                            | None       |        |
+
+    A wrong value raises `mcpilco.typing.InputError`.
+
+    ## References
+
+    [1] Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010), appendix C.2.
+
+    ## Version History
+
+    - v0: first version.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        *,
+        cart_mass: float = 0.5,
+        pole_mass: float = 0.5,
+        pole_length: float = 0.5,
+        cart_friction: float = 0.1,
+        gravity: float = 9.82,
+        force_limit: float = 10.0,
+        dt: float = 0.1,
+        start_std: OneOrFour = 0.1,
+        noise_std: OneOrFour = 0.01,
+        cost: Cost | None = None,
+        cost_lengthscales: Sequence[float] = LENGTHSCALES,
+        render_mode: str | None = None,
+    ) -> None:
+        """The keywords are listed above under Arguments."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f'render_mode must be None or "rgb_array", got {render_mode!r}.')
+        self.swing_up = SwingUp(
+            dynamics=CartPoleDynamics(
+                cart_mass=cart_mass,
+                pole_mass=pole_mass,
+                pole_length=pole_length,
+                cart_friction=cart_friction,
+                gravity=gravity,
+            ),
+            force_limit=force_limit,
+            dt=dt,
+            start_std=read_stds("start_std", start_std, 4),
+            noise_std=read_stds("noise_std", noise_std, 4),
+            cost=_read_cost(cost, cost_lengthscales),
+        )
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
+        self.observation_space = self.swing_up.observation_space
+        self.action_space = self.swing_up.action_space
+        self.task = self.swing_up.task
+        self.scene = scene(self.swing_up.dynamics)
+        self._judge = UprightJudge(self.swing_up.sample_s)
+        self._state: Float[np.ndarray, " 4"] | None = None
+        self._force = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float[np.ndarray, " 4"], dict[str, Any]]:
+        """Starts an episode.
+
+        Args:
+            seed: of the env's random numbers; None goes on with those it has.
+            options: `{"state": x}` starts exactly in x = [q1, q1', q2, q2'] [m, m/s, rad, rad/s].
+
+        Returns:
+            The measured state and `info`.
+
+        Raises:
+            InputError: an unknown option, or a state that is not four finite numbers.
+        """
+        super().reset(seed=seed)
+        state = read_start(options, (4,))
+        self._state = self.swing_up.start(self.np_random) if state is None else state
+        self._force = 0.0
+        self._judge.restart()
+        return self.swing_up.observe(self._state, self.np_random), self._info()
+
+    def step(
+        self, action: Float[np.ndarray, " 1"]
+    ) -> tuple[Float[np.ndarray, " 4"], float, bool, bool, dict[str, Any]]:
+        """Holds the force `action` [N] for dt.
+
+        Returns:
+            The measured state, the reward, False, False, and `info`.
+
+        Raises:
+            InputError: NaN, or another shape than (1,).
+        """
+        forces = self.swing_up.forces(action)
+        samples = self.swing_up.advance(self._started(), forces)
+        self._state, self._force = samples[-1], float(forces)
+        self._judge.watch(samples)
+        reward = float(self.swing_up.reward(self._state, forces))
+        return (
+            self.swing_up.observe(self._state, self.np_random),
+            reward,
+            False,
+            False,
+            self._info(),
+        )
+
+    def render(self) -> UInt8[np.ndarray, "H W 3"] | None:
+        """A picture of the true state, or None without `render_mode="rgb_array"`."""
+        if self.render_mode is None:
+            gym.logger.warn('render() draws nothing; make the env with render_mode="rgb_array".')
+            return None
+        push = self._force / self.swing_up.force_limit
+        return picture(self.swing_up.dynamics, self._started(), push)
+
+    def _info(self) -> dict[str, Any]:
+        verdict = {key: value.item() for key, value in self._judge.verdict().items()}
+        return {"state": self._started().copy(), **verdict}
+
+    def _started(self) -> Float[np.ndarray, " 4"]:
+        if self._state is None:
+            raise ResetNeeded("The env has no state yet; call reset() first.")
+        return self._state
+
+
+def read_start(
+    options: dict[str, Any] | None, *shapes: tuple[int, ...]
+) -> Float[np.ndarray, "*b 4"] | None:
+    """The state that the options of `reset` ask for, or None.
+
+    Raises:
+        InputError: an unknown option, or a state that is not finite numbers in one of the shapes.
+    """
+    unknown = set(options or ()) - {"state"}
+    if unknown:
+        raise InputError(f'reset knows the option "state", got {sorted(unknown)}.')
+    if not options:
+        return None
+    return read_array('the option "state"', options["state"], *shapes)
+
+
+def _read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:
+    """The cost given, or the default with its lengthscales."""
+    cart, angle = read_array("cost_lengthscales", lengthscales, (2,)).tolist()
+    require_positive("cost_lengthscales[0]", cart, "m")
+    require_positive("cost_lengthscales[1]", angle, "rad")
+    if cost is None:
+        return cart_pole_cost(cart, angle)
+    if (cart, angle) != LENGTHSCALES:
+        raise InputError(
+            "cost_lengthscales belong to the default cost; pass either them or a cost, not both."
+        )
+    return cost

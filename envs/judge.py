@@ -1,0 +1,73 @@
+"""The rule that says whether a cart-pole has been swung up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+TOLERANCE = math.radians(10.0)
+"""how far from upright still counts as up [rad]"""
+HOLD_S = 1.0
+"""how long the pole must have stayed up, until now, for a success [s]"""
+SAMPLE_S = 0.01
+"""longest time between two looks at the true state [s]"""
+
+
+def is_up(angle: Float[np.ndarray, "*b"]) -> Bool[np.ndarray, "*b"]:
+    """Whether a pole at this angle [rad] is within the tolerance of upright, in any turn."""
+    return np.abs(np.remainder(angle, 2.0 * np.pi) - np.pi) <= TOLERANCE
+
+
+class UprightJudge:
+    """Watches the true state of a batch of cart-poles, sample by sample.
+
+    A sample stands for the time between the previous sample and itself, so that 100 samples of
+    0.01 s in which the pole is up are 1 s, and an episode's start is not counted.
+    """
+
+    def __init__(self, sample_s: float, batch: tuple[int, ...] = ()) -> None:
+        """A judge that has seen nothing yet.
+
+        Args:
+            sample_s: time between two samples [s].
+            batch: shape of the batch of cart-poles; () for one.
+        """
+        self._sample_s = sample_s
+        # rounding must not turn 1 s / 0.01 s into 101 samples
+        self._needed = math.ceil(HOLD_S / sample_s - 1e-9)
+        self._samples = np.zeros(batch, dtype=int)
+        self._up = np.zeros(batch, dtype=int)
+        self._up_until_now = np.zeros(batch, dtype=int)
+        self._cart_path = np.zeros(batch)
+
+    def restart(self, which: Bool[np.ndarray, "*b"] | bool = True) -> None:
+        """Forgets the episodes of the cart-poles marked in `which`."""
+        for count in (self._samples, self._up, self._up_until_now, self._cart_path):
+            count[...] = np.where(which, 0, count)
+
+    def watch(self, states: Float[np.ndarray, "T *b 4"]) -> None:
+        """Takes in the next T samples of [q1, q1', q2, q2']."""
+        up = is_up(states[..., 2])
+        unbroken = np.logical_and.accumulate(up[::-1]).sum(axis=0)
+        self._up_until_now[...] = np.where(
+            unbroken == len(up), self._up_until_now + unbroken, unbroken
+        )
+        self._up += up.sum(axis=0)
+        self._samples += len(up)
+        self._cart_path += np.abs(states[..., 0]).sum(axis=0)
+
+    def verdict(self) -> dict[str, np.ndarray]:
+        """The episodes so far.
+
+        Returns:
+            `is_success`: whether the pole has been up for at least the last second; `time_up_s`:
+            for how long it has been up in all [s]; `mean_abs_cart_m`: mean distance of the cart
+            from the origin [m].
+        """
+        return {
+            "is_success": np.asarray(self._up_until_now >= self._needed),
+            "time_up_s": np.asarray(self._up * self._sample_s),
+            "mean_abs_cart_m": np.asarray(self._cart_path / np.maximum(self._samples, 1)),
+        }

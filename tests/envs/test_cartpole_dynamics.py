@@ -1,0 +1,153 @@
+"""Laws of the cart-pole's equations of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from envs.cartpole_dynamics import CartPoleDynamics
+from mcpilco.typing import InputError
+
+OTHER = CartPoleDynamics(
+    cart_mass=1.3, pole_mass=0.2, pole_length=0.8, cart_friction=0.7, gravity=3.7
+)
+BOTH = pytest.mark.parametrize("dynamics", [CartPoleDynamics(), OTHER], ids=["pilco", "other"])
+
+
+def some_states(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(n, 4)) * [1.0, 2.0, 3.0, 4.0], rng.uniform(-10, 10, n)
+
+
+@BOTH
+def test_accelerations_are_those_of_the_pilco_package(dynamics):
+    states, u = some_states(200)
+    _, v, th, w = states.T
+    mc, mp, length = dynamics.cart_mass, dynamics.pole_mass, dynamics.pole_length
+    b, g, total = dynamics.cart_friction, dynamics.gravity, mc + mp
+    sin, cos = np.sin(th), np.cos(th)
+    den = 4 * total - 3 * mp * cos**2
+    dv = (2 * mp * length * w**2 * sin + 3 * mp * g * sin * cos + 4 * u - 4 * b * v) / den
+    dw = (-3 * mp * length * w**2 * sin * cos - 6 * total * g * sin - 6 * (u - b * v) * cos) / (
+        length * den
+    )
+    expected = np.stack([v, dv, w, dw], axis=-1)
+    np.testing.assert_allclose(dynamics.derivative(states, u), expected, rtol=1e-12, atol=1e-12)
+
+
+@BOTH
+def test_accelerations_are_those_of_the_lagrangian_of_a_rod(dynamics):
+    sympy = pytest.importorskip("sympy")
+    t, s, u = sympy.symbols("t s u")
+    q1, q2 = sympy.Function("q1")(t), sympy.Function("q2")(t)
+    mc, mp, length, b, g = (
+        dynamics.cart_mass,
+        dynamics.pole_mass,
+        dynamics.pole_length,
+        dynamics.cart_friction,
+        dynamics.gravity,
+    )
+    # energies of the cart and of every piece ds of the rod, at the distance s from the hinge
+    x, z = q1 + s * sympy.sin(q2), -s * sympy.cos(q2)
+    piece = (x.diff(t) ** 2 + z.diff(t) ** 2) / 2 - g * z
+    L = mc * q1.diff(t) ** 2 / 2 + mp / length * sympy.integrate(
+        sympy.expand(piece), (s, 0, length)
+    )
+    equations = [
+        L.diff(q.diff(t)).diff(t) - L.diff(q) - push
+        for q, push in ((q1, u - b * q1.diff(t)), (q2, 0))
+    ]
+    symbols = sympy.symbols("x v th w dv dw")
+    values = [q1, q1.diff(t), q2, q2.diff(t), q1.diff(t, 2), q2.diff(t, 2)]
+    plain = dict(sorted(zip(values, symbols, strict=True), key=lambda pair: -len(str(pair[0]))))
+    residual = sympy.lambdify([*symbols, u], [e.subs(plain) for e in equations])
+
+    states, forces = some_states(50, seed=1)
+    rates = dynamics.derivative(states, forces)
+    np.testing.assert_allclose(
+        residual(*states.T, rates[:, 1], rates[:, 3], forces), 0.0, atol=1e-12
+    )
+
+
+def test_mass_matrix_times_accelerations_are_the_forces():
+    states, u = some_states(20)
+    q, dq = states[:, 0::2], states[:, 1::2]
+    M, tau = OTHER.mass_matrix(q), OTHER.forces(q, dq, u)
+    np.testing.assert_allclose(
+        OTHER.accelerations(q, dq, u), np.linalg.solve(M, tau[..., None])[..., 0], rtol=1e-12
+    )
+
+
+def test_mass_matrix_is_symmetric_and_positive_definite():
+    M = OTHER.mass_matrix(some_states(100)[0][:, 0::2])
+    np.testing.assert_array_equal(M, np.swapaxes(M, -1, -2))
+    assert np.linalg.eigvalsh(M).min() > 0
+
+
+def test_energy_is_conserved_without_friction_and_force():
+    dynamics = CartPoleDynamics(cart_friction=0.0)
+    states, _ = some_states(20)
+    path = dynamics.advance(states, np.zeros(20), 3.0, samples=30)
+    energy = np.broadcast_to(dynamics.energy(states), (30, 20))
+    np.testing.assert_allclose(dynamics.energy(path), energy, rtol=1e-11)
+
+
+def test_energy_changes_by_the_work_of_force_and_friction():
+    states, u = some_states(8)
+    samples, duration = 2000, 1.0
+    path = np.concatenate([states[None], OTHER.advance(states, u, duration, samples)])
+    power = (u - OTHER.cart_friction * path[..., 1]) * path[..., 1]
+    work = np.trapezoid(power, dx=duration / samples, axis=0)
+    np.testing.assert_allclose(OTHER.energy(path[-1]) - OTHER.energy(path[0]), work, atol=1e-4)
+
+
+def test_random_force_for_3_s_agrees_with_an_adaptive_integrator():
+    dynamics, rng = CartPoleDynamics(), np.random.default_rng(3)
+    for _ in range(3):
+        ours = theirs = rng.normal(size=4) * [0.5, 0.5, 2.0, 0.5]
+        for u in rng.uniform(-10, 10, 30):
+            path = dynamics.advance(ours, u, 0.1, samples=10)
+            ours = path[-1]
+            solution = solve_ivp(
+                lambda t, x, u=u: dynamics.derivative(x, u),
+                (0.0, 0.1),
+                theirs,
+                method="DOP853",
+                rtol=1e-12,
+                atol=1e-12,
+                t_eval=np.arange(1, 11) / 100,
+            )
+            theirs = solution.y[:, -1]
+            np.testing.assert_allclose(path, solution.y.T, rtol=0, atol=1e-9)
+
+
+def test_batch_is_a_loop_of_single_motions():
+    states, u = some_states(6)
+    batch = OTHER.advance(states.reshape(2, 3, 4), u.reshape(2, 3), 0.1, samples=4)
+    assert batch.shape == (4, 2, 3, 4)
+    for i in range(6):
+        single = OTHER.advance(states[i], u[i], 0.1, samples=4)
+        np.testing.assert_allclose(batch[:, i // 3, i % 3], single, rtol=1e-12, atol=1e-12)
+
+
+def test_tip_hangs_below_the_cart_and_stands_on_the_target():
+    tip = OTHER.tip(np.array([[0.3, 0, 0, 0], [0, 0, np.pi, 0], [0, 0, np.pi / 2, 0]]))
+    np.testing.assert_allclose(tip, [[0.3, 0, -0.8], [0, 0, 0.8], [0.8, 0, 0]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cart_mass": 0.0},
+        {"pole_mass": -1.0},
+        {"pole_length": float("nan")},
+        {"cart_friction": -0.1},
+        {"gravity": float("inf")},
+        {"cart_mass": "heavy"},
+    ],
+)
+def test_impossible_constants_are_refused_by_name(unchecked_shapes, wrong):
+    (name,) = wrong
+    with pytest.raises(InputError, match=name):
+        CartPoleDynamics(**wrong)
