@@ -1,0 +1,82 @@
+"""Shapes, protocols and errors that the whole package shares.
+
+Axis letters in jaxtyping annotations, in the order time, particles, features, behind a batch `*b`:
+
+    T steps    P particles    N samples    M queries or inducing points
+    X state    U input        E outputs    D regressor width    B bases    J joints
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from torch import Tensor
+
+    from mcpilco.dropout import Dropout
+
+
+class McPilcoError(Exception):
+    """An error that its reader can act on: what was expected, what came, what to do.
+
+    The command line prints it as one sentence and exits with code 2.
+    """
+
+
+class InputError(McPilcoError, ValueError):
+    """A value given by the user does not fit."""
+
+
+class EnvError(McPilcoError):
+    """An environment does not fit the agent, or misbehaves while it runs."""
+
+
+class RunFolderError(McPilcoError):
+    """A run folder or a saved agent cannot be written, read or trusted."""
+
+
+class NotPositiveDefiniteError(McPilcoError, ArithmeticError):
+    """A covariance matrix has no Cholesky factor, not even with the jitters in the message."""
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What a rollout needs of a policy: inputs for a set of states."""
+
+    def __call__(
+        self, states: Float[Tensor, "*b X"], dropout: Dropout | None = None, step: int = 0
+    ) -> Float[Tensor, "*b U"]: ...
+
+
+@runtime_checkable
+class Dynamics(Protocol):
+    """What a rollout needs of a model: one sampled step."""
+
+    @property
+    def noise_dim(self) -> int:
+        """How many standard normal numbers one particle consumes in one step."""
+        ...
+
+    def step(
+        self,
+        states: Float[Tensor, "*b X"],
+        inputs: Float[Tensor, "*b U"],
+        noise: Float[Tensor, "*b E"],
+    ) -> Float[Tensor, "*b X"]: ...
+
+
+@runtime_checkable
+class Cost(Protocol):
+    """What is minimised: one number for each state and input."""
+
+    def __call__(
+        self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
+    ) -> Float[Tensor, "*b"]: ...
+
+
+@runtime_checkable
+class WidenableCost(Cost, Protocol):
+    """A cost that can be made wider, so that a goal is felt from further away."""
+
+    def widened(self, factor: float) -> Cost: ...
