@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mcpilco.fused.arithmetic import PLAIN
+from mcpilco.fused.arithmetic import OPTIONS, PLAIN
 
 
 @njit(**PLAIN)
@@ -82,3 +82,9 @@ def _add_powers(columns, d, z, width):
     for i in range(columns.shape[0]):
         columns[i, 1 + d] = columns[i, 0] * z
         columns[i, 1 + width + d] = columns[i, 0] * z * z
+
+
+@njit(**OPTIONS)
+def moments(activations, columns):
+    """sum_tp phi_tpb da_tpu [1, z, z^2], of shape (B, U (1 + 2 Z)), from both flattened to rows."""
+    return np.dot(activations.T, columns)

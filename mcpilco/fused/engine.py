@@ -13,7 +13,7 @@ from torch import Tensor
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
 from mcpilco.fused import layout
-from mcpilco.fused.backward import backward
+from mcpilco.fused.backward import backward, moments
 from mcpilco.fused.forward import forward
 from mcpilco.kernels.base import NoCanonicalFormError
 from mcpilco.policies import SumOfGaussians
@@ -114,14 +114,14 @@ class _Rollout(torch.autograd.Function):
         scratch = np.empty((3, trace.states.shape[2] + z_width + count + model.B.shape[1]))
         gradients = (np.ascontiguousarray(g.numpy()) for g in (gradient_states, gradient_inputs))
         backward(*gradients, columns, trace, controller, model, scratch)
-        phi = trace.activations.reshape(steps * particles, -1)
-        with _blas().limit(limits=1):  # numpy's product of these shapes takes half of torch's time
-            moments = torch.from_numpy(phi.T @ columns.reshape(steps * particles, -1))
-        _shelf.give_back(phi.reshape(trace.activations.shape), columns)
+        rows = steps * particles
+        with _blas().limit(limits=1):
+            sums = moments(trace.activations.reshape(rows, -1), columns.reshape(rows, -1))
+        _shelf.give_back(trace.activations, columns)
         _shelf.give_back(trace.delta_jacobians, trace.input_jacobians)
         centres, log_lengthscale, weights = ctx.saved_tensors
-        moments = moments[: len(weights)].unflatten(1, (count, -1))
-        return *[None] * 5, *_policy_gradients(centres, log_lengthscale, weights, moments)
+        sums = torch.from_numpy(sums)[: len(weights)].unflatten(1, (count, -1))
+        return *[None] * 5, *_policy_gradients(centres, log_lengthscale, weights, sums)
 
 
 def _policy_gradients(

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int
 
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout
 from mcpilco.task import TaskSpec
 from mcpilco.visual.blueprint import COST, INPUTS, STATES, TIMELINE, WORLD, entity
@@ -127,7 +128,8 @@ def log_curves(
         _log_line(track, entity(INPUTS, name, "system"), 0, rollout.inputs[:, i], hold="StepAfter")
     if prediction is not None:
         _log_spread(track, COST, 1, prediction.costs, prediction.costs.mean(axis=1))
-    _log_line(track, entity(COST, "system"), 1, 1 - rollout.rewards)
+    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
+    _log_line(track, entity(COST, "system"), 1, costs)
 
 
 def _log_spread(

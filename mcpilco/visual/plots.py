@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout, TrialResult
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
@@ -72,12 +73,15 @@ def plot_states(
     return axes
 
 
-def plot_costs(rollout: Rollout, prediction: Prediction | None, ax: Axes | None = None) -> Axes:
+def plot_costs(
+    rollout: Rollout, prediction: Prediction | None, task: TaskSpec, ax: Axes | None = None
+) -> Axes:
     """The cost at the end of each step, on the system and as predicted.
 
     Args:
-        rollout: the episode on the system; its cost is 1 - reward.
+        rollout: the episode on the system.
         prediction: its particles; None leaves the system alone.
+        task: says what a state costs.
         ax: where to draw; a new figure without it.
     """
     ax = _grid(1)[0] if ax is None else ax
@@ -85,7 +89,8 @@ def plot_costs(rollout: Rollout, prediction: Prediction | None, ax: Axes | None 
         times = _times(rollout, 1, len(prediction.costs))
         _band(ax, times, prediction.costs)
         ax.plot(times, prediction.costs.mean(axis=1), color=_MODEL, label="mean")
-    ax.plot(_times(rollout, 1, len(rollout)), 1 - rollout.rewards, color=_SYSTEM, label="system")
+    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
+    ax.plot(_times(rollout, 1, len(rollout)), costs, color=_SYSTEM, label="system")
     ax.set(xlabel="time [s]", ylabel="cost [-]")
     ax.legend(frameon=False, fontsize="small")
     return ax

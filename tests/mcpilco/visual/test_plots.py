@@ -4,6 +4,7 @@ import builtins
 
 import numpy as np
 import pytest
+import torch
 
 from mcpilco.typing import InputError
 from mcpilco.visual.plots import plot_costs, plot_learning, plot_states
@@ -64,10 +65,11 @@ def test_states_refuse_too_few_axes(rollout, task) -> None:
         plot_states(rollout, None, task, [plt.subplots()[1]])
 
 
-def test_costs_are_drawn_at_the_end_of_their_step(rollout, prediction) -> None:
-    ax = plot_costs(rollout, prediction)
+def test_costs_are_drawn_at_the_end_of_their_step(rollout, prediction, task) -> None:
+    ax = plot_costs(rollout, prediction, task)
     np.testing.assert_allclose(line(ax, "system").get_xdata(), rollout.times[1:])
-    np.testing.assert_array_equal(line(ax, "system").get_ydata(), 1 - rollout.rewards)
+    costs = task.cost(torch.from_numpy(rollout.states[1:]), torch.from_numpy(rollout.inputs))
+    np.testing.assert_array_equal(line(ax, "system").get_ydata(), costs)
     np.testing.assert_array_equal(line(ax, "mean").get_ydata(), prediction.costs.mean(axis=1))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "cost [-]")
 
@@ -85,7 +87,7 @@ def test_learning_needs_a_trial() -> None:
         plot_learning([])
 
 
-def test_missing_matplotlib_names_the_extra(rollout, monkeypatch) -> None:
+def test_missing_matplotlib_names_the_extra(rollout, task, monkeypatch) -> None:
     real = builtins.__import__
 
     def without_matplotlib(name, *args, **kwargs):
@@ -95,4 +97,4 @@ def test_missing_matplotlib_names_the_extra(rollout, monkeypatch) -> None:
 
     monkeypatch.setattr(builtins, "__import__", without_matplotlib)
     with pytest.raises(InputError, match=r"mcpilco\[report\]"):
-        plot_costs(rollout, None)
+        plot_costs(rollout, None, task)

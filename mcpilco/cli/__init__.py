@@ -1,0 +1,57 @@
+"""The command line: `mcpilco train`, `evaluate`, `sweep`, `view` and `doctor`.
+
+This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
+gymnasium) when it runs, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+import tyro
+
+from mcpilco.cli.doctor import Doctor
+from mcpilco.cli.evaluate import Evaluate
+from mcpilco.cli.sweep import Sweep
+from mcpilco.cli.train import Train
+from mcpilco.cli.view import View
+from mcpilco.typing import McPilcoError
+
+__all__ = ["main"]
+
+_ABOUT = "MC-PILCO: learn to control a system from seconds of experience."
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code: 0 done, 2 wrong input, 130 interrupted.
+
+    Args:
+        argv: the arguments after `mcpilco`; those of this process when None.
+    """
+    _choose_gl()
+    try:
+        command = tyro.cli(
+            Train | Evaluate | Sweep | View | Doctor,
+            prog="mcpilco",
+            description=_ABOUT,
+            args=None if argv is None else list(argv),
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+        return command()
+    except SystemExit as stop:  # tyro has printed help, or what is wrong with the arguments
+        return stop.code if isinstance(stop.code, int) else 2
+    except McPilcoError as error:
+        print(f"mcpilco: error: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("mcpilco: interrupted.", file=sys.stderr)
+        return 130
+
+
+def _choose_gl() -> None:
+    """MuJoCo reads MUJOCO_GL when it is imported; without a display it must be told."""
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not display:
+        os.environ.setdefault("MUJOCO_GL", "egl")

@@ -1,0 +1,7 @@
+"""`python -m mcpilco.cli` is the command `mcpilco`."""
+
+import sys
+
+from mcpilco.cli import main
+
+sys.exit(main())

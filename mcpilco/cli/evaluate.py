@@ -1,0 +1,159 @@
+"""`mcpilco evaluate`: how good a run's policy is on fresh rollouts."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from mcpilco.cli.options import RunPath, optional
+from mcpilco.cli.system import open_env, use_one_thread
+from mcpilco.typing import InputError, RunFolderError
+
+_MEASURES = {
+    "return": "return [-]",
+    "time_up_s": "time up [s]",
+    "mean_abs_cart_m": "mean |cart position| [m]",
+}
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Judge the policy of a run on fresh rollouts."""
+
+    run: RunPath
+    """run folder"""
+    episodes: int = 100
+    """rollouts to judge it by"""
+    seed: int = 0
+    """of the rollouts; they differ from those of the training for every value"""
+    trial: Annotated[int | None, optional("INT", "the last")] = None
+    """whose policy"""
+    json: bool = False
+    """print one JSON object instead of a table"""
+
+    def __call__(self) -> int:
+        """Evaluate, print, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        if self.episodes < 1:
+            raise InputError(f"--episodes must be at least 1, got {self.episodes}.")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}.")
+        use_one_thread()
+
+        from mcpilco.run_folder import RunFolder
+
+        run = RunFolder.open(self.run)
+        trial = _finished(run, self.trial)
+        env = open_env(run.config["env"], run.config["env_kwargs"])
+        with contextlib.closing(env):
+            agent = _agent(run, trial, env)
+            samples = self._measure(agent, run.config["seed"])
+        report = {
+            "run": str(run.path),
+            "trial": trial,
+            "episodes": self.episodes,
+            **_report(samples),
+        }
+        if self.json:
+            print(json.dumps(report))
+        else:
+            _print_table(report)
+        return 0
+
+    def _measure(self, agent: Any, training_seed: int) -> dict[str, list[float]]:
+        """The outcome of each rollout, by measure; what the env does not tell is absent."""
+        import numpy as np
+
+        from mcpilco.episode import run_episode
+
+        seeds = np.random.SeedSequence((training_seed, self.seed)).generate_state(self.episodes)
+        samples: dict[str, list[float]] = {}
+        for seed in seeds:
+            rollout = run_episode(
+                agent.env,
+                lambda observation: agent.predict(observation, deterministic=True)[0],
+                agent.horizon,
+                agent.task.dt,
+                seed=int(seed),
+            )
+            outcome = {"return": float(rollout.rewards.sum()), **rollout.outcome}
+            for name, value in outcome.items():
+                samples.setdefault(name, []).append(value)
+        return samples
+
+
+def _finished(run: Any, trial: int | None) -> int:
+    """The trial asked for, or the last."""
+    trials = run.finished_trials()
+    if not trials:
+        raise RunFolderError(
+            f"{run.path} holds no finished trial yet; train until the first one ends."
+        )
+    if trial is None:
+        return trials[-1]
+    if trial not in trials:
+        raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {trial}.")
+    return trial
+
+
+def _agent(run: Any, trial: int, env: Any) -> Any:
+    """The run's agent with the policy of one trial."""
+    import torch
+
+    from mcpilco.agent import MCPILCO
+
+    agent = MCPILCO.load(run.agent_path, env)
+    policy = {name: torch.from_numpy(a) for name, a in run.read_arrays(trial, "policy").items()}
+    try:
+        agent.policy.load_state_dict(policy)
+    except RuntimeError as error:
+        path = run.arrays_path(trial, "policy")
+        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
+    return agent
+
+
+def _report(samples: Mapping[str, list[float]]) -> dict[str, Any]:
+    """Share of successes, and mean, standard deviation, smallest and largest of each measure."""
+    import numpy as np
+
+    report: dict[str, Any] = {}
+    if "is_success" in samples:
+        report["success_rate"] = float(np.mean(samples["is_success"]))
+    for name in _MEASURES:
+        if name in samples:
+            values = np.array(samples[name])
+            report[name] = {
+                "mean": float(values.mean()),
+                "std": float(values.std()),
+                "min": float(values.min()),
+                "max": float(values.max()),
+            }
+    return report
+
+
+def _print_table(report: Mapping[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=f"trial {report['trial']}: {report['episodes']} fresh rollouts")
+    table.add_column("measure")
+    for statistic in ("mean", "std", "min", "max"):
+        table.add_column(statistic, justify="right")
+    for name, label in _MEASURES.items():
+        if name in report:
+            table.add_row(Text(label), *(f"{value:.3f}" for value in report[name].values()))
+    console = Console()
+    console.print(table)
+    if "success_rate" in report:
+        successes = round(report["success_rate"] * report["episodes"])
+        console.print(
+            f"success: {successes} of {report['episodes']} ({report['success_rate']:.0%})",
+            highlight=False,
+        )

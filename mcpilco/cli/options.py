@@ -1,0 +1,16 @@
+"""How arguments that several commands share look in `--help`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+RunPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
+"""a run folder, without a flag"""
+
+
+def optional(metavar: str, default: str) -> object:
+    """Annotation of an argument that may be None; `default` says what is taken then."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")

@@ -1,0 +1,180 @@
+"""`mcpilco sweep`: the same training from many seeds, several at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import numbers, open_env, use_one_thread
+from mcpilco.config import CART_POLE
+from mcpilco.typing import InputError
+
+_SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Train from many seeds, a process each; the same command goes on where it was stopped."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder of the sweep: new, or begun with the same settings"""
+    seeds: Annotated[str, tyro.conf.arg(metavar="SEEDS")] = "0:30"
+    """`0:30` are 0 to 29; `3,5,7` are these"""
+    env: str = CART_POLE
+    """Gymnasium id of the env; `module:Id` imports the module first"""
+    preset: Literal["default", "thesis", "tro2022"] = "default"
+    """setting of the agent, and of the cart-pole"""
+    trials: int = 4
+    """policies to learn from each seed"""
+    fresh: int = 100
+    """fresh rollouts that each policy is judged by"""
+    engine: Literal["local", "ray"] = "local"
+    """local: processes of this machine; ray: the Ray cluster that RAY_ADDRESS names"""
+    workers: Annotated[int | None, optional("INT", "number of cores")] = None
+    """processes at a time; Ray takes all cores it has"""
+    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
+    """steps of a rollout"""
+    quiet: bool = False
+    """show no progress"""
+
+    def __call__(self) -> int:
+        """Train, print the table, and return the exit code: 1 when a seed failed.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        seeds = parse_seeds(self.seeds)
+        config, env_kwargs = numbers(self.preset, self.env, self.horizon)
+        self._check(config, env_kwargs)
+
+        from mcpilco.sweep import Settings, SweepFolder, sweep
+
+        # `module:Id` tells each process, on whatever machine, where the env is registered
+        env = self.env if ":" in self.env else f"envs:{self.env}"
+        settings = Settings(env, env_kwargs, self.preset, config, self.trials, self.fresh)
+        engine = self._engine()
+        done = SweepFolder(self.out, settings).results().keys() & set(seeds)
+        try:
+            with progress(len(seeds), len(done), self.quiet) as on_result:
+                summary = sweep(settings, seeds, self.out, engine, on_result)
+        except KeyboardInterrupt:
+            done = SweepFolder(self.out, settings).results().keys() & set(seeds)
+            print(
+                f"mcpilco: interrupted; {len(done)} of {len(seeds)} seeds are saved in {self.out}; "
+                "the same command goes on.",
+                file=sys.stderr,
+            )
+            return 130
+        _print_table(summary)
+        print(f"Sweep folder: {shlex.quote(str(self.out))}")
+        failed = summary["failed"].keys() & {str(seed) for seed in seeds}
+        return 1 if failed else 0
+
+    def _check(self, config: Any, env_kwargs: dict[str, Any]) -> None:
+        """Raises McPilcoError where every seed would fail the same way."""
+        from mcpilco.agent import MCPILCO
+
+        use_one_thread()
+        with contextlib.closing(open_env(self.env, env_kwargs)) as env:
+            MCPILCO("SumOfGaussians", env, config=config)
+
+    def _engine(self) -> Any:
+        from mcpilco.sweep import LocalEngine, RayEngine
+
+        if self.engine == "local":
+            return LocalEngine(self.workers)
+        if self.workers is not None:
+            raise InputError("--workers is for the engine local; Ray takes all cores it has.")
+        return RayEngine()
+
+
+def parse_seeds(text: str) -> Sequence[int]:
+    """The seeds that `0:30` or `3,5,7` stand for.
+
+    Raises:
+        InputError: it is neither, or holds a negative number or none.
+    """
+    try:
+        if ":" in text:
+            first, end = text.split(":")
+            seeds = list(range(int(first), int(end)))
+        else:
+            seeds = sorted({int(seed) for seed in text.split(",")})
+    except ValueError:
+        seeds = []
+    if not seeds or min(seeds) < 0 or max(seeds) >= 2**32:
+        raise InputError(
+            f"--seeds must be like 0:30, which are 0 to 29, or like 3,5,7, got {text!r}."
+        )
+    return seeds
+
+
+@contextlib.contextmanager
+def progress(seeds: int, done: int, quiet: bool) -> Iterator[Any]:
+    """What `sweep` tells each result; draws a line for each, above a bar on a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+
+    console = Console(quiet=quiet)
+    bar = Progress(
+        TextColumn("seeds"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeLeft(),
+        console=console,
+        speed_estimate_period=_SPEED_PERIOD_S,
+        disable=quiet or not console.is_terminal,
+    )
+    if done:
+        console.print(f"{done} of {seeds} seeds are there already.", highlight=False)
+    with bar:
+        task = bar.add_task("seeds", total=seeds, completed=done)
+
+        def on_result(seed: int, outcome: Any) -> None:
+            bar.console.print(_line(seed, outcome), markup=False, highlight=False, soft_wrap=True)
+            bar.advance(task)
+
+        yield on_result
+
+
+def _line(seed: int, outcome: Any) -> str:
+    from mcpilco.sweep import Failure
+
+    if isinstance(outcome, Failure):
+        return f"seed {seed} failed: {outcome.reason}"
+    trials = outcome["trials"]
+    words = {True: "yes", False: "no", None: "-"}
+    success = " ".join(words[row["success"]] for row in trials)
+    returns = " ".join(f"{row['return']:.1f}" for row in trials if row["return"] is not None)
+    cpu = sum(row["cpu_s"] for row in trials)
+    return f"seed {seed}: success {success}, return {returns}, {cpu:.1f} CPU s"
+
+
+def _print_table(summary: Any) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, rows
+
+    table = Table(box=SIMPLE_HEAD, caption=LEGEND, padding=(0, 0, 0, 1), pad_edge=False)
+    for name in HEADER:
+        heading = Text("\n".join(name.rsplit(" ", 1)))  # a unit is no markup
+        table.add_column(heading, justify="right", vertical="bottom")
+    for row in rows(summary):
+        table.add_row(*(cell.replace(" (", "\n(") for cell in row))  # to fit 80 columns
+    console = Console()
+    console.print(table)
+    for seed, reason in summary["failed"].items():
+        console.print(f"seed {seed} failed: {reason}", markup=False, highlight=False)
+    console.print(conclusion(summary), highlight=False)

@@ -1,0 +1,54 @@
+"""What every command that runs an agent needs: one thread, and an env by its id."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from mcpilco.config import PRESETS
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+
+    from mcpilco.config import Config
+
+
+def use_one_thread() -> None:
+    """Keep torch and BLAS to one thread: the matrices are small, and runs share a machine.
+
+    It also makes results equal to the last digit, wherever the command runs.
+    """
+    import scipy.linalg  # noqa: F401  loads the BLAS whose threads are limited
+    import torch
+    from threadpoolctl import threadpool_limits
+
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+
+
+def numbers(preset_name: str, env_id: str, horizon: int | None) -> tuple[Config, dict[str, Any]]:
+    """The agent's configuration and the env's keywords, of a preset and a horizon in steps."""
+    preset = PRESETS[preset_name]
+    env_kwargs = preset.keywords(env_id)
+    if horizon is None:
+        return preset.config, env_kwargs
+    config = dataclasses.replace(preset.config, horizon=horizon)
+    return config, {**env_kwargs, "max_episode_steps": horizon}
+
+
+def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
+    """The env registered under an id; `module:Id` imports the module first.
+
+    Raises:
+        EnvError: no such id or module, or its constructor refuses the keywords.
+    """
+    import envs  # noqa: F401  registers its ids
+    from mcpilco.contract import make_env
+
+    here = os.getcwd()
+    if here not in sys.path:  # the module may lie where the user is, as with `python -m`
+        sys.path.append(here)
+    return make_env(env_id, **kwargs)

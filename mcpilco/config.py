@@ -1,0 +1,302 @@
+"""The numbers of a run: what is chosen once, written as JSON and found again in every run folder.
+
+Nothing here imports torch, so that the command line can answer `--help` at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from mcpilco.typing import InputError
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise InputError(message)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of an annotated type; numbers must be finite."""
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    if get_origin(hint) in (Union, UnionType):
+        return any(_fits(value, kind) for kind in get_args(hint))
+    if get_origin(hint) is tuple:
+        return isinstance(value, tuple) and all(_fits(v, get_args(hint)[0]) for v in value)
+    if hint in (int, float):
+        number = isinstance(value, int) or (hint is float and isinstance(value, float))
+        return number and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, hint)
+
+
+class _Checked:
+    """Raises InputError where an entry is not of its annotated type."""
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(type(self)).items():
+            value, kind = getattr(self, name), getattr(hint, "__name__", hint)
+            expected = str(hint if get_args(hint) else kind).replace("typing.", "")
+            _require(
+                _fits(value, hint),
+                f"{type(self).__name__}.{name} must be of type {expected}, got {value!r}.",
+            )
+
+
+@dataclass(frozen=True)
+class ModelConfig(_Checked):
+    """How the dynamics are learned."""
+
+    kernel: Literal["rbf+mpk", "rbf", "mpk"] = "rbf+mpk"
+    """kernel of each GP"""
+    degree: int = 2
+    """degree of the multiplicative polynomial kernel"""
+    integration: Literal["speed", "full"] = "speed"
+    """speed: GPs for the velocities, positions integrated (thesis eq. 5.9); full: for all states"""
+    optimiser: Literal["lbfgs", "adam"] = "lbfgs"
+    """maximiser of the marginal likelihood"""
+    noise_floor: float = 0.01
+    """smallest noise standard deviation a GP may learn, in its target's unit"""
+    subset_threshold: float | None = None
+    """a sample is kept if its posterior std given the kept ones exceeds this many noise std [-];
+    None keeps all"""
+    plausible: float = 5.0
+    """a particle stops where it would leave this multiple of the largest magnitude recorded [-]"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(self.degree >= 1, f"The kernel's degree must be at least 1, got {self.degree}.")
+        _require(self.noise_floor > 0, f"noise_floor must be positive, got {self.noise_floor}.")
+        _require(self.plausible > 1, f"plausible must exceed 1, got {self.plausible}.")
+        threshold = self.subset_threshold
+        _require(
+            threshold is None or threshold >= 0,
+            f"subset_threshold must not be negative, got {threshold}; None keeps all samples.",
+        )
+
+
+@dataclass(frozen=True)
+class PolicyConfig(_Checked):
+    """The policy `mcpilco.policies.SumOfGaussians`, and its random start."""
+
+    bases: int = 100
+    """number of Gaussians"""
+    span: float | Literal["data"] = "data"
+    """centres of the components that are no angle start uniform in +-span, in their units;
+    data: the largest magnitude recorded"""
+    lengthscale: float | Literal["span"] = "span"
+    """starting lengthscale of those components, in their units; span: the same as their span"""
+    angle_lengthscale: float = 1.0
+    """starting lengthscale of the cosines and sines [-]"""
+    weight: float = 5.0
+    """weights start uniform in +-weight [-]"""
+    squash: float = 10.0
+    """the argument of the tanh is divided by this number [-]"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(self.bases >= 1, f"bases must be at least 1, got {self.bases}.")
+        for name in ("span", "lengthscale", "angle_lengthscale", "weight", "squash"):
+            value = getattr(self, name)
+            _require(
+                isinstance(value, str) or value > 0,
+                f"PolicyConfig.{name} must be positive, got {value}.",
+            )
+
+
+@dataclass(frozen=True)
+class Phase(_Checked):
+    """A stretch of the search with one learning rate and one dropout rate."""
+
+    learning_rate: float
+    """Adam's step size [-]"""
+    dropout: float = 0.0
+    """probability that a basis is left out [-]"""
+    until: float = 1.0
+    """fixed schedule: the share of all steps at which the phase ends [-]"""
+    drift: float = 0.0
+    """monitored schedule: the phase ends when the cost's standardised drift stays below it [-]"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(
+            self.learning_rate > 0, f"learning_rate must be positive, got {self.learning_rate}."
+        )
+        _require(0 <= self.dropout < 1, f"dropout must be in [0, 1), got {self.dropout}.")
+
+
+@dataclass(frozen=True)
+class SearchConfig(_Checked):
+    """How the policy is improved in the model."""
+
+    particles: int = 96
+    """P of each rollout"""
+    steps: tuple[int, ...] = (500,)
+    """most optimisation steps of a start in trial 1, 2, ...; the last entry holds from there on"""
+    rates: tuple[float, ...] = (1.0,)
+    """factor of the learning rates in trial 1, 2, ...; the last entry holds from there on [-]"""
+    phases: tuple[Phase, ...] = (Phase(0.03, until=0.5), Phase(0.015, until=0.75), Phase(0.0075))
+    """learning and dropout rates, in order"""
+    monitored: bool = False
+    """end a phase when the cost no longer drifts, instead of at a fixed share of the steps"""
+    widening: float = 3.0
+    """the cost's lengthscales start this many times as large and shrink to their own over the
+    first half of the steps, so that a distant goal is felt [-]"""
+    clip_norm: float | None = 1.0
+    """the gradient is scaled down to this norm; None leaves it"""
+    warm_start: bool = True
+    """begin with the last trial's policy, where there is one"""
+    restarts: int = 3
+    """further starts from random policies, tried while the model predicts failure"""
+    failing: float = 0.05
+    """the model predicts failure while the mean cost over the last third of the horizon exceeds
+    this share of the mean cost of a random rollout [-]"""
+    evaluation_particles: int = 384
+    """particles that judge a start, without dropout"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        smallest = {"particles": 1, "evaluation_particles": 2, "restarts": 0}
+        for name, least in smallest.items():
+            value = getattr(self, name)
+            _require(value >= least, f"{name} must be at least {least}, got {value}.")
+        for name in ("steps", "rates", "phases"):
+            _require(bool(getattr(self, name)), f"{name} must have at least one entry.")
+        _require(min(self.steps) >= 1, f"steps must all be at least 1, got {self.steps}.")
+        _require(min(self.rates) > 0, f"rates must all be positive, got {self.rates}.")
+        _require(self.widening >= 1, f"widening must be at least 1, got {self.widening}.")
+        _require(
+            self.clip_norm is None or self.clip_norm > 0,
+            f"clip_norm must be positive, got {self.clip_norm}; None does not clip.",
+        )
+
+    def steps_of(self, trial: int) -> int:
+        """Most steps of one start in trial 1, 2, ..."""
+        return self.steps[min(trial, len(self.steps)) - 1]
+
+    def rate_of(self, trial: int) -> float:
+        """Factor of the learning rates in trial 1, 2, ..."""
+        return self.rates[min(trial, len(self.rates)) - 1]
+
+
+@dataclass(frozen=True)
+class Config(_Checked):
+    """Everything an agent is told; the defaults are what learns best in the thesis's setting."""
+
+    model: ModelConfig = field(default_factory=ModelConfig)
+    policy: PolicyConfig = field(default_factory=PolicyConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    horizon: int | None = None
+    """steps of one episode; None takes the env's time limit"""
+    engine: Literal["fused", "eager"] = "fused"
+    """how particles are rolled out: compiled loops, or plain torch with the same result"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(
+            self.horizon is None or self.horizon >= 1,
+            f"horizon must be >= 1 step, got {self.horizon}; pass duration / dt.",
+        )
+
+
+def from_dict(kind: type[Any], values: Mapping[str, Any]) -> Any:
+    """A configuration from its JSON form, the inverse of `dataclasses.asdict`.
+
+    Args:
+        kind: `Config` or one of its parts.
+        values: what the JSON file holds.
+
+    Raises:
+        InputError: an entry is unknown, missing, or of another type.
+    """
+    _require(
+        isinstance(values, Mapping),
+        f"{kind.__name__} must be an object with named entries, got {values!r}.",
+    )
+    known = {f.name for f in fields(kind)}
+    unknown = sorted(set(values) - known)
+    _require(not unknown, f"{kind.__name__} has no entries {unknown}; it has {sorted(known)}.")
+    hints = get_type_hints(kind)
+    entries = {name: _from_json(hints[name], value) for name, value in values.items()}
+    try:
+        return kind(**entries)
+    except TypeError as error:
+        raise InputError(f"{kind.__name__} lacks an entry: {error}.") from error
+
+
+def _from_json(hint: Any, value: Any) -> Any:
+    if isinstance(hint, type) and is_dataclass(hint):
+        return from_dict(hint, value)
+    if get_origin(hint) is tuple and isinstance(value, list | tuple):
+        return tuple(_from_json(get_args(hint)[0], entry) for entry in value)
+    return value
+
+
+CART_POLE = "mcpilco/CartPoleSwingUp-v0"
+"""the env that presets and commands are about by default"""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A named setting: the agent's numbers and the env's."""
+
+    summary: str
+    """what it is, in a line"""
+    config: Config
+    """numbers of the agent"""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """keywords for `gymnasium.make`; they describe the cart-pole"""
+
+    def keywords(self, env_id: str) -> dict[str, Any]:
+        """The keywords to make an env with: those of the preset for the cart-pole, else none."""
+        return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] == CART_POLE else {}
+
+
+PRESETS: dict[str, Preset] = {
+    "default": Preset("what learns best in the thesis's setting", Config()),
+    "thesis": Preset(
+        "the thesis's schedule: learning rate falling, steps rising from trial to trial, one start",
+        Config(
+            search=SearchConfig(
+                particles=100,
+                steps=(500, 1000, 1500, 2000),
+                rates=(1.0, 0.75, 0.5, 0.25),
+                phases=(Phase(0.02),),
+                widening=1.0,
+                clip_norm=None,
+                restarts=0,
+            ),
+        ),
+    ),
+    "tro2022": Preset(
+        "the authors' later setting: 400 particles, 200 bases, annealed dropout, monitored stop",
+        Config(
+            model=ModelConfig(subset_threshold=0.5),
+            policy=PolicyConfig(bases=200, span=3.141592653589793, lengthscale=1.0),
+            search=SearchConfig(
+                particles=400,
+                steps=(2000, 4000),
+                phases=(
+                    Phase(0.01, 0.25, drift=0.08),
+                    Phase(0.005, 0.125, drift=0.04),
+                    Phase(0.0025, 0.0, drift=0.02),
+                ),
+                monitored=True,
+                widening=1.0,
+                clip_norm=None,
+                restarts=0,
+                evaluation_particles=400,
+            ),
+        ),
+        env_kwargs={
+            "dt": 0.05,
+            "max_episode_steps": 60,
+            "start_std": 0.01,
+            "gravity": 9.81,
+            "cost_lengthscales": (1.0, 3.0),
+        },
+    ),
+}

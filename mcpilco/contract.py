@@ -1,0 +1,142 @@
+"""What an agent demands of an env, and the sentences that say what is missing."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.spaces import Box
+from jaxtyping import Float
+
+from mcpilco.task import TaskSpec
+from mcpilco.typing import EnvError, InputError
+
+
+def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
+    """The env itself, or the one registered under an id.
+
+    Raises:
+        EnvError: no such id, its constructor refuses the keywords, or no single Gymnasium env.
+    """
+    if isinstance(env, gym.Env):
+        return env
+    if not isinstance(env, str):
+        raise EnvError(
+            f"An agent needs one gymnasium.Env or the id of one, got {type(env).__name__}; "
+            "it learns in a single env, without a vector of them."
+        )
+    try:
+        return gym.make(env, **kwargs)
+    except (gym.error.Error, ImportError, TypeError) as error:
+        raise EnvError(f"Cannot make the env {env!r}: {error}") from error
+
+
+def task_of(env: gym.Env, task: TaskSpec | None) -> TaskSpec:
+    """The task given, or the one that the env shows.
+
+    Raises:
+        EnvError: there is none, or it does not match the env's spaces.
+    """
+    if task is None:
+        task = getattr(env.unwrapped, "task", None)
+    if not isinstance(task, TaskSpec):
+        shows = "no attribute `task`" if task is None else f"a `task` of type {type(task).__name__}"
+        raise EnvError(
+            f"{_name(env)} shows {shows}. Give it a mcpilco.task.TaskSpec that names its states, "
+            "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...)."
+        )
+    _check_space(env, env.observation_space, "observation", len(task.state_names), "flatten it")
+    remedy = "wrap it so that its inputs are numbers"
+    _check_space(env, env.action_space, "action", len(task.input_names), remedy)
+    return task
+
+
+def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarray, " U"]]:
+    """Smallest and largest inputs, in the env's unit.
+
+    Raises:
+        EnvError: the action space is unbounded.
+    """
+    space = env.action_space
+    assert isinstance(space, Box), "task_of has checked it"
+    low, high = space.low.astype(np.float64), space.high.astype(np.float64)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise EnvError(
+            f"{_name(env)} must have finite action bounds, "
+            f"got low {low.tolist()}, high {high.tolist()}; "
+            "bound them, for example with gymnasium.wrappers.TransformAction."
+        )
+    return low, high
+
+
+def horizon_of(env: gym.Env, horizon: int | None) -> int:
+    """Steps of one episode: as configured, or the env's time limit.
+
+    Raises:
+        InputError: neither is known, or the env ends sooner than configured.
+    """
+    limit = None if env.spec is None else env.spec.max_episode_steps
+    steps = limit if horizon is None else horizon
+    if steps is None:
+        raise InputError(f"{_name(env)} has no time limit; pass a horizon in steps, duration / dt.")
+    if limit is not None and steps > limit:
+        raise InputError(
+            f"horizon must not exceed the env's time limit of {limit} steps, got {steps}; "
+            "make the env with a larger max_episode_steps."
+        )
+    return steps
+
+
+class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Stands for the env of an agent that was loaded without one: spaces and a task, no system."""
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        low: Float[np.ndarray, " U"],
+        high: Float[np.ndarray, " U"],
+        horizon: int,
+    ) -> None:
+        """An env to ask for names and bounds.
+
+        Args:
+            task: what the env showed.
+            low: smallest inputs, of the action space's type.
+            high: largest inputs.
+            horizon: time limit [steps].
+        """
+        self.task = task
+        self.observation_space = Box(-np.inf, np.inf, (len(task.state_names),), np.float64)
+        self.action_space = Box(low, high, dtype=low.dtype.type)
+        self.spec = EnvSpec("Absent-v0", max_episode_steps=horizon)
+
+    def reset(self, **_: Any) -> NoReturn:
+        """Not possible.
+
+        Raises:
+            EnvError: always.
+        """
+        raise EnvError(
+            "The agent was loaded without an env, so it can predict but not learn; "
+            "pass the env: MCPILCO.load(path, env)."
+        )
+
+
+def _check_space(env: gym.Env, space: gym.Space, kind: str, count: int, remedy: str) -> None:
+    """Raises EnvError unless the space is a vector of `count` numbers."""
+    if not isinstance(space, Box) or len(space.shape) != 1:
+        raise EnvError(
+            f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
+        )
+    if space.shape != (count,):
+        raise EnvError(
+            f"{_name(env)}'s task names {count} {kind}s, its {kind} space has shape {space.shape}."
+        )
+
+
+def _name(env: gym.Env) -> str:
+    if env.spec is not None:
+        return f"The env {env.spec.id}"
+    return f"The env {type(env.unwrapped).__name__}"

@@ -1,0 +1,140 @@
+"""Measured data: rows for the models, one rollout of the system, one row of a run's table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.typing import InputError
+
+
+def _check_finite(name: str, array: np.ndarray) -> None:
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        row = bad[0].tolist()
+        raise InputError(
+            f"{name} must be finite, got {array[tuple(bad[0])]} at index {row}; "
+            "remove the row or mend the sensor."
+        )
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """N measured steps (x, u, x'), the rows that the models learn from."""
+
+    states: Float[np.ndarray, "N X"]
+    """observed state before the step"""
+    inputs: Float[np.ndarray, "N U"]
+    """input held during the step"""
+    next_states: Float[np.ndarray, "N X"]
+    """observed state after the step"""
+
+    def __post_init__(self) -> None:
+        shapes = self.states.shape, self.inputs.shape, self.next_states.shape
+        matrices = all(len(shape) == 2 for shape in shapes)
+        if not matrices or len(self.inputs) != len(self.states) or shapes[0] != shapes[2]:
+            raise InputError(
+                "Transitions need matrices, as many rows of inputs and next states as of states, "
+                f"got shapes {shapes[0]}, {shapes[1]}, {shapes[2]}."
+            )
+        for name in ("states", "inputs", "next_states"):
+            _check_finite(f"Transitions.{name}", getattr(self, name))
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __add__(self, other: Transitions) -> Transitions:
+        """These rows and then the other's."""
+        return Transitions(
+            np.concatenate([self.states, other.states]),
+            np.concatenate([self.inputs, other.inputs]),
+            np.concatenate([self.next_states, other.next_states]),
+        )
+
+    def __getitem__(self, rows: slice | np.ndarray) -> Transitions:
+        """Some of the rows."""
+        return Transitions(self.states[rows], self.inputs[rows], self.next_states[rows])
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode on the system, T steps long."""
+
+    dt: float
+    """sampling time [s]"""
+    observations: Float[np.ndarray, "T_plus_1 X"]
+    """what the agent saw, noise included"""
+    inputs: Float[np.ndarray, "T U"]
+    """inputs applied"""
+    rewards: Float[np.ndarray, " T"]
+    """rewards received [-]"""
+    states: Float[np.ndarray, "T_plus_1 X"] | None = None
+    """true states, where the env tells them in `info["state"]`"""
+    outcome: Mapping[str, float] = field(default_factory=dict)
+    """the env's own measures of the episode at its last step, see `mcpilco.episode.OUTCOMES`"""
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    @property
+    def times(self) -> Float[np.ndarray, " T_plus_1"]:
+        """Time of each observation [s]."""
+        return self.dt * np.arange(len(self.observations))
+
+    @property
+    def shown_states(self) -> Float[np.ndarray, "T_plus_1 X"]:
+        """The true states where they are known, else the observations."""
+        return self.observations if self.states is None else self.states
+
+    def transitions(self) -> Transitions:
+        """The rows (observation, input, next observation)."""
+        return Transitions(self.observations[:-1], self.inputs, self.observations[1:])
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the model expected of a policy: P particles over T steps, as arrays."""
+
+    states: Float[np.ndarray, "T_plus_1 P X"]
+    inputs: Float[np.ndarray, "T P U"]
+    costs: Float[np.ndarray, "T P"]
+    """cost of each particle at the end of each step [-]"""
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One trial: a model learned, a policy searched in it, and a fresh rollout of that policy."""
+
+    trial: int
+    """1, 2, ..."""
+    experience_s: float
+    """duration of the data that the policy was trained on [s]"""
+    predicted_cost: float
+    """what the model expected: sum over the steps of the mean over particles [-]"""
+    predicted_cost_std: float
+    """standard deviation of that sum over particles [-]"""
+    real_cost: float
+    """what came: sum of the task's cost over the steps of the rollout on the system [-]"""
+    success: bool | None
+    """`info["is_success"]` at the end of the rollout; None where the env does not tell"""
+    time_up_s: float | None
+    """`info["time_up_s"]` at the end of the rollout [s]"""
+    mean_abs_cart_m: float | None
+    """`info["mean_abs_cart_m"]` at the end of the rollout [m]"""
+    noise_std: tuple[float, ...]
+    """noise standard deviation that each GP learned, in the unit of its target"""
+    policy_steps: int
+    """optimisation steps spent, all starts together"""
+    starts: int
+    """how many starting points the policy search tried"""
+    wall_s: float
+    """wall-clock time of the trial [s]"""
+    cpu_s: float
+    """processor time of the trial [s]"""
+    rollout: Rollout
+    """the rollout on the system"""
+    prediction: Prediction
+    """the particles predicted for that policy before it was tried"""

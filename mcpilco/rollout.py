@@ -1,0 +1,112 @@
+"""Particles: the policy in the model, in plain torch.
+
+This is the algorithm as it reads in the thesis (section 5.4.1); `mcpilco.fused` computes the same
+numbers faster.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.dropout import Dropout
+from mcpilco.typing import Cost, Dynamics, Policy, WidenableCost
+
+
+@dataclass(frozen=True)
+class Particles:
+    """P sampled trajectories of T steps."""
+
+    states: Float[Tensor, "T_plus_1 P X"]
+    """the start, and the state after each step"""
+    inputs: Float[Tensor, "T P U"]
+    """what the policy answered before each step"""
+
+
+def rollout(
+    dynamics: Dynamics,
+    policy: Policy,
+    start: Float[Tensor, "P X"],
+    noise: Float[Tensor, "T P E"],
+    dropout: Dropout | None = None,
+) -> Particles:
+    """The particles' trajectories; gradients flow to the policy's parameters.
+
+    Args:
+        dynamics: the model.
+        policy: the policy, which sees the particles' states without measurement noise.
+        start: states at time 0.
+        noise: standard normal numbers, one row a step: its length is the horizon.
+        dropout: mask of the policy's bases; None keeps them all.
+
+    Reference: thesis section 5.4.1.
+    """
+    states, inputs = [start], []
+    for step, normal in enumerate(noise):
+        inputs.append(policy(states[-1], dropout, step))
+        states.append(dynamics.step(states[-1], inputs[-1], normal))
+    return Particles(torch.stack(states), torch.stack(inputs))
+
+
+class RolloutFunction(Protocol):
+    """`mcpilco.rollout.rollout`, or anything that computes the same."""
+
+    def __call__(
+        self,
+        dynamics: Any,
+        policy: Any,
+        start: Float[Tensor, "P X"],
+        noise: Float[Tensor, "T P E"],
+        dropout: Dropout | None = None,
+    ) -> Particles: ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised: the expected cost over the horizon, of particles in a model."""
+
+    dynamics: Dynamics
+    """the model"""
+    cost: Cost
+    """of a state and the input before it"""
+    start_mean: Float[Tensor, " X"]
+    """where particles start, in each state's unit"""
+    start_std: Float[Tensor, " X"]
+    """spread of their starts, in each state's unit"""
+    horizon: int
+    """T [steps]"""
+    reference_cost: float
+    """mean cost of a step without a policy, the measure of failure [-]"""
+    rollout: RolloutFunction
+    """how particles are rolled out"""
+
+    def particles(
+        self,
+        policy: Policy,
+        count: int,
+        generator: torch.Generator,
+        dropout: Dropout | None = None,
+    ) -> Particles:
+        """`count` particles from fresh random numbers."""
+        width = len(self.start_mean)
+        normal = torch.randn(count, width, generator=generator, dtype=torch.float64)
+        noise = torch.randn(
+            self.horizon, count, self.dynamics.noise_dim, generator=generator, dtype=torch.float64
+        )
+        start = self.start_mean + self.start_std * normal
+        return self.rollout(self.dynamics, policy, start, noise, dropout)
+
+    def widened(self, factor: float) -> Problem:
+        """The same with a wider cost, where the cost knows what that is."""
+        if factor == 1.0 or not isinstance(self.cost, WidenableCost):
+            return self
+        return dataclasses.replace(self, cost=self.cost.widened(factor))
+
+    def costs(self, particles: Particles) -> Float[Tensor, "T P"]:
+        """Cost of each particle at the end of each step [-]; no policy can change the start's."""
+        return self.cost(particles.states[1:], particles.inputs)

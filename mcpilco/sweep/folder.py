@@ -1,0 +1,109 @@
+"""The folder of a sweep: a file a seed, so that a sweep goes on where it was stopped.
+
+sweep.json         what all its seeds have in common
+seeds/0007.json    the result of seed 7, written when it is complete
+seeds/0007.txt     why seed 7 failed; gone when it has succeeded
+summary.json       statistics over the seeds
+table.md           the same as a table
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mcpilco.archive import write_bytes
+from mcpilco.run_folder import read_json, write_json
+from mcpilco.sweep.engines import Failure
+from mcpilco.sweep.job import FORMAT, Settings
+from mcpilco.typing import RunFolderError
+
+
+class SweepFolder:
+    """Results on disk."""
+
+    def __init__(self, path: str | Path, settings: Settings) -> None:
+        """A new folder, or the one in which a sweep with the same settings was begun.
+
+        Raises:
+            RunFolderError: it cannot be written, holds other settings, or something else.
+        """
+        self.path = Path(path)
+        self._trials = settings.trials
+        known = {"format": FORMAT, **settings.to_json()}
+        about = self.path / "sweep.json"
+        if about.is_file():
+            _require_equal(self.path, read_json(about), known)
+            return
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            if any(self.path.iterdir()):
+                raise RunFolderError(
+                    f"{self.path} is not empty and holds no sweep; name a new folder."
+                )
+            (self.path / "seeds").mkdir()
+        except OSError as error:
+            raise RunFolderError(
+                f"{self.path} cannot be written ({error.strerror or error}); choose another folder."
+            ) from error
+        write_json(about, known)
+
+    def results(self) -> dict[int, dict[str, Any]]:
+        """The complete results, by seed; a damaged file counts as missing."""
+        return dict(sorted(self._read().items()))
+
+    def failures(self) -> dict[int, str]:
+        """Why the seeds failed that have no result, in a line each."""
+        paths = sorted((self.path / "seeds").glob("*.txt"))
+        lines = {int(path.stem): path.read_text(encoding="utf-8").split("\n")[0] for path in paths}
+        return {seed: line for seed, line in lines.items() if seed not in self._read()}
+
+    def write(self, seed: int, outcome: dict[str, Any] | Failure) -> None:
+        """Keep the outcome of a seed.
+
+        Raises:
+            RunFolderError: the file cannot be written.
+        """
+        failure = self.path / "seeds" / f"{seed:04d}.txt"
+        if isinstance(outcome, Failure):
+            write_bytes(failure, f"{outcome.reason}\n\n{outcome.details}".encode())
+            return
+        write_json(failure.with_suffix(".json"), outcome)
+        failure.unlink(missing_ok=True)
+
+    def write_summary(self, summary: Mapping[str, Any], table: str) -> None:
+        """Write summary.json and table.md.
+
+        Raises:
+            RunFolderError: a file cannot be written.
+        """
+        write_json(self.path / "summary.json", summary)
+        write_bytes(self.path / "table.md", table.encode())
+
+    def _read(self) -> dict[int, dict[str, Any]]:
+        found = {}
+        for path in (self.path / "seeds").glob("*.json"):
+            try:
+                result = read_json(path)
+                if result["format"] == FORMAT and len(result["trials"]) == self._trials:
+                    found[int(result["seed"])] = result
+            except (RunFolderError, KeyError, TypeError):
+                continue
+        return found
+
+
+def _require_equal(path: Path, there: dict[str, Any], here: dict[str, Any]) -> None:
+    differ = [key for key in here if there.get(key) != here[key]]
+    if differ:
+        named = ", ".join(
+            f"{key} was {_short(there, key)}, now {_short(here, key)}" for key in differ
+        )
+        raise RunFolderError(
+            f"{path} holds a sweep with other settings: {named}; name another folder."
+        )
+
+
+def _short(settings: dict[str, Any], key: str) -> str:
+    value = settings.get(key)
+    return "another" if isinstance(value, dict) else repr(value)

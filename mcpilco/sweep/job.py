@@ -1,0 +1,148 @@
+"""One seed of a sweep: a whole training, and each of its policies judged on fresh episodes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mcpilco.callbacks import Callback
+from mcpilco.config import Config
+from mcpilco.contract import make_env
+from mcpilco.data import TrialResult
+from mcpilco.run_folder import versions
+from mcpilco.sweep.fresh import FreshEpisodes
+from mcpilco.typing import InputError
+
+FORMAT = 1
+"""version of a result"""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all seeds of a sweep have in common."""
+
+    env: str
+    """Gymnasium id of the env; `module:Id` imports the module first"""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """keywords that the env is made with"""
+    preset: str = "default"
+    """what `config` is called"""
+    config: Config = field(default_factory=Config)
+    """the agent's numbers"""
+    trials: int = 4
+    """policies to learn from each seed"""
+    fresh: int = 100
+    """fresh episodes that each policy is judged by; 0 judges none"""
+
+    def __post_init__(self) -> None:
+        if self.trials < 1:
+            raise InputError(f"trials must be at least 1, got {self.trials}.")
+        if self.fresh < 0:
+            raise InputError(f"fresh must not be negative, got {self.fresh}.")
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON reads it back."""
+        return json.loads(json.dumps(dataclasses.asdict(self)))
+
+
+def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
+    """The result of one seed: what `mcpilco train --seed` would learn, as JSON values.
+
+    Judging the policies touches no random number of the training, and no time of its trials.
+
+    Args:
+        settings: of the sweep.
+        seed: of everything random.
+
+    Raises:
+        McPilcoError: the env does not fit, or misbehaves.
+    """
+    import torch
+    from threadpoolctl import threadpool_limits
+
+    from mcpilco.agent import MCPILCO
+
+    torch.set_num_threads(1)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(threadpool_limits(1))  # other processes have the other cores
+        env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))
+        agent = MCPILCO("SumOfGaussians", env, config=settings.config, seed=seed)
+        judge = None
+        if settings.fresh:
+            judge = stack.enter_context(
+                FreshEpisodes(settings.env, settings.env_kwargs, settings.fresh, agent.horizon)
+            )
+        rows = _Rows(agent, judge)
+        agent.learn((settings.trials + 1) * agent.horizon, callback=rows)
+    return {
+        "format": FORMAT,
+        "seed": seed,
+        "trials": rows.trials,
+        "machine": {"cpu": _cpu(), "cores": os.cpu_count()},
+        "versions": versions(),
+    }
+
+
+class _Rows(Callback):
+    """Collects a row a trial."""
+
+    def __init__(self, agent: Any, judge: FreshEpisodes | None) -> None:
+        self.trials: list[dict[str, Any]] = []
+        self._agent = agent
+        self._judge = judge
+
+    def on_trial_end(self, result: TrialResult) -> None:
+        """Judges the trial's policy."""
+        row = _row(result)
+        if self._judge is not None:
+            outcomes = self._judge.outcomes(self._act, self._agent.seed, result.trial)
+            means = {name: _number(values.mean()) for name, values in outcomes.items()}
+            row["p"], row["fresh_return"] = means.get("is_success"), means["return"]
+        self.trials.append(row)
+
+    def _act(self, observations: np.ndarray) -> np.ndarray:
+        return self._agent.predict(observations)[0]
+
+
+def _row(result: TrialResult) -> dict[str, Any]:
+    return {
+        "trial": result.trial,
+        "experience_s": _number(result.experience_s),
+        "success": result.success,
+        "p": None,
+        "time_up_s": _number(result.time_up_s),
+        "mean_abs_cart_m": _number(result.mean_abs_cart_m),
+        "predicted_cost": _number(result.predicted_cost),
+        "real_cost": _number(result.real_cost),
+        "return": _number(result.rollout.rewards.sum()),
+        "fresh_return": None,
+        "starts": result.starts,
+        "policy_steps": result.policy_steps,
+        "cpu_s": round(result.cpu_s, 3),
+        "wall_s": round(result.wall_s, 3),
+    }
+
+
+def _number(value: Any) -> float | None:
+    """As JSON has it; None where the env does not tell, or it is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _cpu() -> str:
+    """The name of the processor."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

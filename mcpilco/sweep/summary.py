@@ -1,0 +1,218 @@
+"""Many seeds in few numbers: rates, means and quartiles, with what chance leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+CONFIDENCE = 0.95
+"""level of every interval"""
+
+_RESAMPLES = 10_000
+
+HEADER = (
+    "after [s]",
+    "success [%]",
+    "p [%]",
+    "return",
+    "time up [s]",
+    "cart [m]",
+    "CPU [s]",
+)
+"""columns of `rows`"""
+
+LEGEND = (
+    "after: experience; success: of the one test rollout, with its "
+    f"{CONFIDENCE:.0%} Wilson interval; p: mean success over fresh rollouts of each policy, mean "
+    f"over seeds with its {CONFIDENCE:.0%} bootstrap interval; all else: median (quartiles) over "
+    "seeds; cart: mean distance from the origin; CPU: of the trial."
+)
+"""what the columns of `rows` hold"""
+
+_SPREADS = (
+    "return",
+    "fresh_return",
+    "time_up_s",
+    "mean_abs_cart_m",
+    "predicted_cost",
+    "real_cost",
+    "starts",
+    "policy_steps",
+    "cpu_s",
+    "wall_s",
+)
+
+
+def rate(flags: Iterable[bool | None]) -> dict[str, float] | None:
+    """Share of successes with its Wilson interval; None where nobody tells.
+
+    Reference: Wilson (1927), J. Am. Stat. Assoc. 22.
+    """
+    from scipy.stats import binomtest
+
+    told = [flag for flag in flags if flag is not None]
+    if not told:
+        return None
+    test = binomtest(sum(told), len(told))
+    interval = test.proportion_ci(CONFIDENCE, method="wilson")
+    share = sum(told) / len(told)
+    return {"n": len(told), "rate": share, "low": float(interval.low), "high": float(interval.high)}
+
+
+def mean(values: Iterable[float | None]) -> dict[str, Any] | None:
+    """Mean over seeds with its bootstrap interval, which takes two; None where nobody tells."""
+    from scipy.stats import bootstrap
+
+    told = _told(values)
+    if not len(told):
+        return None
+    low = high = None
+    if len(told) > 1:
+        interval = bootstrap(
+            (told,),
+            np.mean,
+            n_resamples=_RESAMPLES,
+            confidence_level=CONFIDENCE,
+            method="percentile",  # the others are undefined where all values are equal
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        low, high = float(interval.low), float(interval.high)
+    return {"n": len(told), "mean": float(told.mean()), "low": low, "high": high}
+
+
+def spread(values: Iterable[float | None]) -> dict[str, float] | None:
+    """Mean, standard deviation, median and quartiles; None where nobody tells."""
+    told = _told(values)
+    if not len(told):
+        return None
+    q1, median, q3 = np.quantile(told, (0.25, 0.5, 0.75))
+    return {
+        "n": len(told),
+        "mean": float(told.mean()),
+        "std": float(told.std(ddof=1)) if len(told) > 1 else 0.0,
+        "q1": float(q1),
+        "median": float(median),
+        "q3": float(q3),
+    }
+
+
+def summarise(
+    results: Mapping[int, Mapping[str, Any]], failures: Mapping[int, str]
+) -> dict[str, Any]:
+    """Statistics over the seeds of a sweep, as JSON values.
+
+    Args:
+        results: of `run_seed`, by seed.
+        failures: why the other seeds failed.
+
+    Returns:
+        `trials`: statistics of each; `run`: of whole trainings; `solved`: share of the seeds of
+        which any test rollout succeeded; `by_seed`: what is told of each; `machines`: where.
+    """
+    seeds = list(results.values())
+    return {
+        "seeds": sorted(results),
+        "failed": {str(seed): why for seed, why in failures.items()},
+        "trials": [
+            _trial(rows) for rows in zip(*(result["trials"] for result in seeds), strict=True)
+        ],
+        "solved": rate(_solved(result) for result in seeds),
+        "run": {
+            key: spread(sum(row[key] for row in result["trials"]) for result in seeds)
+            for key in ("starts", "policy_steps", "cpu_s", "wall_s")
+        },
+        "by_seed": {str(seed): _digest(result) for seed, result in results.items()},
+        "machines": _machines(seeds),
+    }
+
+
+def rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """The summary as cells under `HEADER`, a row a trial; blank where the env does not tell."""
+    return [
+        (
+            f"{trial['experience_s']:g}",
+            rate_cell(trial["success"]),
+            mean_cell(trial["p"]),
+            spread_cell(trial["return"], 1),
+            spread_cell(trial["time_up_s"], 2),
+            spread_cell(trial["mean_abs_cart_m"], 2),
+            spread_cell(trial["cpu_s"], 1),
+        )
+        for trial in summary["trials"]
+    ]
+
+
+def conclusion(summary: Mapping[str, Any]) -> str:
+    """A sentence on whole trainings."""
+    count = len(summary["seeds"])
+    cpu = spread_cell(summary["run"]["cpu_s"], 1) or "no"
+    failed = ", ".join(f"seed {seed}" for seed in summary["failed"]) or "none"
+    return f"Seeds: {count}; failed: {failed}; {cpu} CPU seconds a training."
+
+
+def markdown(header: Sequence[str], cells: Iterable[Sequence[str]]) -> str:
+    """A table."""
+    lines = [header, ["---"] * len(header), *cells]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def rate_cell(found: Mapping[str, float] | None) -> str:
+    """A rate and its interval [%]."""
+    if found is None:
+        return ""
+    low, high = 100 * found["low"], 100 * found["high"]
+    return f"{100 * found['rate']:.1f} ({low:.0f}–{high:.0f})"
+
+
+def mean_cell(found: Mapping[str, Any] | None) -> str:
+    """A mean share and its interval [%]."""
+    if found is None:
+        return ""
+    if found["low"] is None:
+        return f"{100 * found['mean']:.1f}"
+    return f"{100 * found['mean']:.1f} ({100 * found['low']:.0f}–{100 * found['high']:.0f})"
+
+
+def spread_cell(found: Mapping[str, float] | None, digits: int) -> str:
+    """A median and its quartiles."""
+    if found is None:
+        return ""
+    median, q1, q3 = (f"{found[key]:.{digits}f}" for key in ("median", "q1", "q3"))
+    return f"{median} ({q1}–{q3})"
+
+
+def _trial(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        "trial": rows[0]["trial"],
+        "experience_s": float(np.median([row["experience_s"] for row in rows])),
+        "success": rate(row["success"] for row in rows),
+        "p": mean(row["p"] for row in rows),
+        **{key: spread(row[key] for row in rows) for key in _SPREADS},
+    }
+
+
+def _solved(result: Mapping[str, Any]) -> bool | None:
+    told = [row["success"] for row in result["trials"] if row["success"] is not None]
+    return any(told) if told else None
+
+
+def _digest(result: Mapping[str, Any]) -> dict[str, Any]:
+    """The trials of a seed as lists, and the time of all of them."""
+    digest = {key: [row[key] for row in result["trials"]] for key in ("success", "p", "return")}
+    return {**digest, "cpu_s": round(sum(row["cpu_s"] for row in result["trials"]), 1)}
+
+
+def _machines(seeds: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Each machine, with its versions, that a seed ran on; once."""
+    found: list[dict[str, Any]] = []
+    for result in seeds:
+        machine = {**result["machine"], "versions": result["versions"]}
+        if machine not in found:
+            found.append(machine)
+    return found
+
+
+def _told(values: Iterable[float | None]) -> np.ndarray:
+    return np.array([value for value in values if value is not None], dtype=float)

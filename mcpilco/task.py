@@ -1,0 +1,119 @@
+"""What an agent must know of an environment beyond its spaces."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from mcpilco.typing import Cost, InputError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class TaskSpec:
+    """Names, units and structure of the observed state, and the cost to minimise.
+
+    An environment shows it as the attribute `task`; an agent reads `env.unwrapped.task`.
+    """
+
+    state_names: tuple[str, ...]
+    """one name for each observation, for example `cart_position`"""
+    state_units: tuple[str, ...]
+    """one unit for each observation, for example `m/s`"""
+    input_names: tuple[str, ...]
+    """one name for each action"""
+    input_units: tuple[str, ...]
+    """one unit for each action"""
+    dt: float
+    """sampling time [s]"""
+    angles: tuple[int, ...]
+    """which observations are angles [rad]; model and policy see their cosine and sine"""
+    velocities: tuple[tuple[int, int], ...]
+    """pairs (position, velocity) of observations: the second is the time derivative of the first"""
+    start_mean: tuple[float, ...]
+    """mean of the state at reset, in each state's unit"""
+    start_std: tuple[float, ...]
+    """standard deviation of the state at reset, in each state's unit"""
+    cost: Cost
+    """differentiable cost of (states, inputs), in torch"""
+
+    def __post_init__(self) -> None:
+        width = len(self.state_names)
+        for field in ("state_units", "start_mean", "start_std"):
+            if len(getattr(self, field)) != width:
+                raise InputError(
+                    f"TaskSpec.{field} must have one entry for each of the {width} states "
+                    f"{self.state_names}, got {len(getattr(self, field))}."
+                )
+        if len(self.input_units) != len(self.input_names):
+            raise InputError(
+                "TaskSpec.input_units must have one entry for each of the inputs "
+                f"{self.input_names}, got {len(self.input_units)}."
+            )
+        if not (self.dt > 0 and math.isfinite(self.dt)):
+            raise InputError(f"TaskSpec.dt must be positive [s], got {self.dt}.")
+        if not all(math.isfinite(mean) for mean in self.start_mean):
+            raise InputError(f"TaskSpec.start_mean must be finite, got {self.start_mean}.")
+        if not all(std >= 0 and math.isfinite(std) for std in self.start_std):
+            raise InputError(
+                f"TaskSpec.start_std must be finite and not negative, got {self.start_std}."
+            )
+        self._check_structure()
+
+    def _check_structure(self) -> None:
+        width = len(self.state_names)
+        indices = [*self.angles, *(i for pair in self.velocities for i in pair)]
+        outside = [i for i in indices if not 0 <= i < width]
+        if outside:
+            raise InputError(
+                f"TaskSpec.angles and .velocities index the {width} states from 0, got {outside}."
+            )
+        positions = [position for position, _ in self.velocities]
+        if len(set(positions)) < len(positions) or any(v in positions for _, v in self.velocities):
+            raise InputError(
+                "TaskSpec.velocities must give each position one velocity, which is the position "
+                f"of no other pair, got {self.velocities}; leave the pair of an acceleration out."
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the cost, which is a function."""
+        return {f.name: _as_list(getattr(self, f.name)) for f in fields(self) if f.name != "cost"}
+
+    @classmethod
+    def from_json(cls, values: Mapping[str, Any]) -> TaskSpec:
+        """The task of `to_json`, with a cost that says that it is not known.
+
+        Raises:
+            InputError: the entries do not fit one another.
+            TypeError: an entry is missing, unknown or of another type.
+        """
+        entries = {name: _as_tuple(value) for name, value in values.items()}
+        return cls(**entries, cost=unknown_cost)
+
+
+def unknown_cost(
+    states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
+) -> Float[Tensor, "*b"]:
+    """Stands for the cost of a task that was read from a file.
+
+    Raises:
+        InputError: always.
+    """
+    raise InputError(
+        "A task that was read from a file has no cost; pass the env, or a TaskSpec with a cost."
+    )
+
+
+def _as_list(value: Any) -> Any:
+    if hasattr(value, "tolist"):  # numpy's numbers are no JSON
+        value = value.tolist()
+    return list(map(_as_list, value)) if isinstance(value, tuple | list) else value
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
