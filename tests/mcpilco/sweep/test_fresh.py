@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  registers the cart-pole
+from mcpilco.sweep import fresh
+from mcpilco.sweep.fresh import FreshEpisodes, batch_outcomes
+from mcpilco.typing import EnvError
+from tests.mcpilco.sweep.strange import HERE, HORIZON
+
+CART_POLE = "mcpilco/CartPoleSwingUp-v0"
+
+
+def swing(observations):
+    """Pumps energy: pushes with the pole's motion."""
+    return 10.0 * np.sign(observations[..., 3:4] * np.cos(observations[..., 2:3]))
+
+
+def idle(observations):
+    return np.zeros((*observations.shape[:-1], 1))
+
+
+def outcomes(env, act, episodes=3, kwargs=None, seed=0, trial=1, horizon=HORIZON):
+    with FreshEpisodes(env, kwargs or {}, episodes, horizon) as judge:
+        return judge.outcomes(act, seed, trial)
+
+
+def test_batch_agrees_with_single_envs_on_the_same_episodes():
+    """Without noise, from the same state: no chance is left."""
+    start = {"state": [0.1, 0.0, 3.1, 0.2]}
+    kwargs = {"noise_std": 0.0}
+    single = gym.make(CART_POLE, **kwargs)
+    many = gym.make_vec(CART_POLE, 2, vectorization_mode="vector_entry_point", **kwargs)
+    for env in (single, many):
+        reset = env.reset
+        env.reset = lambda *, seed, options=None, reset=reset: reset(seed=seed, options=start)
+    one = fresh._single_outcomes(single, swing, 30, [1])
+    batch = batch_outcomes(many, swing, 30, 1)
+    assert one.keys() == batch.keys() == {"return", "is_success", "time_up_s", "mean_abs_cart_m"}
+    for name, values in one.items():
+        assert batch[name] == pytest.approx(np.repeat(values, 2), abs=1e-9)
+    assert one["time_up_s"] > 0
+
+
+def test_batch_and_single_envs_have_the_same_distribution(monkeypatch):
+    batch = outcomes(CART_POLE, swing, 100, horizon=30)
+    monkeypatch.setattr(fresh, "_vector_form", lambda *arguments: None)
+    single = outcomes(CART_POLE, swing, 20, horizon=30)
+    for name in ("return", "mean_abs_cart_m"):
+        error = np.hypot(batch[name].std() / 100**0.5, single[name].std() / 20**0.5)
+        assert abs(batch[name].mean() - single[name].mean()) < 4 * error
+
+
+def test_episodes_repeat_with_seed_and_trial_alone():
+    first, again = (outcomes(CART_POLE, swing)["return"] for _ in range(2))
+    assert (first == again).all()
+    assert len(np.unique(first)) == len(first)
+    for other in ({"seed": 1}, {"trial": 2}):
+        assert (outcomes(CART_POLE, swing, **other)["return"] != first).all()
+
+
+@pytest.mark.parametrize("vector", [True, False])
+def test_no_fresh_episode_has_the_seed_of_a_training(monkeypatch, vector):
+    seeds = []
+    name = "batch_outcomes" if vector else "_single_outcomes"
+    if not vector:
+        monkeypatch.setattr(fresh, "_vector_form", lambda *arguments: None)
+    monkeypatch.setattr(
+        fresh, name, lambda env, act, horizon, seed: {"seed": seeds.append(seed) or np.zeros(1)}
+    )
+    outcomes(CART_POLE, swing, 4, seed=7)
+    assert np.min(seeds) >= 2**32
+
+
+@pytest.mark.parametrize("env", ["Short", "Same", "AtOnce", "Other"])
+def test_what_follows_the_end_of_an_episode_does_not_count(env):
+    found = outcomes(f"{HERE}:Sweep/{env}-v0", idle)
+    assert found["return"].tolist() == [2.0] * 3
+    assert found["is_success"].tolist() == [1.0] * 3
+
+
+@pytest.mark.parametrize(("env", "used"), [("Same", True), ("AtOnce", False), ("Other", False)])
+def test_a_vector_form_is_used_where_it_is_the_same_env(env, used):
+    with FreshEpisodes(f"{HERE}:Sweep/{env}-v0", {}, 3, HORIZON) as judge:
+        assert (judge._vector is not None) == used
+
+
+def test_actions_are_clipped_as_in_training():
+    wild = outcomes(CART_POLE, lambda x: 1e9 * swing(x))
+    assert (wild["return"] == outcomes(CART_POLE, swing)["return"]).all()
+
+
+def test_an_env_that_tells_no_success_has_a_return_alone():
+    assert outcomes(f"{HERE}:Sweep/Point-v0", idle).keys() == {"return"}
+
+
+def test_values_that_are_not_finite_are_refused():
+    with pytest.raises(EnvError, match="must return finite numbers"):
+        outcomes(f"{HERE}:Sweep/Broken-v0", idle)

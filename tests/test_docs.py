@@ -1,0 +1,264 @@
+"""The documentation tells the truth: its Python runs, its commands parse, its tables agree.
+
+Python blocks and commands run as they stand, page by page, with a small agent in place of the
+presets' so that they take seconds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+import shlex
+import sys
+import tomllib
+import warnings
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import mcpilco.cli
+from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+SMALL = Config(
+    policy=PolicyConfig(bases=4),
+    search=SearchConfig(
+        particles=4,
+        steps=(2,),
+        phases=(Phase(0.01),),
+        restarts=0,
+        evaluation_particles=4,
+    ),
+    engine="eager",  # nothing to compile
+)
+RUNNABLE = ("train", "evaluate")
+"""commands that need no screen and no other process"""
+ELSEWHERE = re.compile(r"pendulum|RUN|--help|CartPole-v9")
+"""in commands with a test of their own, in patterns, and in the one that shows an error"""
+
+WITH_MY_ENV = ("my_env.py", "check.py")
+"""titles of the blocks that have tests of their own"""
+
+
+def text(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def python_blocks(page: Path) -> list[tuple[str, str]]:
+    """Titles (or "") and texts of the fenced Python blocks."""
+    fence = re.compile(r'^```python(?: title="(.*?)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+    return fence.findall(text(page))
+
+
+def shell_lines(page: Path) -> list[str]:
+    """The lines of indented blocks, joined where one goes on in the next, without comments."""
+    prose = re.sub(r"^```.*?^```$", "", text(page), flags=re.MULTILINE | re.DOTALL)
+    joined = prose.replace("\\\n", " ")
+    return [line.strip() for line in joined.splitlines() if line.startswith("    ")]
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The arguments of each `mcpilco` command, after the name and any variables before it."""
+    found = []
+    for line in shell_lines(page):
+        match = re.search(r"(?:^|\s)mcpilco ((?:train|evaluate|sweep|view|doctor)\b.*)", line)
+        if match:
+            found.append(shlex.split(match[1], comments=True))
+    return found
+
+
+def pages_with(what: Any) -> list[Any]:
+    return [pytest.param(page, id=page.name) for page in PAGES if what(page)]
+
+
+@pytest.fixture
+def small_presets(monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None) -> None:
+    """Presets that learn nothing in no time; shapes are not checked, as in use."""
+    for name, preset in PRESETS.items():
+        monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, config=SMALL))
+
+
+@pytest.fixture
+def my_env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """The page's `my_env.py`, imported from a folder of its own, which is the present one."""
+    blocks = dict(python_blocks(ROOT / "docs" / "your-own-env.md"))
+    (tmp_path / "my_env.py").write_text(blocks["my_env.py"], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield importlib.import_module("my_env")
+    del sys.modules["my_env"]
+    gymnasium.registry.pop("My/Pendulum-v0")
+
+
+# --- Python ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", pages_with(python_blocks))
+def test_commands_and_then_python_run_from_top_to_bottom(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments in commands(page):
+        if arguments[0] in RUNNABLE and not any(map(ELSEWHERE.search, arguments)):
+            assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    for title, block in python_blocks(page):
+        if "InvertedPendulum" in block and find_spec("imageio") is None:
+            continue  # Gymnasium's own extra, which nothing else here needs
+        if title not in WITH_MY_ENV:
+            exec(compile(block, f"{page.name}: {block.splitlines()[0]}", "exec"), namespace)
+
+
+def test_the_page_on_own_envs_makes_an_env_that_gymnasium_accepts(my_env: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized space.*")
+        exec(dict(python_blocks(ROOT / "docs" / "your-own-env.md"))["check.py"], {})
+
+
+def test_the_page_on_own_envs_trains_and_evaluates(my_env: Any, small_presets: None) -> None:
+    page = ROOT / "docs" / "your-own-env.md"
+    own = [arguments for arguments in commands(page) if arguments[0] in RUNNABLE]
+    assert [arguments[0] for arguments in own] == ["train", "evaluate"]
+    for arguments in own:
+        assert mcpilco.cli.main(arguments) == 0
+    assert Path("pendulum/summary.json").exists()
+
+
+def test_the_pendulum_of_the_page_needs_more_than_one_push(my_env: Any) -> None:
+    """Its motor cannot hold it level, so the page may say that it is too weak."""
+    assert my_env.TORQUE_LIMIT < my_env.MASS * my_env.GRAVITY * my_env.LENGTH
+
+
+def test_the_pendulum_of_the_page_keeps_its_energy_without_friction(
+    my_env: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(my_env, "FRICTION", 0.0)
+
+    def energy(state: Any) -> float:
+        height = my_env.tip(state)[2]
+        speed = my_env.LENGTH * state[1]
+        return my_env.MASS * (0.5 * speed**2 + my_env.GRAVITY * height)
+
+    start = np.array([2.0, 1.0])
+    assert energy(my_env.advance(start, 0.0)) == pytest.approx(energy(start), abs=1e-6)
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", pages_with(commands))
+def test_every_command_is_understood(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind in vars(mcpilco.cli).values():
+        if is_dataclass(kind):
+            monkeypatch.setattr(kind, "__call__", lambda self: 0)
+    for arguments in commands(page):
+        assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
+
+
+def test_every_make_target_exists() -> None:
+    targets = set(re.findall(r"^([a-z-]+(?: [a-z-]+)*):", text(ROOT / "Makefile"), re.MULTILINE))
+    known = {name for group in targets for name in group.split()}
+    for page in PAGES:
+        named = re.findall(r"(?:^ {4}|`)make ([a-z-]+)", text(page), re.MULTILINE)
+        assert set(named) <= known, page.name
+
+
+# --- what is named exists -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", pages_with(text))
+def test_every_file_named_exists(page: Path) -> None:
+    places = ("mcpilco", "envs", "baselines", "tests", "runs", "docs")
+    named = re.findall(rf"\b(?:{'|'.join(places)})/[\w/.-]*\w\.(?:py|md|png)\b", text(page))
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", pages_with(text))
+def test_every_link_and_picture_leads_somewhere(page: Path) -> None:
+    targets = re.findall(r"\]\(([^)\s]+)\)", text(page))
+    local = [target.partition("#")[0] for target in targets if "://" not in target]
+    missing = [target for target in local if target and not (page.parent / target).exists()]
+    assert not missing
+
+
+@pytest.mark.parametrize("page", pages_with(text))
+def test_every_dotted_name_exists(page: Path) -> None:
+    for name in set(re.findall(r"`(mcpilco(?:\.\w+)+)`", text(page))):
+        module, _, last = name.rpartition(".")
+        found = hasattr(importlib.import_module(module), last) or find_spec(name) is not None
+        assert found, name
+
+
+def test_pictures_are_small() -> None:
+    sizes = {path.name: path.stat().st_size for path in (ROOT / "docs" / "images").glob("*.png")}
+    assert sizes
+    assert max(sizes.values()) < 300_000, sizes
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def _shown(value: Any) -> str:
+    """A number of a configuration as the table writes it."""
+    match value:
+        case None:
+            return "none"
+        case bool():
+            return "yes" if value else "no"
+        case tuple() | list():
+            return ", ".join(map(_shown, value))
+        case str():
+            return value
+    return f"{value:g}"
+
+
+def _entries(config: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted names and values of all entries; of a list of parts, each entry's values in a row."""
+    for field in fields(config):
+        name, value = prefix + field.name, getattr(config, field.name)
+        if is_dataclass(value):
+            yield from _entries(value, f"{name}.")
+        elif isinstance(value, tuple) and is_dataclass(value[0]):
+            for part in fields(value[0]):
+                yield f"{name}.{part.name}", _shown([getattr(v, part.name) for v in value])
+        else:
+            yield name, _shown(value)
+
+
+def test_the_table_of_presets_holds_their_numbers() -> None:
+    page = ROOT / "docs" / "how-it-works.md"
+    rows = re.findall(r"^\| `([\w.]+)` \| (.*?) \| (.*?) \| (.*?) \|", text(page), re.MULTILINE)
+    table = {entry: tuple(values) for entry, *values in rows}
+    presets = [dict(_entries(PRESETS[name].config)) for name in ("default", "thesis", "tro2022")]
+    assert table == {entry: tuple(p[entry] for p in presets) for entry in presets[0]}
+
+
+def test_contributing_lists_the_layers_that_are_checked() -> None:
+    project = tomllib.loads(text(ROOT / "pyproject.toml"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    present = {path.stem for path in (ROOT / "mcpilco").iterdir()}
+    checked = [set(layer.split(" | ")) & present for layer in reversed(layers)]
+    rows = [set(line.split()) for line in shell_lines(ROOT / "CONTRIBUTING.md")]
+    assert rows[rows.index({"typing"}) :] == checked
+
+
+def test_the_run_folder_is_explained_file_by_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert mcpilco.cli.main(["train", "--trials", "1", "--out", "run", "--quiet"]) == 0
+    files = {path.relative_to("run") for path in Path("run").rglob("*") if path.is_file()}
+    written = {re.sub(r"\d\d", "NN", path.as_posix()) for path in files}
+    rows = re.findall(r"^\| `([\w./]+\.\w+)` \|", text(ROOT / "docs/getting-started.md"), re.M)
+    assert set(rows) == written
