@@ -1,0 +1,289 @@
+"""The cart-pole swing-up from many seeds, beside the figures of the thesis.
+
+python runs/cartpole_swingup/run.py                       # presets default and thesis, seeds 0:30
+python runs/cartpole_swingup/run.py --presets tro2022     # seeds 0:5
+python runs/cartpole_swingup/run.py --quick               # seconds: does it run at all?
+
+Results are kept in results/<preset>/, a file a seed; the same command goes on where it was stopped,
+and rewrites README.md between its markers from all results that are there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from mcpilco.cli.sweep import parse_seeds, progress
+from mcpilco.config import PRESETS, Config, PolicyConfig, SearchConfig
+
+HERE = Path(__file__).parent
+ENV = "envs:mcpilco/CartPoleSwingUp-v0"
+BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
+FRESH = 100
+
+CLAIM = {6: 60.0, 9: 85.0, 12: 95.0}
+"""experience [s] -> success of the preset default [%], at least"""
+
+PUBLISHED: Mapping[str, Mapping[str, Sequence[float]]] = {
+    "success": {"MC-PILCO": (3.8, 38.5, 69.2, 88.5), "PILCO": (0.0, 20.0, 63.3, 76.7)},
+    "time_up_s": {"MC-PILCO": (0.13, 0.85, 1.30, 1.69), "PILCO": (0.10, 0.60, 1.10, 1.45)},
+    "mean_abs_cart_m": {"MC-PILCO": (0.77, 0.57, 0.46, 0.16), "PILCO": (0.51, 0.52, 0.32, 0.19)},
+}
+"""thesis tables 5.1 to 5.3: after 3, 6, 9 and 12 s of experience"""
+EXPERIENCE = (3, 6, 9, 12)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a preset is shown."""
+
+    seeds: str
+    trials: int
+
+
+PLANS = {"default": Plan("0:30", 4), "thesis": Plan("0:30", 4), "tro2022": Plan("0:5", 3)}
+QUICK = Plan("0:2", 1)
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Train from many seeds and write the tables."""
+
+    seeds: str | None = None
+    """`0:30` are 0 to 29; by default 0:30, and 0:5 for tro2022"""
+    presets: tuple[Literal["default", "thesis", "tro2022"], ...] = ("default", "thesis")
+    """which settings"""
+    workers: int | None = None
+    """processes at a time; by default one a core"""
+    quick: bool = False
+    """two seeds, one trial, a search that learns nothing; the tables go to runs/out"""
+    out: Path | None = None
+    """folder of results/ and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out or (Path("runs/out/cartpole_swingup") if arguments.quick else HERE)
+    summaries = [run(preset, arguments, out) for preset in arguments.presets]
+    write_readme(out)
+    print(f"Tables: {out / 'README.md'}")
+    return 1 if any(summary["failed"] for summary in summaries) else 0
+
+
+def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
+    """Train the seeds of a preset that are missing; its summary."""
+    from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
+
+    plan = QUICK if arguments.quick else PLANS[preset]
+    seeds = parse_seeds(arguments.seeds or plan.seeds)
+    chosen = PRESETS[preset]
+    config, fresh = (hasty(chosen.config), 5) if arguments.quick else (chosen.config, FRESH)
+    settings = Settings(ENV, chosen.env_kwargs, preset, config, plan.trials, fresh)
+    path = out / "results" / preset
+    done = SweepFolder(path, settings).results().keys() & set(seeds)
+    print(f"Preset {preset}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
+    with progress(len(seeds), len(done), quiet=False) as on_result:
+        return sweep(settings, seeds, path, LocalEngine(arguments.workers), on_result)
+
+
+def hasty(config: Config) -> Config:
+    """The configuration with a search that takes no time, and finds nothing."""
+    search = SearchConfig(particles=8, steps=(5,), restarts=0, evaluation_particles=8)
+    return dataclasses.replace(config, policy=PolicyConfig(bases=10), search=search)
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables between the markers of README.md; all else in it stays."""
+    from mcpilco.archive import write_bytes
+
+    path = out / "README.md"
+    text = (path if path.exists() else HERE / "README.md").read_text(encoding="utf-8")
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise SystemExit(f"{path} must hold the lines {BEGIN} and {END}, once each, in this order.")
+    head, tail = text.split(BEGIN)[0], text.split(END)[1]
+    summaries = read_summaries(out)
+    parts = [verdict(summaries), *thesis_setting(summaries), *later_setting(summaries)]
+    parts += [costs(summaries), failures(summaries), machines(summaries)]
+    results = "\n\n".join(part.strip() for part in parts if part)
+    write_bytes(path, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
+
+
+def read_summaries(out: Path) -> dict[str, dict[str, Any]]:
+    """The summary of each preset that has results."""
+    paths = {preset: out / "results" / preset / "summary.json" for preset in PLANS}
+    return {
+        preset: json.loads(path.read_text(encoding="utf-8"))
+        for preset, path in paths.items()
+        if path.exists()
+    }
+
+
+def at(summary: Mapping[str, Any], experience: float) -> dict[str, Any] | None:
+    """The trial learned from so much experience [s]."""
+    trials = (trial for trial in summary["trials"] if round(trial["experience_s"]) == experience)
+    return next(trials, None)
+
+
+def verdict(summaries: Mapping[str, Any]) -> str:
+    """Whether the claim holds on the seeds that are there."""
+    claim = ", ".join(f"{share:.0f} % after {seconds} s" for seconds, share in CLAIM.items())
+    claim = f"Claim: the preset `default` succeeds in at least {claim}"
+    trials = {seconds: at(summaries.get("default", {"trials": []}), seconds) for seconds in CLAIM}
+    if any(trial is None for trial in trials.values()):
+        return f"{claim}: **not measured yet**."
+    rates = {seconds: 100 * trial["success"]["rate"] for seconds, trial in trials.items()}
+    holds = all(rates[seconds] >= share for seconds, share in CLAIM.items())
+    measured = ", ".join(f"{measured:.1f} %" for measured in rates.values())
+    count = len(summaries["default"]["seeds"])
+    return f"{claim}: **{'holds' if holds else 'does not hold'}** ({measured}, {count} seeds)."
+
+
+def thesis_setting(summaries: Mapping[str, Any]) -> list[str]:
+    """Tables 5.1 to 5.3, the thesis's rows first."""
+    from mcpilco.sweep.summary import mean_cell, rate_cell
+
+    ours = {preset: summaries[preset] for preset in ("default", "thesis") if preset in summaries}
+    ours = {preset: summary for preset, summary in ours.items() if summary["trials"]}
+    if not ours:
+        return []
+    success = {}
+    for preset, summary in ours.items():
+        count = len(summary["seeds"])
+        success[f"`{preset}`, one rollout a policy, {count} seeds"] = cells(
+            summary, lambda trial: rate_cell(trial["success"])
+        )
+        success[f"`{preset}`, p over fresh rollouts of each policy"] = cells(
+            summary, lambda trial: mean_cell(trial["p"])
+        )
+    return [
+        "### Success after each amount of experience [%] (thesis table 5.1)",
+        table("success", 1, success),
+        "In brackets: 95 % intervals, Wilson's for one rollout, the bootstrap over seeds for p.",
+        "### Time within 10 degrees of upright [s] (thesis table 5.2)",
+        table("time_up_s", 2, spreads(ours, "time_up_s")),
+        "### Mean distance of the cart from the origin [m] (thesis table 5.3)",
+        table("mean_abs_cart_m", 2, spreads(ours, "mean_abs_cart_m")),
+    ]
+
+
+def spreads(summaries: Mapping[str, Any], key: str) -> dict[str, list[str]]:
+    """Two rows a preset: the mean, as the thesis has it, and what tells more."""
+    from mcpilco.sweep.summary import spread_cell
+
+    rows = {}
+    for preset, summary in summaries.items():
+        rows[f"`{preset}`, mean ± std"] = cells(
+            summary, lambda trial: f"{trial[key]['mean']:.2f} ± {trial[key]['std']:.2f}"
+        )
+        rows[f"`{preset}`, median (quartiles)"] = cells(
+            summary, lambda trial: spread_cell(trial[key], 2)
+        )
+    return rows
+
+
+def cells(summary: Mapping[str, Any], cell: Any) -> list[str]:
+    """A cell for each amount of experience; blank where there is no such trial."""
+    trials = (at(summary, seconds) for seconds in EXPERIENCE)
+    return ["" if trial is None else cell(trial) for trial in trials]
+
+
+def table(key: str, digits: int, rows: Mapping[str, Sequence[str]]) -> str:
+    """The thesis's rows and ours."""
+    from mcpilco.sweep.summary import markdown
+
+    published = [
+        (f"{name}, thesis", *(f"{value:.{digits}f}" for value in values))
+        for name, values in PUBLISHED[key].items()
+    ]
+    header = ["after", *(f"{seconds} s" for seconds in EXPERIENCE)]
+    return markdown(header, published + [(name, *values) for name, values in rows.items()])
+
+
+def later_setting(summaries: Mapping[str, Any]) -> list[str]:
+    """A row a seed of the preset tro2022: when it is solved."""
+    from mcpilco.sweep.summary import markdown, rate_cell
+
+    summary = summaries.get("tro2022")
+    if summary is None or not summary["trials"]:
+        return []
+    rows = []
+    for seed, found in summary["by_seed"].items():
+        first = next((k for k, success in enumerate(found["success"], 1) if success), None)
+        words = " ".join("yes" if success else "no" for success in found["success"])
+        shares = " ".join("" if p is None else f"{p:.2f}" for p in found["p"])
+        rows.append((seed, str(first or "none"), words, shares, f"{found['cpu_s']:.0f}"))
+    header = ("seed", "solved in trial", "success by trial", "p by trial", "CPU [s]")
+    count = len(summary["trials"])
+    return [
+        "### The authors' later setting: preset `tro2022`",
+        markdown(header, rows),
+        f"Solved within {count} trial{'s' * (count > 1)}, that is, a test rollout succeeds: "
+        f"{rate_cell(summary['solved'])} % of {len(summary['seeds'])} seeds.",
+    ]
+
+
+def costs(summaries: Mapping[str, Any]) -> str:
+    """What a training takes."""
+    from mcpilco.sweep.summary import markdown, spread_cell
+
+    rows = [
+        (
+            f"`{preset}`",
+            str(len(summary["trials"])),
+            spread_cell(summary["run"]["cpu_s"], 1),
+            spread_cell(summary["run"]["wall_s"], 1),
+            spread_cell(summary["run"]["policy_steps"], 0),
+            spread_cell(summary["run"]["starts"], 0),
+        )
+        for preset, summary in summaries.items()
+        if summary["trials"]
+    ]
+    header = ("preset", "trials", "CPU [s]", "wall [s]", "policy steps", "starts")
+    return (
+        "### A whole training: median (quartiles)\n\n"
+        f"{markdown(header, rows)}\n"
+        "One thread a process. Without the import of the packages and the judging of the policies "
+        "on fresh rollouts; with the loading of the compiled code in the first trial."
+    )
+
+
+def failures(summaries: Mapping[str, Any]) -> str:
+    """Which seeds' last policy failed its test rollout, and which trainings broke off."""
+    lines = []
+    for preset, summary in summaries.items():
+        lost = [
+            f"{seed} (p {found['p'][-1]:.2f})"
+            for seed, found in summary["by_seed"].items()
+            if not found["success"][-1]
+        ]
+        lines.append(f"- `{preset}`, last test rollout: {', '.join(lost) or 'none'}")
+        lines += [
+            f"- `{preset}`, seed {seed} broke off: {why}" for seed, why in summary["failed"].items()
+        ]
+    return "### Seeds that failed\n\n" + "\n".join(lines)
+
+
+def machines(summaries: Mapping[str, Any]) -> str:
+    """Where the seeds ran, and with which versions."""
+    found: dict[str, list[str]] = {}
+    for preset, summary in summaries.items():
+        for machine in summary["machines"]:
+            versions = ", ".join(f"{name} {value}" for name, value in machine["versions"].items())
+            line = f"{machine['cpu']}, {machine['cores']} cores; {versions}"
+            found.setdefault(line, []).append(f"`{preset}`")
+    lines = [f"- {', '.join(presets)}: {line}" for line, presets in found.items()]
+    return "### Machine\n\n" + "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
