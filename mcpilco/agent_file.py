@@ -66,8 +66,11 @@ class SavedAgent:
         agent.trials = int(self.about["trials"])
         agent.reference_cost = float(self.about["reference_cost"])
         if "transitions" in self.arrays:
-            agent.transitions = Transitions(**self.arrays["transitions"])
-            agent.model.rows(agent.transitions)
+            rows = Transitions(**self.arrays["transitions"])
+            widths = len(agent.task.state_names), len(agent.task.input_names)
+            if (rows.states.shape[1], rows.inputs.shape[1]) != widths:
+                raise ValueError(f"its transitions have shapes {rows.states.shape}")
+            agent.transitions = rows
             # The env keeps no record of its random numbers: it begins anew, in a defined way.
             entropy = np.random.SeedSequence((agent.seed, agent.trials))
             agent.reset_seed = int(entropy.generate_state(1)[0])

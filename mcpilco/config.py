@@ -45,6 +45,17 @@ class _Checked:
                 f"{type(self).__name__}.{name} must be of type {expected}, got {value!r}.",
             )
 
+    def _at_least(self, **limits: float) -> None:
+        for name, least in limits.items():
+            value = getattr(self, name)
+            _require(value >= least, f"{name} must be at least {least}, got {value}.")
+
+    def _positive(self, *names: str) -> None:
+        for name in names:
+            value = getattr(self, name)
+            known = value is None or isinstance(value, str)
+            _require(known or value > 0, f"{name} must be positive, got {value}.")
+
 
 @dataclass(frozen=True)
 class ModelConfig(_Checked):
@@ -68,8 +79,8 @@ class ModelConfig(_Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(self.degree >= 1, f"The kernel's degree must be at least 1, got {self.degree}.")
-        _require(self.noise_floor > 0, f"noise_floor must be positive, got {self.noise_floor}.")
+        self._at_least(degree=1)
+        self._positive("noise_floor")
         _require(self.plausible > 1, f"plausible must exceed 1, got {self.plausible}.")
         threshold = self.subset_threshold
         _require(
@@ -98,13 +109,8 @@ class PolicyConfig(_Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(self.bases >= 1, f"bases must be at least 1, got {self.bases}.")
-        for name in ("span", "lengthscale", "angle_lengthscale", "weight", "squash"):
-            value = getattr(self, name)
-            _require(
-                isinstance(value, str) or value > 0,
-                f"PolicyConfig.{name} must be positive, got {value}.",
-            )
+        self._at_least(bases=1)
+        self._positive("span", "lengthscale", "angle_lengthscale", "weight", "squash")
 
 
 @dataclass(frozen=True)
@@ -122,9 +128,7 @@ class Phase(_Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _require(
-            self.learning_rate > 0, f"learning_rate must be positive, got {self.learning_rate}."
-        )
+        self._positive("learning_rate")
         _require(0 <= self.dropout < 1, f"dropout must be in [0, 1), got {self.dropout}.")
 
 
@@ -159,19 +163,12 @@ class SearchConfig(_Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        smallest = {"particles": 1, "evaluation_particles": 2, "restarts": 0}
-        for name, least in smallest.items():
-            value = getattr(self, name)
-            _require(value >= least, f"{name} must be at least {least}, got {value}.")
+        self._at_least(particles=1, evaluation_particles=2, restarts=0, widening=1)
+        self._positive("clip_norm")
         for name in ("steps", "rates", "phases"):
             _require(bool(getattr(self, name)), f"{name} must have at least one entry.")
         _require(min(self.steps) >= 1, f"steps must all be at least 1, got {self.steps}.")
         _require(min(self.rates) > 0, f"rates must all be positive, got {self.rates}.")
-        _require(self.widening >= 1, f"widening must be at least 1, got {self.widening}.")
-        _require(
-            self.clip_norm is None or self.clip_norm > 0,
-            f"clip_norm must be positive, got {self.clip_norm}; None does not clip.",
-        )
 
     def steps_of(self, trial: int) -> int:
         """Most steps of one start in trial 1, 2, ..."""

@@ -39,6 +39,8 @@ def task_of(env: gym.Env, task: TaskSpec | None) -> TaskSpec:
     Raises:
         EnvError: there is none, or it does not match the env's spaces.
     """
+    _check_kind(env, env.observation_space, "observation", "flatten it")
+    _check_kind(env, env.action_space, "action", "wrap it so that its inputs are numbers")
     if task is None:
         task = getattr(env.unwrapped, "task", None)
     if not isinstance(task, TaskSpec):
@@ -47,9 +49,8 @@ def task_of(env: gym.Env, task: TaskSpec | None) -> TaskSpec:
             f"{_name(env)} shows {shows}. Give it a mcpilco.task.TaskSpec that names its states, "
             "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...)."
         )
-    _check_space(env, env.observation_space, "observation", len(task.state_names), "flatten it")
-    remedy = "wrap it so that its inputs are numbers"
-    _check_space(env, env.action_space, "action", len(task.input_names), remedy)
+    _check_width(env, env.observation_space, "observation", len(task.state_names))
+    _check_width(env, env.action_space, "action", len(task.input_names))
     return task
 
 
@@ -124,12 +125,16 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
         )
 
 
-def _check_space(env: gym.Env, space: gym.Space, kind: str, count: int, remedy: str) -> None:
-    """Raises EnvError unless the space is a vector of `count` numbers."""
+def _check_kind(env: gym.Env, space: gym.Space, kind: str, remedy: str) -> None:
+    """Raises EnvError unless the space is a vector of numbers."""
     if not isinstance(space, Box) or len(space.shape) != 1:
         raise EnvError(
             f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
         )
+
+
+def _check_width(env: gym.Env, space: gym.Space, kind: str, count: int) -> None:
+    """Raises EnvError unless the space is as wide as the task says."""
     if space.shape != (count,):
         raise EnvError(
             f"{_name(env)}'s task names {count} {kind}s, its {kind} space has shape {space.shape}."

@@ -11,23 +11,25 @@ import copy
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log, pi
+from math import log
 from typing import Literal
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.optimize import minimize
 from torch import Tensor, nn
-from torch.autograd.function import once_differentiable
 
+from mcpilco.evidence import (
+    OPTIMISERS,
+    Evidence,
+    NegativeLogEvidence,
+    add_to_diagonal,
+    cholesky,
+)
 from mcpilco.kernels.base import Kernel, Positive, mean_square
-from mcpilco.typing import InputError, NotPositiveDefiniteError
+from mcpilco.typing import InputError
 
 logger = logging.getLogger(__name__)
-
-JITTERS = (0.0, 1e-10, 1e-8, 1e-6, 1e-4)
-"""Added to the diagonal, in parts of its mean, until the factorisation succeeds [-]."""
 
 _LOG_RANGE = log(1e4)
 """A fitted hyperparameter stays within this log distance of its data-dependent start."""
@@ -145,7 +147,7 @@ class GP(nn.Module):
 
     def covariance(self, X: Float[Tensor, "N D"]) -> Float[Tensor, "E N N"]:
         """K + s^2 I, the prior covariance of noisy samples."""
-        return _add_to_diagonal(self.kernel(X, X), self.noise_std.square())
+        return add_to_diagonal(self.kernel(X, X), self.noise_std.square())
 
     def nlml(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"]) -> Float[Tensor, " E"]:
         """Negative log marginal likelihood of each output, differentiable in the hyperparameters.
@@ -155,7 +157,7 @@ class GP(nn.Module):
 
         Reference: R&W Alg. 2.1 and eq. (5.9).
         """
-        return _NegativeLogEvidence.apply(self.kernel(X, X), self.noise_std.square(), Y, self.names)
+        return NegativeLogEvidence.apply(self.kernel(X, X), self.noise_std.square(), Y, self.names)
 
     def fit(
         self,
@@ -188,24 +190,24 @@ class GP(nn.Module):
             InputError: the data do not fit the GP, or are not finite.
             NotPositiveDefiniteError: not even the first covariance matrix has a Cholesky factor.
         """
-        if optimiser not in _OPTIMISERS:
-            raise InputError(f"optimiser must be one of {sorted(_OPTIMISERS)}, got {optimiser!r}.")
-        minimise = _OPTIMISERS[optimiser]
+        if optimiser not in OPTIMISERS:
+            raise InputError(f"optimiser must be one of {sorted(OPTIMISERS)}, got {optimiser!r}.")
+        minimise = OPTIMISERS[optimiser]
         X, Y = self.check(X, Y)
-        present = self._get_logs()
+        present = self.get_logs()
         self._start_from(X, Y)
-        centre = self._get_logs()
+        centre = self.get_logs()
         bounds = centre - _LOG_RANGE, centre + _LOG_RANGE
         first = present if warm else centre
         rng = np.random.default_rng(seed)
         perturbed = [first + rng.standard_normal(first.shape) for _ in range(restarts)]
 
-        evidence = _Evidence(self, X, Y)
+        evidence = Evidence(self, X, Y)
         runs = [
             minimise(evidence, np.clip(start, *bounds), bounds, max_iterations, tolerance)
             for start in (first, *perturbed)
         ]
-        self._set_logs(evidence.best_logs)
+        self.set_logs(evidence.best_logs)
         self.report = FitReport(
             nlml=tuple(evidence.best_nlml.tolist()),
             iterations=sum(iterations for iterations, _ in runs),
@@ -284,156 +286,14 @@ class GP(nn.Module):
         start = self._excess_start
         self.noise_excess = 0.1 * mean_square(Y).sqrt() if start is None else start
 
-    def _get_logs(self) -> Float[np.ndarray, "E H"]:
+    def get_logs(self) -> Float[np.ndarray, "E H"]:
         """The logarithms of all hyperparameters, a row for each output."""
         logs = [parameter.detach().reshape(self.outputs, -1) for parameter in self.parameters()]
         return torch.cat(logs, 1).numpy()
 
     @torch.no_grad()
-    def _set_logs(self, logs: Float[np.ndarray, "E H"]) -> None:
+    def set_logs(self, logs: Float[np.ndarray, "E H"]) -> None:
         parameters = list(self.parameters())
         widths = [parameter.numel() // self.outputs for parameter in parameters]
         for parameter, part in zip(parameters, torch.as_tensor(logs).split(widths, 1), strict=True):
             parameter.copy_(part.view_as(parameter))
-
-
-def cholesky(K: Float[Tensor, "E N N"], names: Sequence[str]) -> Float[Tensor, "E N N"]:
-    """The lower Cholesky factors; an output that has none gets the least of `JITTERS` that helps.
-
-    Raises:
-        NotPositiveDefiniteError: the largest jitter did not help; the message names the outputs.
-    """
-    L, info = torch.linalg.cholesky_ex(K)
-    if not info.any():
-        return L
-    scale = K.diagonal(dim1=-2, dim2=-1).mean(-1)
-    added = torch.zeros_like(scale)
-    for jitter in JITTERS[1:]:
-        added = torch.where(info > 0, jitter * scale, added)
-        L, info = torch.linalg.cholesky_ex(_add_to_diagonal(K, added))
-        if not info.any():
-            logger.debug("Added %s to the diagonals of %s.", added.tolist(), names)
-            return L
-    failures = [
-        f"{names[e]} ({_condition_number(K[e])})" for e in info.nonzero().flatten().tolist()
-    ]
-    raise NotPositiveDefiniteError(
-        f"The covariance matrix of {', '.join(failures)} has no Cholesky factor, with jitters "
-        f"{JITTERS} of its mean diagonal; raise noise_floor, or drop repeated or extreme samples."
-    )
-
-
-def _add_to_diagonal(
-    K: Float[Tensor, "E N N"], values: Float[Tensor, " E"]
-) -> Float[Tensor, "E N N"]:
-    K = K.clone()
-    K.diagonal(dim1=-2, dim2=-1).add_(values[:, None])
-    return K
-
-
-def _condition_number(K: Float[Tensor, "N N"]) -> str:
-    if not bool(K.isfinite().all()):
-        return "not finite"
-    eigenvalues = torch.linalg.eigvalsh(K)
-    magnitudes = eigenvalues.abs()
-    condition = float(magnitudes.max() / magnitudes.min())
-    return (
-        f"condition number about {condition:.0e}, smallest eigenvalue {float(eigenvalues[0]):.1e}"
-    )
-
-
-class _NegativeLogEvidence(torch.autograd.Function):
-    """-log N(y; 0, K + s^2 I); the gradient is closed, not back through the Cholesky factor."""
-
-    @staticmethod
-    def forward(ctx, K, noise_variance, Y, names):
-        # 1/2 y^T (K + s^2 I)^-1 y + sum_i log L_ii + N/2 log 2 pi   (R&W Alg. 2.1)
-        L = cholesky(_add_to_diagonal(K, noise_variance), names)
-        y = Y.mT[..., None]
-        alpha = torch.cholesky_solve(y, L)
-        ctx.save_for_backward(L, alpha)
-        log_det = L.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-        return 0.5 * (y * alpha).sum((-2, -1)) + log_det + 0.5 * len(Y) * log(2 * pi)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, gradient):
-        # G = d nlml / dK = 1/2 ((K + s^2 I)^-1 - alpha alpha^T)   (R&W eq. 5.9)
-        L, alpha = ctx.saved_tensors
-        G = torch.cholesky_inverse(L).mT.baddbmm(alpha, alpha.mT, alpha=-1.0)
-        G *= 0.5 * gradient[:, None, None]
-        return G, G.diagonal(dim1=-2, dim2=-1).sum(-1), None, None
-
-
-_FORBIDDEN = 1e20
-"""Stands for the nlml where a covariance matrix has no factor: a line search turns back from it."""
-
-
-class _Evidence:
-    """The marginal likelihood as an optimiser sees it; keeps the best point of each output."""
-
-    def __init__(self, gp: GP, X: Tensor, Y: Tensor) -> None:
-        self._gp, self._X, self._Y = gp, X, Y
-        self._parameters = list(gp.parameters())
-        self.evaluations = 0
-        self.best_logs = gp._get_logs()
-        self.best_nlml = np.full(gp.outputs, np.inf)
-
-    def __call__(self, logs: Float[np.ndarray, "E H"]) -> tuple[float, Float[np.ndarray, "E H"]]:
-        """The nlml, summed over the outputs, and its gradient."""
-        self.evaluations += 1
-        gp = self._gp
-        gp._set_logs(logs)
-        try:
-            nlml = gp.nlml(self._X, self._Y)
-        except NotPositiveDefiniteError:
-            if not np.isfinite(self.best_nlml).all():
-                raise
-            return _FORBIDDEN, np.zeros_like(logs)
-        gradients = torch.autograd.grad(nlml.sum(), self._parameters)
-        values = nlml.detach().numpy()
-        better = values < self.best_nlml
-        self.best_nlml = np.where(better, values, self.best_nlml)
-        self.best_logs = np.where(better[:, None], logs, self.best_logs)
-        gradient = torch.cat([g.reshape(gp.outputs, -1) for g in gradients], 1).numpy()
-        return float(values.sum()), gradient
-
-
-def _lbfgs(evidence, start, bounds, max_iterations, tolerance) -> tuple[int, bool]:
-    """Minimise by L-BFGS-B; return the iterations and whether they sufficed."""
-
-    def flat(logs: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = evidence(logs.reshape(start.shape))
-        return value, gradient.ravel()
-
-    result = minimize(
-        flat,
-        start.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=np.stack([bound.ravel() for bound in bounds], 1),
-        # several problems in one: remembering 40 steps instead of 10 halves the iterations
-        options={"maxiter": max_iterations, "ftol": tolerance, "gtol": 1e-3, "maxcor": 40},
-    )
-    return result.nit, bool(result.success)
-
-
-def _adam(evidence, start, bounds, max_iterations, tolerance) -> tuple[int, bool]:
-    """Minimise by Adam on the logarithms; return the iterations and whether they sufficed."""
-    logs = torch.tensor(start, requires_grad=True)
-    adam = torch.optim.Adam([logs], lr=0.01)
-    low, high = map(torch.as_tensor, bounds)
-    values: list[float] = []
-    for iteration in range(max_iterations):
-        value, gradient = evidence(logs.detach().numpy().copy())
-        values.append(value)
-        # single steps may go up, so the gain of the last hundred counts
-        if iteration >= 100 and values[-101] - value < tolerance * max(abs(value), 1.0):
-            return iteration, True
-        logs.grad = torch.as_tensor(gradient)
-        adam.step()
-        logs.data.clamp_(low, high)
-    return max_iterations, False
-
-
-_OPTIMISERS = {"lbfgs": _lbfgs, "adam": _adam}

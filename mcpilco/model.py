@@ -50,12 +50,9 @@ class Model:
         self.augmentation = AngleAugmentation(len(task.state_names), task.angles)
         self.increment = INTEGRATIONS[config.integration](task)
         self.names = tuple(task.state_names[i] for i in self.increment.predicted)
-        self.gp = self._new_gp()
-
-    def _new_gp(self) -> GP:
-        width = self.augmentation.width + len(self.task.input_names)
-        kernel = make_kernel(self.config, width, len(self.names))
-        return GP(kernel, noise_floor=self.config.noise_floor, names=self.names)
+        width = self.augmentation.width + len(task.input_names)
+        kernel = make_kernel(config, width, len(self.names))
+        self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
         """Regressors [z, u] and targets of the GPs."""
@@ -64,12 +61,11 @@ class Model:
         return self.augmentation.regressors(states, inputs), targets
 
     def fit(self, transitions: Transitions) -> dict[str, float]:
-        """Learn the hyperparameters from all the data; returns the numbers of the fit by name.
+        """Learn the hyperparameters anew from these data; returns the numbers of the fit by name.
 
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
         """
-        self.gp = self._new_gp()
         X, Y = self.rows(transitions)
         optimiser = self.config.optimiser
         self.gp.fit(X, Y, optimiser=optimiser, max_iterations=ITERATIONS[optimiser])

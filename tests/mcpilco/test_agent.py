@@ -22,6 +22,8 @@ from mcpilco.agent import MCPILCO
 from mcpilco.callbacks import Callback, Progress
 from mcpilco.config import PRESETS, Config
 from mcpilco.episode import run_episode
+from mcpilco.rollout import Problem
+from mcpilco.search import PolicySearch
 from mcpilco.typing import EnvError, InputError
 from tests.mcpilco.point import DT, STEPS, TASK, TINY, PointEnv
 
@@ -41,6 +43,18 @@ def numbers_of(agent: MCPILCO) -> list[tuple]:
         (r.trial, r.experience_s, r.predicted_cost, r.predicted_cost_std, r.real_cost, r.noise_std)
         for r in agent.results
     ]
+
+
+def with_space(space: gym.Space) -> PointEnv:
+    env = PointEnv()
+    env.action_space = space
+    return env
+
+
+def without_task() -> PointEnv:
+    env = PointEnv()
+    env.task = None
+    return env
 
 
 class Events(Callback):
@@ -87,6 +101,27 @@ def test_the_first_call_explores_and_then_tries_a_policy_in_each_trial() -> None
     assert [result.trial for result in agent.results] == [1, 2]
     inputs = np.concatenate([result.rollout.inputs for result in agent.results])
     np.testing.assert_array_equal(agent.transitions.inputs[STEPS:], inputs)
+
+
+def test_the_search_is_given_the_task_and_the_cost_of_random_inputs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problems: list[Problem] = []
+    run = PolicySearch.run
+
+    def spy(self, problem, *others):
+        problems.append(problem)
+        return run(self, problem, *others)
+
+    monkeypatch.setattr(PolicySearch, "run", spy)
+    agent = make_agent().learn(2 * STEPS)
+    (problem,) = problems
+    assert problem.reference_cost == agent.reference_cost != 1.0
+    assert problem.cost is TASK.cost
+    assert tuple(problem.start_mean.tolist()) == TASK.start_mean
+    assert tuple(problem.start_std.tolist()) == TASK.start_std
+    assert problem.horizon == STEPS
+    assert len(problem.dynamics.posterior.X) == STEPS
 
 
 def test_experience_is_the_duration_of_the_data_before_the_trial() -> None:
@@ -145,6 +180,8 @@ def test_equal_seeds_give_equal_results_and_others_differ() -> None:
     for mine, its in zip(numbers_of(first), numbers_of(other), strict=True):
         assert mine[2] != its[2]
         assert mine[4] != its[4]
+    starts, others = (agent.results[0].prediction.states[0] for agent in (first, other))
+    assert (starts != others).all()  # the search's own random numbers differ
 
 
 def test_results_do_not_depend_on_what_else_is_drawn() -> None:
@@ -250,6 +287,10 @@ def test_the_agents_own_progress_is_closed_whatever_happens(
             self.closed = False
             made.append(self)
 
+        def on_trial_start(self, trial):
+            super().on_trial_start(trial)
+            self.closed = False  # it closes itself before the start, too
+
         def on_training_end(self):
             pass
 
@@ -309,15 +350,16 @@ def test_a_batch_of_observations_gives_a_batch_of_actions(learned: MCPILCO, dtyp
 
 
 def test_actions_have_the_type_of_the_action_space() -> None:
-    """And stay within bounds that float32 cannot represent."""
-    env = PointEnv(limit=0.1, dtype=np.float64)
-    agent = make_agent(env=env)
-    with torch.no_grad():
-        agent.policy.weights.fill_(1e6)
-    action, _ = agent.predict(np.zeros(2))
-    assert action.dtype == np.float64
-    assert action.tolist() == [0.1]
-    assert env.action_space.contains(action)
+    """And stay within bounds whose mean and half range are rounded, and not floats of 32 bits."""
+    space = Box(-0.3, 0.1, (1,), np.float64)
+    agent = make_agent(env=with_space(space))
+    for weight in (-1e6, 1e6):
+        with torch.no_grad():
+            agent.policy.weights.fill_(weight)
+        action, _ = agent.predict(np.zeros(2))
+        assert action.dtype == np.float64
+        assert action == pytest.approx(np.clip(weight, -0.3, 0.1), rel=1e-15)
+        assert space.contains(action)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -363,12 +405,6 @@ def test_an_agent_learns_in_a_monitored_env() -> None:
 # --- what does not fit ----------------------------------------------------------------------------
 
 
-def with_space(space: gym.Space) -> PointEnv:
-    env = PointEnv()
-    env.action_space = space
-    return env
-
-
 @pytest.mark.parametrize(
     ("env", "error", "message"),
     [
@@ -376,7 +412,7 @@ def with_space(space: gym.Space) -> PointEnv:
         (None, EnvError, "one gymnasium.Env or the id of one, got NoneType"),
         (with_space(Discrete(2)), EnvError, "one-dimensional Box action space, got Discrete"),
         (with_space(Box(-np.inf, np.inf, (1,))), EnvError, "finite action bounds"),
-        (gym.make("CartPole-v1"), EnvError, "shows no attribute `task`"),
+        (without_task(), EnvError, "shows no attribute `task`"),
     ],
     ids=["unknown", "none", "discrete", "unbounded", "no task"],
 )
@@ -402,9 +438,7 @@ def test_a_wrong_argument_is_answered_with_a_sentence(arguments: dict, message: 
 
 
 def test_a_task_can_be_given_where_the_env_shows_none() -> None:
-    env = PointEnv()
-    env.task = None
-    agent = MCPILCO("SumOfGaussians", env, config=TINY, task=TASK).learn(2 * STEPS)
+    agent = MCPILCO("SumOfGaussians", without_task(), config=TINY, task=TASK).learn(2 * STEPS)
     assert agent.task is TASK
     assert numbers_of(agent) == numbers_of(make_agent().learn(2 * STEPS))
 

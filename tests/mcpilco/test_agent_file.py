@@ -187,6 +187,16 @@ def with_entry(name: str, value: Any) -> Callable:
     return lambda about, groups: about.update({name: value})
 
 
+def with_width(width: int) -> Callable:
+    """Transitions that fit one another, of another env."""
+
+    def damage(about: dict, groups: dict) -> None:
+        for name in ("states", "next_states"):
+            groups["transitions"][name] = np.ones((3 * STEPS, width))
+
+    return damage
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -205,6 +215,7 @@ def with_entry(name: str, value: Any) -> Callable:
         with_array("transitions", "states", np.ones((2, 2))),
         with_array("transitions", "states", np.full((3 * STEPS, 2), np.inf)),
         with_array("transitions", "more", np.ones(2)),
+        with_width(3),
         with_array("bounds", "low", "a"),
         with_entry("format", 99),
         with_entry("format", None),

@@ -135,7 +135,7 @@ def test_the_last_entry_of_a_schedule_holds_from_there_on() -> None:
 def test_presets_are_what_they_are_named_after() -> None:
     thesis, later = PRESETS["thesis"].config, PRESETS["tro2022"].config
     assert PRESETS["default"].config == Config()
-    assert (thesis.policy.bases, thesis.search.particles, thesis.policy.squash) == (100, 100, 1.0)
+    assert (thesis.policy.bases, thesis.search.particles) == (100, 100)
     steps = [thesis.search.steps_of(trial) for trial in range(1, 6)]
     rates = [thesis.search.rate_of(trial) for trial in range(1, 6)]
     assert steps == sorted(steps)

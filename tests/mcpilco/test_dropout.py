@@ -52,6 +52,17 @@ def test_equal_seeds_give_equal_masks_and_others_differ() -> None:
     assert float(agreement) == pytest.approx(0.25**2 + 0.75**2, abs=0.02)
 
 
+def test_masks_stay_what_they_were() -> None:
+    """Seeds of old runs keep their meaning, and compiled loops compute the same."""
+    kept = Dropout(0.5, seed=1).factors(3, 3, 9) != 0
+    assert Dropout(0.5, seed=1).keys(3).tolist() == [1492470133, 3529208806, 3405767568]
+    assert kept.int().tolist() == [
+        [0, 1, 0, 0, 0, 1, 0, 0, 1],
+        [1, 0, 1, 0, 0, 1, 1, 1, 1],
+        [1, 0, 0, 0, 0, 0, 1, 1, 0],
+    ]
+
+
 def test_each_step_and_particle_has_its_own_mask() -> None:
     dropout = Dropout(0.5, 1)
     masks = torch.cat([dropout.factors(step, P, B) for step in range(3)])

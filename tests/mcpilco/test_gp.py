@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.gp import GP, JITTERS, cholesky
+from mcpilco.evidence import JITTERS, cholesky
+from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, Kernel
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 

@@ -360,15 +360,34 @@ def test_the_cost_narrows_to_itself_over_the_first_half() -> None:
     assert {plain.widening(step) for step in range(100)} == {1.0}
 
 
-def test_the_search_is_judged_by_the_cost_itself() -> None:
-    """Without a learning rate to speak of, it sees the widened cost and judges by the true one."""
-    report: list = []
-    numbers = {"steps": (10,), "phases": (Phase(1e-12),), "particles": 500}
-    found = search_line(report=report, widening=3.0, evaluation_particles=500, **numbers)
-    costs = [values["policy/cost"] for _, _, values in report]
-    assert costs[0] < 0.3 * found.best.cost
-    assert costs[:6] == sorted(costs[:6])
-    assert costs[5:] == pytest.approx([found.best.cost] * 5, rel=0.02)
+def test_a_widened_step_follows_the_wide_cost_and_tells_the_true_one() -> None:
+    """From equal random numbers, so from equal particles."""
+    values, norms = {}, {}
+    for name, problem, widening in (
+        ("plain", line_problem(), 1.0),
+        ("felt", line_problem(), 3.0),
+        ("wide", line_problem().widened(3.0), 1.0),
+    ):
+        policy = line_policy()
+        search = PolicySearch(SearchConfig(clip_norm=None), torch.Generator().manual_seed(0))
+        optimiser = torch.optim.SGD(policy.parameters(), lr=0.1)
+        values[name], norms[name] = search.step(problem, policy, optimiser, 0.0, widening)
+    assert values["felt"] == pytest.approx(values["plain"], rel=1e-12)
+    assert norms["felt"] == pytest.approx(norms["wide"], rel=1e-12)
+    assert norms["felt"] < 0.5 * norms["plain"]
+
+
+def test_the_search_widens_the_cost_as_its_schedule_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    felt: list[float] = []
+    widened = Problem.widened
+
+    def spy(problem: Problem, factor: float) -> Problem:
+        felt.append(factor)
+        return widened(problem, factor)
+
+    monkeypatch.setattr(Problem, "widened", spy)
+    search_line(steps=(8,), widening=3.0)
+    assert felt == [3.0, 2.5, 2.0, 1.5, 1.0, 1.0, 1.0, 1.0]
 
 
 def settled_after(costs) -> int | None:
