@@ -5,7 +5,8 @@ python runs/cartpole_swingup/run.py --presets tro2022     # seeds 0:5
 python runs/cartpole_swingup/run.py --quick               # seconds: does it run at all?
 
 Results are kept in results/<preset>/, a file a seed; the same command goes on where it was stopped,
-and rewrites README.md between its markers from all results that are there.
+and rewrites README.md between its markers from all results that are there, and the first table in
+the README of the project.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     out = arguments.out or (Path("runs/out/cartpole_swingup") if arguments.quick else HERE)
     summaries = [run(preset, arguments, out) for preset in arguments.presets]
-    write_readme(out)
+    write_readmes(out)
     print(f"Tables: {out / 'README.md'}")
     return 1 if any(summary["failed"] for summary in summaries) else 0
 
@@ -102,20 +103,30 @@ def hasty(config: Config) -> Config:
 # The tables ---------------------------------------------------------------------------------------
 
 
-def write_readme(out: Path) -> None:
-    """Put the tables between the markers of README.md; all else in it stays."""
+def write_readmes(out: Path) -> None:
+    """Put the tables into README.md here, and the first of them into the README of the project."""
+    summaries = read_summaries(out)
+    setting = thesis_setting(summaries)
+    parts = [verdict(summaries), *setting, *later_setting(summaries)]
+    parts += [costs(summaries), failures(summaries), machines(summaries)]
+    page = out / "README.md"
+    if not page.exists():
+        page.write_bytes((HERE / "README.md").read_bytes())
+    fill(page, parts)
+    if out == HERE:
+        fill(HERE.parents[1] / "README.md", setting[1:3])
+
+
+def fill(page: Path, parts: Sequence[str]) -> None:
+    """Put these parts between the markers of a page; all else in it stays."""
     from mcpilco.archive import write_bytes
 
-    path = out / "README.md"
-    text = (path if path.exists() else HERE / "README.md").read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise SystemExit(f"{path} must hold the lines {BEGIN} and {END}, once each, in this order.")
+        raise SystemExit(f"{page} must hold the lines {BEGIN} and {END}, once each, in this order.")
     head, tail = text.split(BEGIN)[0], text.split(END)[1]
-    summaries = read_summaries(out)
-    parts = [verdict(summaries), *thesis_setting(summaries), *later_setting(summaries)]
-    parts += [costs(summaries), failures(summaries), machines(summaries)]
     results = "\n\n".join(part.strip() for part in parts if part)
-    write_bytes(path, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
+    write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
 
 
 def read_summaries(out: Path) -> dict[str, dict[str, Any]]:

@@ -9,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mcpilco.costs import QuadraticCost, SaturatingCost, cart_pole_cost
+from mcpilco.costs import QuadraticCost, SaturatingCost, cart_pole_cost, costs_along
 from mcpilco.typing import Cost, InputError, WidenableCost
 
 SATURATING = {
@@ -58,6 +58,13 @@ def test_batch_equals_loop(name: str) -> None:
     for i in range(3):
         for j in range(5):
             torch.testing.assert_close(costs[i, j], ALL[name](states[i, j], inputs[i, j]))
+
+
+def test_costs_along_a_rollout_are_those_of_its_steps() -> None:
+    states, inputs = some_states(6), torch.linspace(-2, 2, 6, dtype=torch.float64)[:, None]
+    costs = costs_along(QUADRATIC, states.numpy(), inputs.numpy())
+    expected = [float(QUADRATIC(states[t], inputs[t])) for t in range(6)]
+    assert costs.tolist() == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize(

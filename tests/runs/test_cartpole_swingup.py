@@ -60,7 +60,7 @@ def write(run, tmp_path):
             path = tmp_path / "results" / preset / "summary.json"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps(summary))
-        run.write_readme(tmp_path)
+        run.write_readmes(tmp_path)
         return (tmp_path / "README.md").read_text()
 
     return write
