@@ -16,6 +16,7 @@ from mcpilco.fused.posterior import (
     change_block,
     collect_block,
     kernel_block,
+    product_block,
     shift_block,
     weigh_block,
 )
@@ -31,6 +32,7 @@ def _compiled(sources: str):
         block = memory.x.shape[0]
         n, count = model.alpha.shape[1], model.expand.shape[1]
         x, scaled, phi_of, solved = memory.x, memory.scaled, trace.activations, memory.solved
+        half = memory.half
         rows = memory.rows.reshape(block, n)
         groups = memory.groups.reshape(count, block, n)
         weighted = memory.weighted.reshape(count, block, n)
@@ -50,7 +52,13 @@ def _compiled(sources: str):
                     for k in range(count):
                         np.dot(x[:size], model.expand[e, k], groups[k, :size])
                     kernel_block(e, size * n, model, memory)
-                    np.dot(rows[:size], model.inverse[e], solved[:size])
+                    if len(model.solve) == 1:
+                        np.dot(rows[:size], model.solve[0, e], solved[:size])
+                        product_block(size, rows, solved, memory)
+                    else:
+                        np.dot(rows[:size], model.solve[0, e], half[:size])
+                        np.dot(half[:size], model.solve[1, e], solved[:size])
+                        product_block(size, half, half, memory)
                     change_block(e, size, noise[t, first:last], model, memory)
                     weigh_block(e, size * n, model, memory)
                     for k in range(count):

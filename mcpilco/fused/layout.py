@@ -20,6 +20,8 @@ BLOCK = 32
 """particles that go through one matrix product together"""
 CHUNK = 1024
 """numbers that pass through all operations before the next do, to stay in the fastest cache"""
+WELL_CONDITIONED = 3e6
+"""below this condition number of K a product with K^-1, half the work, is exact enough [-]"""
 PAD = 8
 """rows are padded to a multiple of this"""
 
@@ -34,8 +36,8 @@ class ModelArrays(NamedTuple):
 
     alpha: np.ndarray
     """(E, N)"""
-    inverse: np.ndarray
-    """(E, N, N), K^-1"""
+    solve: np.ndarray
+    """(1, E, N, N), K^-1; or (2, E, N, N), L^-T and L^-1, where K is ill-conditioned"""
     expand: np.ndarray
     """(E, G, D + 1 + exponents, N), from [x, 1, shifts] to each group; exponents come first"""
     collect: np.ndarray
@@ -128,8 +130,12 @@ class Memory(NamedTuple):
     term: np.ndarray
     g: np.ndarray
     """(BLOCK * N,), alpha - (eps / sd) u"""
+    half: np.ndarray
+    """(BLOCK, N), L^-1 k where K^-1 is applied in two steps"""
     solved: np.ndarray
     """(BLOCK, N), u = K^-1 k"""
+    quadratic: np.ndarray
+    """(BLOCK,), k . u"""
     moments: np.ndarray
     delta: np.ndarray
     ratio: np.ndarray
@@ -164,7 +170,7 @@ def model_arrays(dynamics: GPDynamics) -> ModelArrays:
     owner = [k for k, term in enumerate(terms) for _ in range(term.c.shape[-1])]
     return ModelArrays(
         alpha=_pad(posterior.alpha, 1),
-        inverse=_pad(posterior.L_inv.mT @ posterior.L_inv, 1, 2),
+        solve=_pad(_solve(posterior.L, posterior.L_inv), 2, 3),
         expand=expand,
         collect=collect,
         middle=middle.numpy(),
@@ -180,6 +186,19 @@ def model_arrays(dynamics: GPDynamics) -> ModelArrays:
         predicted=np.array(dynamics.predicted, dtype=np.int64),
         bounds=dynamics.bounds.numpy(),
     )
+
+
+def _solve(L: Tensor, L_inv: Tensor) -> Tensor:
+    """What applies K^-1 to a row.
+
+    The variance k** - k . K^-1 k is a small difference of large numbers: through K^-1 it suffers
+    from the condition number of K, through L^-1 only from its square root.
+    """
+    K, inverse = L @ L.mT, L_inv.mT @ L_inv
+    conditions = torch.linalg.matrix_norm(K, 1) * torch.linalg.matrix_norm(inverse, 1)
+    if float(conditions.max()) < WELL_CONDITIONED:
+        return inverse[None]
+    return torch.stack([L_inv.mT, L_inv])
 
 
 def _has_exponent(term: Term) -> bool:
@@ -248,7 +267,9 @@ def make_memory(model: ModelArrays, policy: PolicyArrays) -> Memory:
         rows=np.empty(BLOCK * n),
         term=np.empty(CHUNK),
         g=np.empty(BLOCK * n),
+        half=np.empty((BLOCK, n)),
         solved=np.empty((BLOCK, n)),
+        quadratic=np.empty(BLOCK),
         moments=np.empty((groups, BLOCK, padded(regressors + 1))),
         delta=np.empty((BLOCK, outputs)),
         ratio=np.empty(BLOCK),

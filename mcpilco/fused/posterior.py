@@ -118,13 +118,18 @@ def _prior_variance(x, v, c, s, owner, slope):
 
 
 @njit(**PLAIN)
-def _mean_and_quadratic(row, alpha, solved):
-    """k . alpha and k . K^-1 k."""
-    mean, quadratic = 0.0, 0.0
-    for j in range(row.size):
-        mean += row[j] * alpha[j]
-        quadratic += row[j] * solved[j]
-    return mean, quadratic
+def _dot(a, b):
+    total = 0.0
+    for j in range(a.size):
+        total += a[j] * b[j]
+    return total
+
+
+@njit(**PLAIN)
+def product_block(size, a, b, memory):
+    """The inner product of each particle's rows, as its quadratic form."""
+    for i in range(size):
+        memory.quadratic[i] = _dot(a[i], b[i])
 
 
 @njit(**PLAIN)
@@ -154,7 +159,7 @@ def change_block(e, size, eps, model, memory):
     v, c, s, floor = model.v[e], model.c[e], model.s[e], model.floor[e]
     for i in range(size):
         row, u = memory.rows[i * n : (i + 1) * n], memory.solved[i]
-        mean, quadratic = _mean_and_quadratic(row, alpha, u)
+        mean, quadratic = _dot(row, alpha), memory.quadratic[i]
         prior = _prior_variance(memory.x[i, :width], v, c, s, model.owner, memory.slope[i])
         clamped = not prior - quadratic > floor
         sd = np.sqrt(floor) if clamped else np.sqrt(prior - quadratic)

@@ -38,6 +38,7 @@ def make_dynamics(
     bounds: float = 50.0,
     seed: int = 0,
     increment=speed_integration,
+    noise_floor: float = 0.05,
 ) -> GPDynamics:
     """A GP model of random smooth changes, not fitted: only its arithmetic matters."""
     generator = torch.Generator().manual_seed(seed)
@@ -49,7 +50,7 @@ def make_dynamics(
         kernel = RBF(width, (outputs,)) + MPK(width, 2, (outputs,))
     X = torch.randn(samples, width, generator=generator, dtype=torch.float64)
     Y = torch.sin(X @ torch.randn(width, outputs, generator=generator, dtype=torch.float64))
-    gp = GP(kernel, noise_floor=0.05)
+    gp = GP(kernel, noise_std=2 * noise_floor, noise_floor=noise_floor)
     kernel.start_from(X, Y)
     return GPDynamics(gp.condition(X, Y), augmentation, law, np.full(outputs, bounds))
 

@@ -11,6 +11,7 @@ from mcpilco import fused
 from mcpilco.costs import QuadraticCost, cart_pole_cost
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import full_state, speed_integration
+from mcpilco.fused import layout
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
 from mcpilco.rollout import rollout
 from mcpilco.task import TaskSpec
@@ -105,6 +106,19 @@ def test_particles_that_leave_the_plausible_range_stay_in_both(task: TaskSpec) -
     stayed = (states[1:] == states[:-1]).all(-1)
     assert 0 < stayed.float().mean() < 1
     assert_equal(dynamics, make_policy(task), task.cost)
+
+
+def test_equals_plain_rollout_where_the_covariance_is_ill_conditioned(task: TaskSpec) -> None:
+    few_functions = MPK(6, 2, (2,))  # 28 monomials for 60 samples
+    dynamics = make_dynamics(task, few_functions, samples=60, noise_floor=5e-4)
+    condition = float(torch.linalg.cond(dynamics.posterior.L[0]) ** 2)
+    assert condition > 1e6
+    assert len(layout.model_arrays(dynamics).solve) == 2
+    assert_equal(dynamics, make_policy(task), task.cost)
+
+
+def test_takes_the_inverse_where_the_covariance_is_well_conditioned(task: TaskSpec) -> None:
+    assert len(layout.model_arrays(make_dynamics(task)).solve) == 1
 
 
 def test_gradient_equals_finite_differences(task: TaskSpec) -> None:
