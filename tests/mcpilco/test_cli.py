@@ -11,9 +11,8 @@ import pytest
 
 import mcpilco.agent
 from mcpilco.cli import main
-from mcpilco.cli.system import CART_POLE
 from mcpilco.cli.train import Train
-from mcpilco.config import PRESETS
+from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.run_folder import RunFolder
 from tests.mcpilco.fakes import FakeAgent
 
