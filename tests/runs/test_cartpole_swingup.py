@@ -116,7 +116,16 @@ def test_later_setting_has_a_row_a_seed(write):
     text = write(tro2022=make_summary([0.5, 1.0], seeds=2))
     assert "| 0 | 2 | no yes | 0.25 0.75 | 31 |\n" in text
     assert "| 1 | 1 | yes no | 0.25 0.75 | 31 |\n" in text
-    assert "Solved within 2 trials, that is, a test rollout succeeds: 100.0 (90–100) %" in text
+    assert "Solved within 2 trials, that is, a test rollout succeeds: 2 of 2 seeds" in text
+
+
+def test_a_longer_training_takes_the_place_of_one_that_solved_nothing(run, write):
+    short, longer = make_summary([0.0], seeds=2), make_summary([1.0] * 3, seeds=1)
+    short["by_seed"]["0"]["success"] = [False]
+    longer["by_seed"] = {"0": {**short["by_seed"]["0"], "success": [False, False, True]}}
+    text = write(**{"tro2022": short, "tro2022" + run.LONGER: longer})
+    assert "| 0 | 3 | no no yes |" in text
+    assert "Solved within 3 trials, that is, a test rollout succeeds: 2 of 2 seeds" in text
 
 
 def test_only_what_is_between_the_markers_is_rewritten(run, tmp_path, write):
