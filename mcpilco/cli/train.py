@@ -126,5 +126,8 @@ def _saved(run: Any) -> str:
 
 
 def _command() -> str:
-    """How the user can call this program: by its name, or by its path where it is not on PATH."""
-    return "mcpilco" if shutil.which("mcpilco") else os.path.relpath(sys.argv[0])
+    """How the user can call this program: by its path, where its name is not on PATH."""
+    called = Path(sys.argv[0])
+    if shutil.which("mcpilco") or called.name != "mcpilco":
+        return "mcpilco"
+    return os.path.relpath(called)
