@@ -31,8 +31,8 @@ from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import rollout
-from mcpilco.search import PolicySearch, Problem
+from mcpilco.rollout import Problem, rollout
+from mcpilco.search import PolicySearch
 from mcpilco.task import TaskSpec
 
 ENGINES = {"fused": fused.rollout, "eager": rollout}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import open_env, use_one_thread
+from mcpilco.cli.system import choose_trial, open_env, use_one_thread
 from mcpilco.typing import InputError, RunFolderError
 
 _MEASURES = {
@@ -90,16 +90,8 @@ class Evaluate:
 
 def _finished(run: Any, trial: int | None) -> int:
     """The trial asked for, or the last."""
-    trials = run.finished_trials()
-    if not trials:
-        raise RunFolderError(
-            f"{run.path} holds no finished trial yet; train until the first one ends."
-        )
-    if trial is None:
-        return trials[-1]
-    if trial not in trials:
-        raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {trial}.")
-    return trial
+    none = f"{run.path} holds no finished trial yet; train until the first one ends."
+    return choose_trial(run.finished_trials(), trial, none)
 
 
 def _agent(run: Any, trial: int, env: Any) -> Any:

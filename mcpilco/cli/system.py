@@ -1,14 +1,15 @@
-"""What every command that runs an agent needs: one thread, and an env by its id."""
+"""What several commands need: one thread, an env by its id, the numbers of a preset, a trial."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.config import PRESETS
+from mcpilco.typing import InputError, RunFolderError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -52,3 +53,19 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     if here not in sys.path:  # the module may lie where the user is, as with `python -m`
         sys.path.append(here)
     return make_env(env_id, **kwargs)
+
+
+def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
+    """The trial asked for, or the last of those that there are.
+
+    Raises:
+        RunFolderError: there are none; `none` is the sentence that says so.
+        InputError: the one asked for is not among them.
+    """
+    if not trials:
+        raise RunFolderError(none)
+    if asked is None:
+        return trials[-1]
+    if asked not in trials:
+        raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {asked}.")
+    return asked

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.typing import InputError, RunFolderError
+from mcpilco.cli.system import choose_trial
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,8 @@ def _recorded(run: Any, trial: int | None) -> int:
     """The trial asked for, or the last that has a recording."""
     names = (path.stem for path in (run.path / "rollouts").glob("*.rrd"))
     trials = sorted(int(name) for name in names if name.isdecimal())
-    if not trials:
-        raise RunFolderError(
-            f"{run.path} holds no recording yet; train until the first rollout ends."
-        )
-    if trial is None:
-        return trials[-1]
-    if trial not in trials:
-        raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {trial}.")
-    return trial
+    none = f"{run.path} holds no recording yet; train until the first rollout ends."
+    return choose_trial(trials, trial, none)
 
 
 def _duration(run: Any, trial: int) -> float:

@@ -1,7 +1,8 @@
 """The posterior's share of a time step, compiled: kernel rows, samples and their derivatives.
 
 The noise of a step is known when the step is taken, so that a sampled change and its derivative
-come out of the same pass, with one product with K^-1 for a block of particles:
+come out of the same pass, with one product with K^-1 for a block of particles (or two, through
+L^-1, where K is ill-conditioned):
 
     delta = k . alpha + sd eps,    sd^2 = k** - k . u,    u = K^-1 k
     d delta / dx = sum_j g_j dk_j/dx + (eps / 2 sd) dk**/dx,    g = alpha - (eps / sd) u
