@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.error import ResetNeeded
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.cartpole_views import picture, scene
 from envs.checks import read_array, read_stds, require_positive
-from envs.judge import UprightJudge
 from envs.swing_up import SwingUp
+from envs.swing_up_env import SwingUpEnv
 from mcpilco.costs import cart_pole_cost
 from mcpilco.typing import Cost, InputError
 
@@ -24,7 +22,7 @@ LENGTHSCALES = (1.5, 1.0)
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
 
 
-class CartPoleSwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
+class CartPoleSwingUpEnv(SwingUpEnv):
     """Swing a hanging pole up and hold it there, by pushing the cart it hangs from.
 
     ## Description
@@ -117,8 +115,6 @@ class CartPoleSwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
     - v0: first version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
-
     def __init__(
         self,
         *,
@@ -136,110 +132,24 @@ class CartPoleSwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
     ) -> None:
         """The keywords are listed above under Arguments."""
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f'render_mode must be None or "rgb_array", got {render_mode!r}.')
-        self.swing_up = SwingUp(
-            dynamics=CartPoleDynamics(
-                cart_mass=cart_mass,
-                pole_mass=pole_mass,
-                pole_length=pole_length,
-                cart_friction=cart_friction,
-                gravity=gravity,
-            ),
-            force_limit=force_limit,
+        dynamics = CartPoleDynamics(
+            cart_mass=cart_mass,
+            pole_mass=pole_mass,
+            pole_length=pole_length,
+            cart_friction=cart_friction,
+            gravity=gravity,
+        )
+        swing_up = SwingUp(
+            dynamics=dynamics,
+            input_limit=force_limit,
             dt=dt,
             start_std=read_stds("start_std", start_std, 4),
             noise_std=read_stds("noise_std", noise_std, 4),
             cost=_read_cost(cost, cost_lengthscales),
+            angle=2,
+            cart=0,
         )
-        self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / dt))}
-        self.observation_space = self.swing_up.observation_space
-        self.action_space = self.swing_up.action_space
-        self.task = self.swing_up.task
-        self.scene = scene(self.swing_up.dynamics)
-        self._judge = UprightJudge(self.swing_up.sample_s)
-        self._state: Float[np.ndarray, " 4"] | None = None
-        self._force = 0.0
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, " 4"], dict[str, Any]]:
-        """Starts an episode.
-
-        Args:
-            seed: of the env's random numbers; None goes on with those it has.
-            options: `{"state": x}` starts exactly in x = [q1, q1', q2, q2'] [m, m/s, rad, rad/s].
-
-        Returns:
-            The measured state and `info`.
-
-        Raises:
-            InputError: an unknown option, or a state that is not four finite numbers.
-        """
-        super().reset(seed=seed)
-        state = read_start(options, (4,))
-        self._state = self.swing_up.start(self.np_random) if state is None else state
-        self._force = 0.0
-        self._judge.restart()
-        return self.swing_up.observe(self._state, self.np_random), self._info()
-
-    def step(
-        self, action: Float[np.ndarray, " 1"]
-    ) -> tuple[Float[np.ndarray, " 4"], float, bool, bool, dict[str, Any]]:
-        """Holds the force `action` [N] for dt.
-
-        Returns:
-            The measured state, the reward, False, False, and `info`.
-
-        Raises:
-            InputError: NaN, or another shape than (1,).
-        """
-        forces = self.swing_up.forces(action)
-        samples = self.swing_up.advance(self._started(), forces)
-        self._state, self._force = samples[-1], float(forces)
-        self._judge.watch(samples)
-        reward = float(self.swing_up.reward(self._state, forces))
-        return (
-            self.swing_up.observe(self._state, self.np_random),
-            reward,
-            False,
-            False,
-            self._info(),
-        )
-
-    def render(self) -> UInt8[np.ndarray, "H W 3"] | None:
-        """A picture of the true state, or None without `render_mode="rgb_array"`."""
-        if self.render_mode is None:
-            gym.logger.warn('render() draws nothing; make the env with render_mode="rgb_array".')
-            return None
-        push = self._force / self.swing_up.force_limit
-        return picture(self.swing_up.dynamics, self._started(), push)
-
-    def _info(self) -> dict[str, Any]:
-        verdict = {key: value.item() for key, value in self._judge.verdict().items()}
-        return {"state": self._started().copy(), **verdict}
-
-    def _started(self) -> Float[np.ndarray, " 4"]:
-        if self._state is None:
-            raise ResetNeeded("The env has no state yet; call reset() first.")
-        return self._state
-
-
-def read_start(
-    options: dict[str, Any] | None, *shapes: tuple[int, ...]
-) -> Float[np.ndarray, "*b 4"] | None:
-    """The state that the options of `reset` ask for, or None.
-
-    Raises:
-        InputError: an unknown option, or a state that is not finite numbers in one of the shapes.
-    """
-    unknown = set(options or ()) - {"state"}
-    if unknown:
-        raise InputError(f'reset knows the option "state", got {sorted(unknown)}.')
-    if not options:
-        return None
-    return read_array('the option "state"', options["state"], *shapes)
+        super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
 
 
 def _read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:

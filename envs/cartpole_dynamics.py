@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
 from envs.checks import require_not_negative, require_positive
-from envs.collocation import integrate
-
-Force = float | Float[np.ndarray, "..."]
-"""a horizontal force on the cart, one for all states or an array that broadcasts with them [N]"""
+from envs.equations import EquationsOfMotion, Input
 
 
 @dataclass(frozen=True, kw_only=True)
-class CartPoleDynamics:
+class CartPoleDynamics(EquationsOfMotion):
     """A cart on a rail, a uniform pole hinged to it, and a horizontal force on the cart.
 
     With q1 the cart's position, q2 the pole's angle (0 hanging, pi upright), u the force, and
@@ -29,6 +27,12 @@ class CartPoleDynamics:
     Reference: Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010),
         appendix C.2, the cart-pole of the PILCO package.
     """
+
+    state_names: ClassVar = ("cart_position", "cart_velocity", "pole_angle", "pole_velocity")
+    state_units: ClassVar = ("m", "m/s", "rad", "rad/s")
+    input_name: ClassVar = "force"
+    input_unit: ClassVar = "N"
+    angles: ClassVar = (2,)
 
     cart_mass: float = 0.5
     """m_c [kg]"""
@@ -57,10 +61,7 @@ class CartPoleDynamics:
         return M
 
     def forces(
-        self,
-        q: Float[np.ndarray, "*b 2"],
-        dq: Float[np.ndarray, "*b 2"],
-        force: Force,
+        self, q: Float[np.ndarray, "*b 2"], dq: Float[np.ndarray, "*b 2"], force: Input
     ) -> Float[np.ndarray, "*b 2"]:
         """The right-hand side of M(q) q'' = forces [N, N m]."""
         sin = np.sin(q[..., 1])
@@ -69,66 +70,9 @@ class CartPoleDynamics:
         tau[..., 1] = -self._moment * self.gravity * sin
         return tau
 
-    def accelerations(
-        self,
-        q: Float[np.ndarray, "*b 2"],
-        dq: Float[np.ndarray, "*b 2"],
-        force: Force,
-    ) -> Float[np.ndarray, "*b 2"]:
-        """q'' = M(q)^-1 forces [m/s^2, rad/s^2]."""
-        M, tau = self.mass_matrix(q), self.forces(q, dq, force)
-        (m11, m12, m22), (t1, t2) = (
-            (M[..., 0, 0], M[..., 0, 1], M[..., 1, 1]),
-            (tau[..., 0], tau[..., 1]),
-        )
-        ddq = np.empty_like(q)
-        ddq[..., 0] = m22 * t1 - m12 * t2
-        ddq[..., 1] = m11 * t2 - m12 * t1
-        return ddq / (m11 * m22 - m12**2)[..., None]
-
-    def derivative(
-        self, states: Float[np.ndarray, "*b 4"], force: Force
-    ) -> Float[np.ndarray, "*b 4"]:
-        """The time derivative of each state.
-
-        Args:
-            states: [q1, q1', q2, q2'] [m, m/s, rad, rad/s].
-            force: horizontal force on the cart [N].
-        """
-        q, dq = states[..., 0::2], states[..., 1::2]
-        return _interleave(dq, self.accelerations(q, dq, force))
-
-    def advance(
-        self,
-        states: Float[np.ndarray, "*b 4"],
-        force: Force,
-        duration: float,
-        samples: int = 1,
-    ) -> Float[np.ndarray, "T *b 4"]:
-        """The motion under a constant force, at T = `samples` equally spaced times up to the end.
-
-        Args:
-            states: where the motion starts [m, m/s, rad, rad/s].
-            force: horizontal force on the cart, held all the time [N].
-            duration: how long [s].
-            samples: T, how many intermediate states to return.
-
-        Raises:
-            EnvError: the motion is too fast or too stiff to follow.
-        """
-
-        def accelerations(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-            return self.accelerations(q, dq, force)
-
-        return _interleave(
-            *integrate(accelerations, states[..., 0::2], states[..., 1::2], duration, samples)
-        )
-
-    def energy(self, states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b"]:
-        """Kinetic and potential energy, the potential being 0 with the pole level [J]."""
-        q, dq = states[..., 0::2], states[..., 1::2]
-        kinetic = 0.5 * np.einsum("...i,...ij,...j->...", dq, self.mass_matrix(q), dq)
-        return kinetic - self._moment * self.gravity * np.cos(q[..., 1])
+    def potential(self, q: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b"]:
+        """Potential energy, 0 with the pole level [J]."""
+        return -self._moment * self.gravity * np.cos(q[..., 1])
 
     def tip(self, states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
         """Where the tip of the pole is: x along the rail, z up from the hinge [m]."""
@@ -140,12 +84,3 @@ class CartPoleDynamics:
     def _moment(self) -> float:
         """a = m_p l / 2, the pole's first moment of mass about the hinge [kg m]."""
         return 0.5 * self.pole_mass * self.pole_length
-
-
-def _interleave(
-    positions: Float[np.ndarray, "*b 2"], velocities: Float[np.ndarray, "*b 2"]
-) -> Float[np.ndarray, "*b 4"]:
-    """[q1, q1', q2, q2'] from [q1, q2] and [q1', q2']."""
-    states = np.empty((*positions.shape[:-1], 4))
-    states[..., 0::2], states[..., 1::2] = positions, velocities
-    return states

@@ -4,32 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
-from jaxtyping import Bool, Float, UInt8
-
-from envs.cartpole import CartPoleSwingUpEnv, read_start
-from envs.cartpole_views import picture
-from envs.judge import UprightJudge
-from mcpilco.typing import InputError
+from envs.cartpole import CartPoleSwingUpEnv
+from envs.swing_up_vector import SwingUpVectorEnv
 
 
-class CartPoleSwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """`num_envs` cart-poles in one batch, all arithmetic on arrays; else as `CartPoleSwingUpEnv`.
-
-    An episode is truncated after `max_episode_steps`; the next `step` ignores that cart-pole's
-    action and starts a new episode, with reward 0 (Gymnasium's next-step autoreset). One generator,
-    seeded by `reset(seed=...)`, draws for all. `reset(options={"state": x})` takes one state for
-    all, or one for each. Infos are arrays over the batch, each with its mask `_key`, as Gymnasium
-    has it.
-    """
-
-    metadata: dict[str, Any] = {
-        "render_modes": ["rgb_array"],
-        "render_fps": 10,
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+class CartPoleSwingUpVectorEnv(SwingUpVectorEnv):
+    """`num_envs` cart-poles in one batch; see `SwingUpVectorEnv` and `CartPoleSwingUpEnv`."""
 
     def __init__(
         self, num_envs: int = 1, *, max_episode_steps: int | None = 30, **options: Any
@@ -44,88 +24,4 @@ class CartPoleSwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: a value does not fit.
         """
-        _require_count("num_envs", num_envs)
-        if max_episode_steps is not None:
-            _require_count("max_episode_steps", max_episode_steps)
-        single = CartPoleSwingUpEnv(**options)
-        self.num_envs = num_envs
-        self.render_mode = single.render_mode
-        self.metadata = {**self.metadata, "render_fps": single.metadata["render_fps"]}
-        self.single_observation_space = single.observation_space
-        self.single_action_space = single.action_space
-        self.observation_space = batch_space(single.observation_space, num_envs)
-        self.action_space = batch_space(single.action_space, num_envs)
-        self.swing_up, self.task, self.scene = single.swing_up, single.task, single.scene
-        self._last_step = np.inf if max_episode_steps is None else max_episode_steps
-        self._judge = UprightJudge(self.swing_up.sample_s, (num_envs,))
-        self._states = np.zeros((num_envs, 4))
-        self._forces = np.zeros(num_envs)
-        self._steps = np.zeros(num_envs, dtype=int)
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, "B 4"], dict[str, Any]]:
-        """Starts all episodes; arguments, returns and errors as in `CartPoleSwingUpEnv.reset`."""
-        super().reset(seed=seed)
-        states = read_start(options, (4,), (self.num_envs, 4))
-        self._restart(np.ones(self.num_envs, dtype=bool), states)
-        return self.swing_up.observe(self._states, self.np_random), self._infos()
-
-    def step(
-        self, actions: Float[np.ndarray, "B 1"]
-    ) -> tuple[
-        Float[np.ndarray, "B 4"],
-        Float[np.ndarray, " B"],
-        Bool[np.ndarray, " B"],
-        Bool[np.ndarray, " B"],
-        dict[str, Any],
-    ]:
-        """Holds the forces `actions` [N] for dt; starts anew the episodes just truncated."""
-        over = self._steps >= self._last_step
-        self._forces = self.swing_up.forces(actions, self.num_envs)
-        samples = self.swing_up.advance(self._states, self._forces)
-        self._states = samples[-1]
-        self._steps += 1
-        self._judge.watch(samples)
-        rewards = self.swing_up.reward(self._states, self._forces)
-        if over.any():
-            rewards[over] = 0.0
-            self._restart(over)
-        return (
-            self.swing_up.observe(self._states, self.np_random),
-            rewards,
-            np.zeros(self.num_envs, dtype=bool),
-            self._steps >= self._last_step,
-            self._infos(),
-        )
-
-    def render(self) -> tuple[UInt8[np.ndarray, "H W 3"], ...] | None:
-        """A picture of each cart-pole, or None without `render_mode="rgb_array"`."""
-        if self.render_mode is None:
-            return None
-        pushes = self._forces / self.swing_up.force_limit
-        return tuple(
-            picture(self.swing_up.dynamics, state, push)
-            for state, push in zip(self._states, pushes, strict=True)
-        )
-
-    def _restart(
-        self, which: Bool[np.ndarray, " B"], states: Float[np.ndarray, "*b 4"] | None = None
-    ) -> None:
-        """Starts new episodes of the cart-poles marked, in the states given or in random ones."""
-        if states is None:
-            states = self.swing_up.start(self.np_random, int(which.sum()))
-        self._states[which] = states
-        self._forces[which] = 0.0
-        self._steps[which] = 0
-        self._judge.restart(which)
-
-    def _infos(self) -> dict[str, Any]:
-        infos = {"state": self._states.copy(), **self._judge.verdict()}
-        masks = {f"_{key}": np.ones(self.num_envs, dtype=bool) for key in infos}
-        return {**infos, **masks}
-
-
-def _require_count(name: str, value: Any) -> None:
-    if not (isinstance(value, int | np.integer) and value >= 1):
-        raise InputError(f"{name} must be an integer of at least 1, got {value!r}.")
+        super().__init__(CartPoleSwingUpEnv(**options), num_envs, max_episode_steps)

@@ -1,4 +1,4 @@
-"""The rule that says whether a cart-pole has been swung up."""
+"""The rule that says whether a pole has been swung up."""
 
 from __future__ import annotations
 
@@ -21,20 +21,25 @@ def is_up(angle: Float[np.ndarray, "*b"]) -> Bool[np.ndarray, "*b"]:
 
 
 class UprightJudge:
-    """Watches the true state of a batch of cart-poles, sample by sample.
+    """Watches the true state of a batch of systems, sample by sample.
 
     A sample stands for the time between the previous sample and itself, so that 100 samples of
     0.01 s in which the pole is up are 1 s, and an episode's start is not counted.
     """
 
-    def __init__(self, sample_s: float, batch: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self, sample_s: float, batch: tuple[int, ...] = (), *, angle: int, cart: int | None = None
+    ) -> None:
         """A judge that has seen nothing yet.
 
         Args:
             sample_s: time between two samples [s].
-            batch: shape of the batch of cart-poles; () for one.
+            batch: shape of the batch of systems; () for one.
+            angle: which state is the pole's angle [rad], 0 hanging.
+            cart: which state is the position of a cart [m]; None where there is no cart.
         """
         self._sample_s = sample_s
+        self._angle, self._cart = angle, cart
         # rounding must not turn 1 s / 0.01 s into 101 samples
         self._needed = math.ceil(HOLD_S / sample_s - 1e-9)
         self._samples = np.zeros(batch, dtype=int)
@@ -43,31 +48,35 @@ class UprightJudge:
         self._cart_path = np.zeros(batch)
 
     def restart(self, which: Bool[np.ndarray, "*b"] | bool = True) -> None:
-        """Forgets the episodes of the cart-poles marked in `which`."""
+        """Forgets the episodes of the systems marked in `which`."""
         for count in (self._samples, self._up, self._up_until_now, self._cart_path):
             count[...] = np.where(which, 0, count)
 
-    def watch(self, states: Float[np.ndarray, "T *b 4"]) -> None:
-        """Takes in the next T samples of [q1, q1', q2, q2']."""
-        up = is_up(states[..., 2])
+    def watch(self, states: Float[np.ndarray, "T *b X"]) -> None:
+        """Takes in the next T samples of the state."""
+        up = is_up(states[..., self._angle])
         unbroken = np.logical_and.accumulate(up[::-1]).sum(axis=0)
         self._up_until_now[...] = np.where(
             unbroken == len(up), self._up_until_now + unbroken, unbroken
         )
         self._up += up.sum(axis=0)
         self._samples += len(up)
-        self._cart_path += np.abs(states[..., 0]).sum(axis=0)
+        if self._cart is not None:
+            self._cart_path += np.abs(states[..., self._cart]).sum(axis=0)
 
     def verdict(self) -> dict[str, np.ndarray]:
         """The episodes so far.
 
         Returns:
             `is_success`: whether the pole has been up for at least the last second; `time_up_s`:
-            for how long it has been up in all [s]; `mean_abs_cart_m`: mean distance of the cart
+            for how long it has been up in all [s]; with a cart `mean_abs_cart_m`: its mean distance
             from the origin [m].
         """
-        return {
+        verdict = {
             "is_success": np.asarray(self._up_until_now >= self._needed),
             "time_up_s": np.asarray(self._up * self._sample_s),
-            "mean_abs_cart_m": np.asarray(self._cart_path / np.maximum(self._samples, 1)),
         }
+        if self._cart is not None:
+            mean = self._cart_path / np.maximum(self._samples, 1)
+            verdict["mean_abs_cart_m"] = np.asarray(mean)
+        return verdict

@@ -1,61 +1,72 @@
-"""The swing-up task for a batch of cart-poles: everything but the bookkeeping of episodes."""
+"""The task of a swing-up, for a batch of systems: everything but the bookkeeping of episodes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.checks import require_positive
-from envs.judge import SAMPLE_S
+from envs.checks import read_array, require_positive
+from envs.equations import EquationsOfMotion
+from envs.judge import SAMPLE_S, UprightJudge
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingUp:
-    """What the cart-pole envs, single and vector, have in common."""
+    """What the envs of a system, single and vector, have in common."""
 
-    dynamics: CartPoleDynamics
+    dynamics: EquationsOfMotion
     """equations of motion"""
-    force_limit: float
-    """largest force on the cart, in either direction [N]"""
+    input_limit: float
+    """largest input in either direction, in its unit"""
     dt: float
-    """time for which a force is held [s]"""
+    """time for which an input is held [s]"""
     start_std: tuple[float, ...]
-    """standard deviation of the four states at the start [m, m/s, rad, rad/s]"""
+    """standard deviation of each state at the start, in its unit"""
     noise_std: tuple[float, ...]
-    """standard deviation of the measurement noise of the four states [m, m/s, rad, rad/s]"""
+    """standard deviation of each state's measurement noise, in its unit"""
     cost: Cost
     """of (states, inputs); the reward is 1 - cost"""
+    angle: int
+    """which state is the angle that must be upright, pi [rad]"""
+    cart: int | None = None
+    """which state is the position of a cart [m]; None where there is none"""
 
     def __post_init__(self) -> None:
-        require_positive("force_limit", self.force_limit, "N")
+        name, unit = self.dynamics.input_name, self.dynamics.input_unit
+        require_positive(f"{name}_limit", self.input_limit, unit)
         require_positive("dt", self.dt, "s")
         if not callable(self.cost):
             raise InputError(
-                "cost must be callable on (states, inputs), as mcpilco.costs.cart_pole_cost() is, "
+                "cost must be callable on (states, inputs), as a mcpilco.costs.SaturatingCost is, "
                 f"got {self.cost!r}."
             )
+
+    @property
+    def width(self) -> int:
+        """X, how many states there are."""
+        return len(self.dynamics.state_names)
 
     @cached_property
     def task(self) -> TaskSpec:
         """What an agent must know."""
         return TaskSpec(
-            state_names=("cart_position", "cart_velocity", "pole_angle", "pole_velocity"),
-            state_units=("m", "m/s", "rad", "rad/s"),
-            input_names=("force",),
-            input_units=("N",),
+            state_names=self.dynamics.state_names,
+            state_units=self.dynamics.state_units,
+            input_names=(self.dynamics.input_name,),
+            input_units=(self.dynamics.input_unit,),
             dt=self.dt,
-            angles=(2,),
-            velocities=((0, 1), (2, 3)),
-            start_mean=(0.0, 0.0, 0.0, 0.0),
+            angles=self.dynamics.angles,
+            velocities=tuple((q, q + 1) for q in range(0, self.width, 2)),
+            start_mean=(0.0,) * self.width,
             start_std=self.start_std,
             cost=self.cost,
         )
@@ -64,12 +75,12 @@ class SwingUp:
     def observation_space(self) -> Box:
         """Any finite measurement."""
         bound = float(np.finfo(np.float32).max)
-        return Box(-bound, bound, (4,), np.float64)
+        return Box(-bound, bound, (self.width,), np.float64)
 
     @cached_property
     def action_space(self) -> Box:
-        """The force [N]."""
-        return Box(-self.force_limit, self.force_limit, (1,), np.float32)
+        """The input, in its unit."""
+        return Box(-self.input_limit, self.input_limit, (1,), np.float32)
 
     @property
     def samples(self) -> int:
@@ -81,40 +92,61 @@ class SwingUp:
         """Time between two looks at the true state [s]."""
         return self.dt / self.samples
 
-    def start(self, rng: np.random.Generator, *batch: int) -> Float[np.ndarray, "*b 4"]:
+    def start(self, rng: np.random.Generator, *batch: int) -> Float[np.ndarray, "*b X"]:
         """States drawn from the distribution at the start of an episode."""
-        return np.asarray(self.start_std) * rng.standard_normal((*batch, 4))
+        return np.asarray(self.start_std) * rng.standard_normal((*batch, self.width))
 
     def observe(
-        self, states: Float[np.ndarray, "*b 4"], rng: np.random.Generator
-    ) -> Float[np.ndarray, "*b 4"]:
+        self, states: Float[np.ndarray, "*b X"], rng: np.random.Generator
+    ) -> Float[np.ndarray, "*b X"]:
         """The states as measured, with noise."""
         return states + np.asarray(self.noise_std) * rng.standard_normal(states.shape)
 
-    def forces(self, actions: Float[np.ndarray, "*b 1"], *batch: int) -> Float[np.ndarray, "*b"]:
-        """The forces that actions stand for, clipped to the limit [N].
+    def inputs(self, actions: Float[np.ndarray, "*b 1"], *batch: int) -> Float[np.ndarray, "*b"]:
+        """The inputs that actions stand for, clipped to the limit, in the input's unit.
 
         Raises:
             InputError: another shape than (*batch, 1), or NaN.
         """
-        forces = np.asarray(actions, dtype=np.float64)
-        if forces.shape != (*batch, 1) or np.isnan(forces).any():
+        inputs = np.asarray(actions, dtype=np.float64)
+        if inputs.shape != (*batch, 1) or np.isnan(inputs).any():
+            name, unit = self.dynamics.input_name, self.dynamics.input_unit
             raise InputError(
-                f"An action must hold forces [N] in the shape {(*batch, 1)} and no NaN, "
+                f"An action must hold the {name} [{unit}] in the shape {(*batch, 1)} and no NaN, "
                 f"got {actions!r}."
             )
-        return np.asarray(np.clip(forces[..., 0], -self.force_limit, self.force_limit))
+        return np.asarray(np.clip(inputs[..., 0], -self.input_limit, self.input_limit))
 
     def advance(
-        self, states: Float[np.ndarray, "*b 4"], forces: Float[np.ndarray, "*b"]
-    ) -> Float[np.ndarray, "T *b 4"]:
+        self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b"]
+    ) -> Float[np.ndarray, "T *b X"]:
         """One step of dt: the true states at the times at which they are looked at."""
-        return self.dynamics.advance(states, forces, self.dt, self.samples)
+        return self.dynamics.advance(states, inputs, self.dt, self.samples)
 
     def reward(
-        self, states: Float[np.ndarray, "*b 4"], forces: Float[np.ndarray, "*b"]
+        self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b"]
     ) -> Float[np.ndarray, "*b"]:
-        """1 - cost of the true states after a step and of the forces held in it [-]."""
+        """1 - cost of the true states after a step and of the inputs held in it [-]."""
         with torch.no_grad():
-            cost = self.cost(torch.as_tensor(states), torch.as_tensor(forces[..., None]))
+            cost = self.cost(torch.as_tensor(states), torch.as_tensor(inputs[..., None]))
         return np.asarray(1.0 - cost.numpy())
+
+    def judge(self, *batch: int) -> UprightJudge:
+        """A judge of so many systems that has seen nothing yet."""
+        return UprightJudge(self.sample_s, batch, angle=self.angle, cart=self.cart)
+
+
+def read_start(
+    options: dict[str, Any] | None, *shapes: tuple[int, ...]
+) -> Float[np.ndarray, "*b X"] | None:
+    """The state that the options of `reset` ask for, or None.
+
+    Raises:
+        InputError: an unknown option, or a state that is not finite numbers in one of the shapes.
+    """
+    unknown = set(options or ()) - {"state"}
+    if unknown:
+        raise InputError(f'reset knows the option "state", got {sorted(unknown)}.')
+    if not options:
+        return None
+    return read_array('the option "state"', options["state"], *shapes)

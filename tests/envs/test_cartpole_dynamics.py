@@ -70,21 +70,6 @@ def test_accelerations_are_those_of_the_lagrangian_of_a_rod(dynamics):
     )
 
 
-def test_mass_matrix_times_accelerations_are_the_forces():
-    states, u = some_states(20)
-    q, dq = states[:, 0::2], states[:, 1::2]
-    M, tau = OTHER.mass_matrix(q), OTHER.forces(q, dq, u)
-    np.testing.assert_allclose(
-        OTHER.accelerations(q, dq, u), np.linalg.solve(M, tau[..., None])[..., 0], rtol=1e-12
-    )
-
-
-def test_mass_matrix_is_symmetric_and_positive_definite():
-    M = OTHER.mass_matrix(some_states(100)[0][:, 0::2])
-    np.testing.assert_array_equal(M, np.swapaxes(M, -1, -2))
-    assert np.linalg.eigvalsh(M).min() > 0
-
-
 def test_energy_is_conserved_without_friction_and_force():
     dynamics = CartPoleDynamics(cart_friction=0.0)
     states, _ = some_states(20)
@@ -120,15 +105,6 @@ def test_random_force_for_3_s_agrees_with_an_adaptive_integrator():
             )
             theirs = solution.y[:, -1]
             np.testing.assert_allclose(path, solution.y.T, rtol=0, atol=1e-9)
-
-
-def test_batch_is_a_loop_of_single_motions():
-    states, u = some_states(6)
-    batch = OTHER.advance(states.reshape(2, 3, 4), u.reshape(2, 3), 0.1, samples=4)
-    assert batch.shape == (4, 2, 3, 4)
-    for i in range(6):
-        single = OTHER.advance(states[i], u[i], 0.1, samples=4)
-        np.testing.assert_allclose(batch[:, i // 3, i % 3], single, rtol=1e-12, atol=1e-12)
 
 
 def test_tip_hangs_below_the_cart_and_stands_on_the_target():
