@@ -10,22 +10,26 @@ from jaxtyping import Float, UInt8
 
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.drawing import Canvas
+from envs.look import (
+    BACKGROUND,
+    FIXED_COLOR,
+    HEIGHT,
+    INPUT_COLOR,
+    POLE_COLOR,
+    POLE_RADIUS,
+    TARGET_COLOR,
+    WIDTH,
+    hanging,
+    upright,
+)
 from mcpilco.visual.scene import Pose, Scene, Shape
 
 CART_COLOR = (64, 84, 120)
-POLE_COLOR = (214, 120, 46)
-RAIL_COLOR = (150, 156, 166)
-TARGET_COLOR = (46, 158, 96)
-FORCE_COLOR = (190, 60, 70)
-BACKGROUND = (250, 250, 248)
 
 # sizes in pole lengths [-], so that a cart-pole of any size looks the same
 CART_HALF = (0.24, 0.14, 0.11)
-POLE_RADIUS = 0.03
 RAIL_HALF = (6.0, 0.03, 0.02)
 
-WIDTH, HEIGHT = 640, 352
-"""size of a picture [pixel]"""
 VIEW_WIDTH = 5.4
 """what a picture shows from left to right, in pole lengths [-]"""
 VIEW_MARGIN = 1.6
@@ -39,21 +43,16 @@ def scene(dynamics: CartPoleDynamics) -> Scene:
     def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
         hinge = np.zeros((len(states), 3))
         hinge[:, 0] = states[:, 0]
-        upright = np.tile([0.0, 0.0, 0.0, 1.0], (len(states), 1))
-        # turned by -q2 about y, so that the body's -z axis points from the hinge to the tip
-        half = -0.5 * states[:, 2]
-        zero = np.zeros_like(half)
-        turned = np.stack([zero, np.sin(half), zero, np.cos(half)], axis=-1)
         return {
-            "cart": Pose(hinge, upright),
-            "pole": Pose(0.5 * (hinge + dynamics.tip(states)), turned),
+            "cart": Pose(hinge, upright(len(states))),
+            "pole": Pose(0.5 * (hinge + dynamics.tip(states)), hanging(states[:, 2])),
         }
 
     shapes = {
         "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
         "pole": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), POLE_COLOR),
     }
-    rail = Shape("box", tuple(length * half for half in RAIL_HALF), RAIL_COLOR)
+    rail = Shape("box", tuple(length * half for half in RAIL_HALF), FIXED_COLOR)
     return Scene(
         shapes=shapes,
         poses=poses,
@@ -81,15 +80,15 @@ def picture(
 
     # the picture's unit is the length of the pole
     canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (middle, 0.0), BACKGROUND)
-    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], RAIL_COLOR)
+    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], FIXED_COLOR)
     for tick in map(float, range(round(left), round(right) + 1)):
-        canvas.line((tick, -0.06), (tick, 0.06), 0.008, RAIL_COLOR)
+        canvas.line((tick, -0.06), (tick, 0.06), 0.008, FIXED_COLOR)
     canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
     canvas.disc((0.0, 1.0), 0.02, TARGET_COLOR)
     canvas.box((cart, 0.0), CART_HALF[::2], 0.04, CART_COLOR)
     if push:
         side = cart + math.copysign(CART_HALF[0] + 0.06, push)
-        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, FORCE_COLOR)
+        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, INPUT_COLOR)
     canvas.line((cart, 0.0), (tip_x, tip_z), POLE_RADIUS, POLE_COLOR)
     canvas.disc((cart, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
     return canvas.image()

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from envs.cartpole_dynamics import CartPoleDynamics
-from envs.cartpole_views import BACKGROUND, CART_COLOR, POLE_COLOR, TARGET_COLOR, picture, scene
+from envs.cartpole_views import CART_COLOR, picture, scene
+from envs.look import BACKGROUND, POLE_COLOR, TARGET_COLOR
 
 DYNAMICS = CartPoleDynamics(pole_length=0.8)
 
