@@ -12,11 +12,17 @@ from envs.cartpole import CartPoleSwingUpEnv
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.cartpole_vector import CartPoleSwingUpVectorEnv
 from envs.judge import UprightJudge
+from envs.pendulum import PendulumEnv
+from envs.pendulum_dynamics import PendulumDynamics
+from envs.pendulum_vector import PendulumVectorEnv
 
 __all__ = [
     "CartPoleDynamics",
     "CartPoleSwingUpEnv",
     "CartPoleSwingUpVectorEnv",
+    "PendulumDynamics",
+    "PendulumEnv",
+    "PendulumVectorEnv",
     "UprightJudge",
 ]
 
@@ -25,4 +31,10 @@ gymnasium.register(
     entry_point="envs.cartpole:CartPoleSwingUpEnv",
     vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
     max_episode_steps=30,
+)
+gymnasium.register(
+    id="mcpilco/Pendulum-v0",
+    entry_point="envs.pendulum:PendulumEnv",
+    vector_entry_point="envs.pendulum_vector:PendulumVectorEnv",
+    max_episode_steps=40,
 )

@@ -7,8 +7,13 @@ import pytest
 
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.equations import EquationsOfMotion, _solve
+from envs.pendulum_dynamics import PendulumDynamics
 
-SYSTEMS = pytest.mark.parametrize("dynamics", [CartPoleDynamics(cart_friction=0.7)], ids=["cart"])
+SYSTEMS = pytest.mark.parametrize(
+    "dynamics",
+    [CartPoleDynamics(cart_friction=0.7), PendulumDynamics(friction=0.2)],
+    ids=["cart-pole", "pendulum"],
+)
 
 
 def some_states(dynamics: EquationsOfMotion, n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,53 @@
+"""Every system there is; a new one is a line here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import envs
+from envs.swing_up_env import SwingUpEnv
+from envs.swing_up_vector import SwingUpVectorEnv
+
+
+@dataclass(frozen=True)
+class System:
+    """What the laws of all envs must know of one."""
+
+    id: str
+    single: type[SwingUpEnv]
+    batch: type[SwingUpVectorEnv]
+    steps: int
+    """of an episode"""
+
+    @property
+    def width(self) -> int:
+        """How many states it has."""
+        return self.single().swing_up.width
+
+    @property
+    def limit(self) -> float:
+        """Largest input."""
+        return self.single().swing_up.input_limit
+
+    def state(self, angle: float = 0.0, speed: float = 0.0) -> np.ndarray:
+        """All at rest but the angle that must be upright."""
+        state, index = np.zeros(self.width), self.single().swing_up.angle
+        state[index : index + 2] = angle, speed
+        return state
+
+    def action(self, share: float = 0.0) -> np.ndarray:
+        """A share of the largest input."""
+        return np.array([share * self.limit], dtype=np.float32)
+
+
+SYSTEMS = [
+    System(
+        "mcpilco/CartPoleSwingUp-v0", envs.CartPoleSwingUpEnv, envs.CartPoleSwingUpVectorEnv, 30
+    ),
+    System("mcpilco/Pendulum-v0", envs.PendulumEnv, envs.PendulumVectorEnv, 40),
+]
+
+each_system = pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.id)
