@@ -23,10 +23,10 @@ import tyro
 
 from mcpilco.cli.sweep import parse_seeds, progress
 from mcpilco.config import PRESETS, Config, PolicyConfig, SearchConfig
+from mcpilco.sweep.page import costs, failures, fill, machines
 
 HERE = Path(__file__).parent
 ENV = "envs:mcpilco/CartPoleSwingUp-v0"
-BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
 FRESH = 100
 
 CLAIM = {6: 60.0, 9: 85.0, 12: 95.0}
@@ -135,18 +135,6 @@ def write_readmes(out: Path) -> None:
     fill(page, parts)
     if out == HERE:
         fill(HERE.parents[1] / "README.md", setting[1:3])
-
-
-def fill(page: Path, parts: Sequence[str]) -> None:
-    """Put these parts between the markers of a page; all else in it stays."""
-    from mcpilco.archive import write_bytes
-
-    text = page.read_text(encoding="utf-8")
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise SystemExit(f"{page} must hold the lines {BEGIN} and {END}, once each, in this order.")
-    head, tail = text.split(BEGIN)[0], text.split(END)[1]
-    results = "\n\n".join(part.strip() for part in parts if part)
-    write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
 
 
 def read_summaries(out: Path) -> dict[str, dict[str, Any]]:
@@ -277,59 +265,6 @@ def later_setting(summaries: Mapping[str, Any]) -> list[str]:
         f"{solved} of {len(by_seed)} seeds. Where {len(summary['trials'])} trials solved nothing "
         "the seed was trained again with more: equal seeds begin equally.",
     ]
-
-
-def costs(summaries: Mapping[str, Any]) -> str:
-    """What a training takes."""
-    from mcpilco.sweep.summary import markdown, spread_cell
-
-    rows = [
-        (
-            f"`{preset}`",
-            str(len(summary["trials"])),
-            spread_cell(summary["run"]["cpu_s"], 1),
-            spread_cell(summary["run"]["wall_s"], 1),
-            spread_cell(summary["run"]["policy_steps"], 0),
-            spread_cell(summary["run"]["starts"], 0),
-        )
-        for preset, summary in summaries.items()
-        if summary["trials"]
-    ]
-    header = ("preset", "trials", "CPU [s]", "wall [s]", "policy steps", "starts")
-    return (
-        "### A whole training: median (quartiles)\n\n"
-        f"{markdown(header, rows)}\n"
-        "One thread a process. Without the import of the packages and the judging of the policies "
-        "on fresh rollouts; with the loading of the compiled code in the first trial."
-    )
-
-
-def failures(summaries: Mapping[str, Any]) -> str:
-    """Which seeds' last policy failed its test rollout, and which trainings broke off."""
-    lines = []
-    for preset, summary in summaries.items():
-        lost = [
-            f"{seed} (p {found['p'][-1]:.2f})"
-            for seed, found in summary["by_seed"].items()
-            if not found["success"][-1]
-        ]
-        lines.append(f"- `{preset}`, last test rollout: {', '.join(lost) or 'none'}")
-        lines += [
-            f"- `{preset}`, seed {seed} broke off: {why}" for seed, why in summary["failed"].items()
-        ]
-    return "### Seeds that failed\n\n" + "\n".join(lines)
-
-
-def machines(summaries: Mapping[str, Any]) -> str:
-    """Where the seeds ran, and with which versions."""
-    found: dict[str, list[str]] = {}
-    for preset, summary in summaries.items():
-        for machine in summary["machines"]:
-            versions = ", ".join(f"{name} {value}" for name, value in machine["versions"].items())
-            line = f"{machine['cpu']}, {machine['cores']} cores; {versions}"
-            found.setdefault(line, []).append(f"`{preset}`")
-    lines = [f"- {', '.join(presets)}: {line}" for line, presets in found.items()]
-    return "### Machine\n\n" + "\n".join(lines)
 
 
 if __name__ == "__main__":

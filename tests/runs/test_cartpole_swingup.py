@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from mcpilco.sweep.page import BEGIN, END
+
 ROOT = Path(__file__).parent.parent.parent
 RUN = ROOT / "runs" / "cartpole_swingup" / "run.py"
 
@@ -129,22 +131,15 @@ def test_a_longer_training_takes_the_place_of_one_that_solved_nothing(run, write
 
 
 def test_only_what_is_between_the_markers_is_rewritten(run, tmp_path, write):
-    before = f"# Mine\n\n{run.BEGIN}\nold\n{run.END}\n\n## Differs\n\nMy words.\n"
+    before = f"# Mine\n\n{BEGIN}\nold\n{END}\n\n## Differs\n\nMy words.\n"
     (tmp_path / "README.md").write_text(before)
     first = write(default=make_summary([0.1]))
-    assert first.startswith(f"# Mine\n\n{run.BEGIN}\n")
-    assert first.endswith(f"{run.END}\n\n## Differs\n\nMy words.\n")
+    assert first.startswith(f"# Mine\n\n{BEGIN}\n")
+    assert first.endswith(f"{END}\n\n## Differs\n\nMy words.\n")
     assert "\nold\n" not in first
     assert write() == first
 
 
-def test_missing_markers_are_refused(tmp_path, write):
-    (tmp_path / "README.md").write_text("# Mine\n")
-    with pytest.raises(SystemExit, match="must hold the lines"):
-        write(default=make_summary([0.1]))
-    assert (tmp_path / "README.md").read_text() == "# Mine\n"
-
-
-def test_claim_page_of_the_repository_has_its_markers(run):
+def test_claim_page_of_the_repository_has_its_markers():
     text = (RUN.parent / "README.md").read_text()
-    assert text.count(run.BEGIN) == text.count(run.END) == 1
+    assert text.count(BEGIN) == text.count(END) == 1

@@ -1,0 +1,88 @@
+"""The page of a claim: tables between two marked lines of its README, written from summaries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mcpilco.archive import write_bytes
+from mcpilco.sweep.summary import markdown, spread_cell
+from mcpilco.typing import InputError
+
+BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
+"""the lines between which a page is rewritten"""
+
+
+def fill(page: Path, parts: Sequence[str]) -> None:
+    """Put these parts between the marked lines of a page; all else in it stays.
+
+    Args:
+        page: a Markdown file.
+        parts: paragraphs, headings and tables; empty ones are left out.
+
+    Raises:
+        InputError: the page has not both lines, once each and in order.
+        RunFolderError: the page cannot be written.
+    """
+    text = page.read_text(encoding="utf-8")
+    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+        raise InputError(f"{page} must hold the lines {BEGIN} and {END}, once each, in this order.")
+    head, tail = text.split(BEGIN)[0], text.split(END)[1]
+    results = "\n\n".join(part.strip() for part in parts if part)
+    write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
+
+
+def costs(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table of what a training takes, a row a preset.
+
+    Args:
+        summaries: of `mcpilco.sweep.summary.summarise`, by preset.
+    """
+    rows = [
+        (
+            f"`{preset}`",
+            str(len(summary["trials"])),
+            spread_cell(summary["run"]["cpu_s"], 1),
+            spread_cell(summary["run"]["wall_s"], 1),
+            spread_cell(summary["run"]["policy_steps"], 0),
+            spread_cell(summary["run"]["starts"], 0),
+        )
+        for preset, summary in summaries.items()
+        if summary["trials"]
+    ]
+    header = ("preset", "trials", "CPU [s]", "wall [s]", "policy steps", "starts")
+    return (
+        "### A whole training: median (quartiles)\n\n"
+        f"{markdown(header, rows)}\n"
+        "One thread a process. Without the import of the packages and the judging of the policies "
+        "on fresh rollouts; with the loading of the compiled code in the first trial."
+    )
+
+
+def failures(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Which seeds' last policy failed its test rollout, and which trainings broke off."""
+    lines = []
+    for preset, summary in summaries.items():
+        lost = [
+            f"{seed} (p {found['p'][-1]:.2f})"
+            for seed, found in summary["by_seed"].items()
+            if not found["success"][-1]
+        ]
+        lines.append(f"- `{preset}`, last test rollout: {', '.join(lost) or 'none'}")
+        lines += [
+            f"- `{preset}`, seed {seed} broke off: {why}" for seed, why in summary["failed"].items()
+        ]
+    return "### Seeds that failed\n\n" + "\n".join(lines)
+
+
+def machines(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Where the seeds ran, and with which versions."""
+    found: dict[str, list[str]] = {}
+    for preset, summary in summaries.items():
+        for machine in summary["machines"]:
+            versions = ", ".join(f"{name} {value}" for name, value in machine["versions"].items())
+            line = f"{machine['cpu']}, {machine['cores']} cores; {versions}"
+            found.setdefault(line, []).append(f"`{preset}`")
+    lines = [f"- {', '.join(presets)}: {line}" for line, presets in found.items()]
+    return "### Machine\n\n" + "\n".join(lines)

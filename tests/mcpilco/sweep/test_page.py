@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import pytest
+
+from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines
+from mcpilco.typing import InputError
+
+SPREAD = {"median": 30.0, "q1": 25.0, "q3": 35.04}
+SUMMARY = {
+    "trials": [{}, {}],
+    "failed": {"7": "it was killed"},
+    "run": dict.fromkeys(("starts", "policy_steps", "cpu_s", "wall_s"), SPREAD),
+    "by_seed": {
+        "0": {"success": [False, True], "p": [0.25, 0.75]},
+        "1": {"success": [True, False], "p": [0.25, 0.75]},
+    },
+    "machines": [{"cpu": "Zen", "cores": 2, "versions": {"python": "3.11"}}],
+}
+
+
+@pytest.fixture
+def page(tmp_path):
+    path = tmp_path / "README.md"
+    path.write_text(f"# Mine\n\n{BEGIN}\nold\n{END}\n\n## Differs\n\nMy words.\n")
+    return path
+
+
+def test_only_what_is_between_the_marked_lines_is_rewritten(page):
+    fill(page, ["one\n", "", "two"])
+    expected = f"# Mine\n\n{BEGIN}\n\none\n\ntwo\n\n{END}\n\n## Differs\n\nMy words.\n"
+    assert page.read_text() == expected
+    fill(page, ["one", "two"])
+    assert page.read_text() == expected
+
+
+@pytest.mark.parametrize("text", ["# Mine\n", f"{END}\n{BEGIN}\n", f"{BEGIN}\n{BEGIN}\n{END}\n"])
+def test_page_without_both_lines_in_order_is_refused_and_kept(page, text):
+    page.write_text(text)
+    with pytest.raises(InputError, match="must hold the lines"):
+        fill(page, ["one"])
+    assert page.read_text() == text
+
+
+def test_costs_are_medians_and_quartiles_of_each_preset():
+    assert "| `a` | 2 | 30.0 (25.0–35.0) |" in costs({"a": SUMMARY})
+    assert "| `a` |" not in costs({"a": {**SUMMARY, "trials": []}})
+
+
+def test_failures_name_seeds_whose_last_rollout_failed_and_those_that_broke_off():
+    text = failures({"a": SUMMARY})
+    assert "- `a`, last test rollout: 1 (p 0.75)\n" in text
+    assert "- `a`, seed 7 broke off: it was killed" in text
+    solved = {**SUMMARY, "by_seed": {"0": SUMMARY["by_seed"]["0"]}}
+    assert "- `a`, last test rollout: none\n" in failures({"a": solved})
+
+
+def test_a_machine_is_named_once_with_the_presets_that_ran_on_it():
+    text = machines({"a": SUMMARY, "b": SUMMARY})
+    assert text.count("Zen") == 1
+    assert "- `a`, `b`: Zen, 2 cores; python 3.11" in text
