@@ -28,7 +28,7 @@ MASS_RADIUS = 0.11
 MOTOR_HALF = (0.1, 0.14, 0.1)
 ARC_RADIUS = 0.3
 
-VIEW_WIDTH = 5.4
+VIEW_WIDTH = 4.4
 """what a picture shows from left to right, in lengths of the pendulum [-]"""
 
 
