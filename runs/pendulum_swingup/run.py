@@ -1,0 +1,99 @@
+"""The pendulum swing-up from many seeds, with the preset that was chosen on the cart-pole.
+
+python runs/pendulum_swingup/run.py                  # seeds 0:30
+python runs/pendulum_swingup/run.py --seeds 0:2      # a first look, some minutes
+
+Results are kept in results/default/, a file a seed; the same command goes on where it was stopped,
+and rewrites README.md between its marked lines from all results that are there.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from mcpilco.cli.sweep import Sweep
+from mcpilco.sweep.page import costs, failures, fill, machines
+from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
+
+HERE = Path(__file__).parent
+ENV = "mcpilco/Pendulum-v0"
+PRESET = "default"
+TRIALS = 4
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Train from many seeds and write the tables."""
+
+    seeds: str = "0:30"
+    """`0:30` are 0 to 29"""
+    workers: int | None = None
+    """processes at a time; by default one a core"""
+    out: Path = HERE
+    """folder of results/ and README.md"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    code = Sweep(
+        out=arguments.out / "results" / PRESET,
+        seeds=arguments.seeds,
+        env=ENV,
+        preset=PRESET,
+        trials=TRIALS,
+        workers=arguments.workers,
+    )()
+    write_readme(arguments.out)
+    print(f"Tables: {arguments.out / 'README.md'}")
+    return code
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    page = out / "README.md"
+    if not page.exists():
+        page.write_bytes((HERE / "README.md").read_bytes())
+    summary = json.loads((out / "results" / PRESET / "summary.json").read_text(encoding="utf-8"))
+    summaries = {PRESET: summary}
+    parts = [verdict(summary), table(summary)] if summary["trials"] else []
+    fill(page, [*parts, costs(summaries), failures(summaries), machines(summaries)])
+
+
+def verdict(summary: Mapping[str, Any]) -> str:
+    """How many seeds solved it."""
+    seeds = summary["by_seed"].values()
+    once, last = (sum(pick(found["success"]) for found in seeds) for pick in (any, lambda x: x[-1]))
+    return (
+        "Seeds that swung the pendulum up and held it: in the test rollout of at least one trial "
+        f"{once} of {len(seeds)}, in that of the last trial {last} of {len(seeds)}."
+    )
+
+
+def table(summary: Mapping[str, Any]) -> str:
+    """What each amount of experience gave."""
+    rows = {
+        "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
+        "p over fresh rollouts of each policy [%]": lambda trial: mean_cell(trial["p"]),
+        "time within 10 degrees of upright [s]": lambda trial: spread_cell(trial["time_up_s"], 2),
+        "predicted cost [-]": lambda trial: spread_cell(trial["predicted_cost"], 1),
+        "real cost [-]": lambda trial: spread_cell(trial["real_cost"], 1),
+    }
+    trials = summary["trials"]
+    header = ["after", *(f"{trial['experience_s']:g} s" for trial in trials)]
+    cells = [(name, *map(cell, trials)) for name, cell in rows.items()]
+    return (
+        f"{markdown(header, cells)}\n"
+        "In brackets: 95 % intervals for success and p, Wilson's and the bootstrap's over seeds; "
+        "for all else the quartiles, beside the median. Costs are sums over an episode of 40 steps."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
