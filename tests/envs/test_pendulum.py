@@ -107,6 +107,9 @@ def test_pendulum_needs_as_many_swings_as_its_docstring_says(limit, swings):
 
 @pytest.mark.slow
 def test_default_preset_swings_it_up():
-    agent = MCPILCO("SumOfGaussians", ID, seed=0)
-    agent.learn(5 * 40)
-    assert any(result.success for result in agent.results)
+    agent = MCPILCO("SumOfGaussians", ID, seed=1)
+    agent.learn(2 * 40)
+    while not agent.results[-1].success and len(agent.results) < 4:
+        agent.learn(40)
+    assert agent.results[-1].success
+    assert agent.results[-1].time_up_s > 1.0
