@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 
 from mcpilco import fused
+from mcpilco.agent import MCPILCO
+from mcpilco.config import ModelConfig
+from mcpilco.dynamics import GPDynamics
 from mcpilco.gp import GP, Posterior
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, NoCanonicalFormError
-from mcpilco.pathwise import Paths, PathSampler, PathwisePosterior
+from mcpilco.pathwise import Paths, PathSampler, PathwiseDynamics, PathwisePosterior
 from mcpilco.rollout import Problem, rollout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
 from tests.mcpilco.conftest import make_dynamics, make_policy
 from tests.mcpilco.kernels.test_kernels import shake
+from tests.mcpilco.point import STEPS, TINY, PointEnv
 
 D, OUTPUTS = 3, (2,)
 
@@ -306,6 +313,52 @@ def test_the_compiled_loops_leave_paths_to_plain_torch(task: TaskSpec) -> None:
     uncertain, policy = PathwisePosterior(make_dynamics(task)), make_policy(task)
     assert not isinstance(uncertain, Dynamics)
     assert not fused.supports(uncertain.draw(3, generator()), policy)
+
+
+# --- the agent ------------------------------------------------------------------------------------
+
+PATHS = dataclasses.replace(
+    TINY, model=ModelConfig(kernel="rbf+mpk", sampling="path", path_features=16)
+)
+
+
+def make_agent(**changes) -> MCPILCO:
+    config = dataclasses.replace(PATHS, **changes)
+    return MCPILCO("SumOfGaussians", PointEnv(), config=config, seed=0)
+
+
+@pytest.mark.parametrize("engine", ["eager", "fused"])
+def test_an_agent_learns_with_paths(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    stepped: list[type] = []
+    step = PathwiseDynamics.step
+
+    def spy(self, *arguments):
+        stepped.append(type(self))
+        return step(self, *arguments)
+
+    monkeypatch.setattr(PathwiseDynamics, "step", spy)
+    agent = make_agent(engine=engine).learn(3 * STEPS)
+    assert agent.trials == 2
+    rollouts = 2 * (TINY.search.steps[0] + 1)
+    assert len(stepped) == rollouts * STEPS
+    assert all(np.isfinite(result.predicted_cost) for result in agent.results)
+
+
+def test_an_agent_with_paths_goes_on_where_it_was_saved(tmp_path: Path) -> None:
+    agent = make_agent().learn(2 * STEPS)
+    loaded = MCPILCO.load(agent.save(tmp_path / "agent"), PointEnv())
+    assert loaded.config == agent.config == PATHS
+    observation = np.array([0.3, -0.2])
+    np.testing.assert_array_equal(loaded.predict(observation)[0], agent.predict(observation)[0])
+    again = MCPILCO.load(agent.save(tmp_path / "agent"), PointEnv())
+    costs = [copy.learn(STEPS).results[-1].predicted_cost for copy in (loaded, again)]
+    assert costs[0] == costs[1]
+
+
+def test_the_default_samples_by_steps() -> None:
+    assert ModelConfig().sampling == "step"
+    agent = make_agent(model=dataclasses.replace(PATHS.model, sampling="step")).learn(2 * STEPS)
+    assert type(agent.model.dynamics(agent.transitions)) is GPDynamics
 
 
 # --- what does not fit ----------------------------------------------------------------------------
