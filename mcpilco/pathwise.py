@@ -5,8 +5,8 @@
 turns a draw from the prior into one from the posterior (Matheron's rule). To draw takes O(N^2) for
 each particle, once; each value of the function O(N), where the posterior's variance takes O(N^2).
 
-Reference: Wilson et al. 2020, "Efficiently sampling functions from Gaussian process posteriors"
-(below: W), and 2021, "Pathwise conditioning of Gaussian processes".
+Reference: Wilson et al. 2020, "Efficiently sampling functions from Gaussian process posteriors",
+and 2021, "Pathwise conditioning of Gaussian processes".
 """
 
 from __future__ import annotations
@@ -25,6 +25,10 @@ from mcpilco.gp import Posterior
 from mcpilco.kernels.base import Term
 from mcpilco.kernels.monomials import Monomials
 from mcpilco.typing import InputError
+
+_MOST_SETS = 8
+"""Particles share random frequencies in this many groups, or fewer that divide them evenly: an
+average over all particles errs the less, and drawing takes the longer, the more there are."""
 
 
 class PathSampler:
@@ -64,13 +68,11 @@ class PathSampler:
     def draw(self, particles: int, generator: torch.Generator) -> Paths:
         """A function for each particle and output.
 
-        Given the random frequencies, which they share, the particles' functions are independent.
+        They are independent, but for the random frequencies, of which neighbours share a set.
 
         Args:
             particles: P.
             generator: source of the numbers.
-
-        Reference: W, Matheron's rule for functions.
         """
         posterior = self.posterior
         prior = [part.draw(particles, generator) for part in self._parts]
@@ -199,7 +201,8 @@ class _Bell:
     def draw(self, particles: int, generator: torch.Generator) -> _Waves:
         outputs, _, width = self.Z.shape
         features = self.monomials.roots.shape[1]
-        omega = _normal(generator, outputs, self.pairs, width)
+        sets = max(s for s in range(1, _MOST_SETS + 1) if particles % s == 0)
+        omega = _normal(generator, outputs, sets, self.pairs, width)
         a, b = _normal(generator, 2, outputs, particles, features, self.pairs) / self.pairs**0.5
         return _Waves(self, omega, a, b)
 
@@ -212,15 +215,17 @@ class _Waves:
     """
 
     part: _Bell
-    omega: Float[Tensor, "E J D"]
+    omega: Float[Tensor, "E S J D"]
     a: Float[Tensor, "E P F J"]
     b: Float[Tensor, "E P F J"]
 
     def at_samples(self) -> Float[Tensor, "E P N"]:
-        phase = self.part.Z @ self.omega.mT
-        Phi = self.part.Phi.expand(-1, phase.shape[1], -1)
-        cosines = torch.einsum("enj,epfj,enf->epn", phase.cos(), self.a, Phi)
-        return cosines + torch.einsum("enj,epfj,enf->epn", phase.sin(), self.b, Phi)
+        phase = self.part.Z[:, None] @ self.omega.mT  # E S N J
+        Phi = self.part.Phi.expand(-1, phase.shape[2], -1)
+        a, b = (x.unflatten(1, (phase.shape[1], -1)) for x in (self.a, self.b))
+        cosines = torch.einsum("esnj,esgfj,enf->esgn", phase.cos(), a, Phi)
+        sines = torch.einsum("esnj,esgfj,enf->esgn", phase.sin(), b, Phi)
+        return (cosines + sines).flatten(1, 2)
 
     def given(self, v: Float[Tensor, "E P N"]) -> _WavesAndBells:
         # a cos + b sin = amplitude cos(. + shift), which takes half the work
@@ -233,7 +238,7 @@ class _WavesAndBells:
     """Waves, which are the prior's, and bells around the samples: f(x) + k(x, X) v."""
 
     part: _Bell
-    omega: Float[Tensor, "E J D"]
+    omega: Float[Tensor, "E S J D"]
     amplitude: Float[Tensor, "E P F J"]
     shift: Float[Tensor, "E P F J"]
     v: Float[Tensor, "E P N"]
@@ -241,7 +246,8 @@ class _WavesAndBells:
     def __call__(self, X: Float[Tensor, "*b 1 P D"]) -> Float[Tensor, "*b E P"]:
         part = self.part
         z, phi = part.whiten(X), part.monomials(X)
-        phase = (z @ self.omega.mT)[..., None, :]
+        by_set = z.unflatten(-2, (self.omega.shape[1], -1))
+        phase = (by_set @ self.omega.mT).flatten(-3, -2)[..., None, :]
         waves = (self.amplitude * torch.cos(phase + self.shift)).sum(-1)
         # -1/2 |z - z'|^2 = z.z' - 1/2 |z|^2 - 1/2 |z'|^2
         half_square = 0.5 * z.square().sum(-1, keepdim=True)

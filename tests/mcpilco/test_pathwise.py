@@ -74,20 +74,20 @@ def mean_and_covariance(posterior: Posterior, X: Tensor) -> tuple[Tensor, Tensor
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_draws_have_the_mean_and_joint_covariance_of_the_posterior(name: str) -> None:
-    """Sets of draws are independent; within a set the frequencies are shared."""
-    posterior, X, sets, particles = make_posterior(KERNELS[name]()), 1.5 * normal(4, D), 50, 200
+    """Draws are independent of one another; their particles share frequencies."""
+    posterior, X, count, particles = make_posterior(KERNELS[name]()), 1.5 * normal(4, D), 50, 200
     sampler, random = PathSampler(posterior, features=32), generator()
     mean, covariance = mean_and_covariance(posterior, X)
     std = covariance.diagonal(dim1=-2, dim2=-1).sqrt()
-    draws = [at(sampler.draw(particles, random), X, particles) for _ in range(sets)]
+    draws = [at(sampler.draw(particles, random), X, particles) for _ in range(count)]
     standardised = (torch.stack(draws).transpose(-1, -2) - mean) / std  # S P E M
 
     error = standardised.mean((0, 1)).abs().max()
-    assert error < 5 / math.sqrt(sets * particles)
+    assert error < 5 / math.sqrt(count * particles)
 
     found = torch.einsum("spem,spen->semn", standardised, standardised) / particles
     expected = covariance / (std[..., :, None] * std[..., None, :])
-    deviation = found.std(0) / math.sqrt(sets)
+    deviation = found.std(0) / math.sqrt(count)
     assert deviation.max() < 0.05  # else any covariance would do
     assert ((found.mean(0) - expected).abs() < 5 * deviation).all()
 
@@ -110,23 +110,38 @@ def test_draws_pass_through_data_without_noise(name: str) -> None:
     assert (elsewhere.std(0) > 1e-3).all()
 
 
+FAR = torch.tensor([[100.0] * D, [101.0] + [100.0] * (D - 1)]).double()
+"""so far from the samples that a draw is one from the prior"""
+
+
+def prior_errors(features: int, particles: int, sets: int = 60) -> Tensor:
+    """Of the covariance at two points a lengthscale apart, found from all particles of a draw."""
+    posterior = GP(RBF(D, OUTPUTS, variance=2.0)).condition(normal(4, D), normal(4, 2, seed=1))
+    sampler, random = PathSampler(posterior, features), generator()
+    draws = [at(sampler.draw(particles, random), FAR, particles) for _ in range(sets)]
+    values = torch.stack(draws)  # S P M E
+    variance = values.square().mean(1)  # right with any number of features
+    assert ((variance - 2.0).abs() < 5 * 2.0 * math.sqrt(2 / particles)).all()
+    return (values[:, :, 0] * values[:, :, 1]).mean(1) - 2.0 * math.exp(-0.5)
+
+
 def test_prior_covariance_error_falls_as_one_over_the_root_of_the_features() -> None:
-    """Far from the samples a draw is one from the prior; its variance is right with any number."""
-    kernel, particles, sets = RBF(D, OUTPUTS, variance=2.0), 4000, 60
-    posterior = GP(kernel).condition(normal(4, D), normal(4, 2, seed=1))
-    X = torch.full((2, D), 100.0, dtype=torch.float64)
-    X[1, 0] += 1.0
-    random, counts, errors = generator(), [4, 16, 64], []
-    for features in counts:
-        sampler = PathSampler(posterior, features)
-        draws = [at(sampler.draw(particles, random), X, particles) for _ in range(sets)]
-        values = torch.stack(draws)  # S P M E
-        variance = values.square().mean(1)
-        assert ((variance - 2.0).abs() < 5 * 2.0 * math.sqrt(2 / particles)).all()
-        covariance = (values[:, :, 0] * values[:, :, 1]).mean(1)
-        errors.append(float((covariance - 2.0 * math.exp(-0.5)).square().mean().sqrt()))
-    slope = math.log(errors[-1] / errors[0]) / math.log(counts[-1] / counts[0])
+    """Of a prime number of particles: all share one set of frequencies."""
+    few, many = 4, 64
+    errors = [prior_errors(features, 4001).square().mean().sqrt() for features in (few, many)]
+    slope = math.log(errors[1] / errors[0]) / math.log(many / few)
     assert slope == pytest.approx(-0.5, abs=0.1)
+
+
+def test_an_average_over_particles_errs_less_for_they_share_several_sets_of_frequencies() -> None:
+    one_set, eight_sets = (prior_errors(4, particles).std() for particles in (1601, 1600))
+    assert eight_sets / one_set == pytest.approx(1 / math.sqrt(8), rel=0.3)
+
+
+@pytest.mark.parametrize("particles", [1, 2, 7, 12, 13])
+def test_any_number_of_particles_can_be_drawn(particles: int) -> None:
+    paths = PathSampler(make_posterior(KERNELS["RBF * Linear"]())).draw(particles, generator())
+    assert paths(normal(3, particles, D)).shape == (3, particles, 2)
 
 
 @pytest.mark.parametrize("name", ["Linear", "MPK"])
