@@ -20,14 +20,13 @@ from mcpilco.config import PRESETS, Config
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from mcpilco.costs import costs_along
 from mcpilco.data import Rollout, Transitions, TrialResult
-from mcpilco.dynamics import GPDynamics
 from mcpilco.episode import run_episode
 from mcpilco.model import Model
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem, rollout
 from mcpilco.search import PolicySearch, SearchResult
 from mcpilco.task import TaskSpec
-from mcpilco.typing import InputError
+from mcpilco.typing import Dynamics, InputError, UncertainDynamics
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
@@ -189,8 +188,14 @@ class MCPILCO:
             prediction=found.best.prediction(SHOWN_PARTICLES),
         )
 
-    def _search(self, dynamics: GPDynamics, trial: int, events: Callback) -> SearchResult:
-        fast = self.config.engine == "fused" and fused.supports(dynamics, self.policy)
+    def _search(
+        self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
+    ) -> SearchResult:
+        fast = (
+            self.config.engine == "fused"
+            and isinstance(dynamics, Dynamics)
+            and fused.supports(dynamics, self.policy)
+        )
         problem = Problem(
             dynamics=dynamics,
             cost=self.task.cost,

@@ -76,10 +76,21 @@ class ModelConfig(_Checked):
     None keeps all"""
     plausible: float = 5.0
     """a particle stops where it would leave this multiple of the largest magnitude recorded [-]"""
+    sampling: Literal["step", "path"] = "step"
+    """step: a particle's changes are drawn anew in each step; path: each particle has functions of
+    its own, drawn beforehand, and rolls out in plain torch"""
+    path_features: int = 256
+    """random Fourier features of a path, cosines and sines, for each exponential factor of the
+    kernel; the error of its covariance falls with their root"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(degree=1)
+        self._at_least(degree=1, path_features=2)
+        features = self.path_features
+        _require(
+            features % 2 == 0,
+            f"path_features must be even, as many cosines as sines, got {features}.",
+        )
         self._positive("noise_floor")
         _require(self.plausible > 1, f"plausible must exceed 1, got {self.plausible}.")
         threshold = self.subset_threshold

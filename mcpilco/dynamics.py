@@ -111,7 +111,17 @@ class GPDynamics:
         """
         regressors = self.augmentation.regressors(states, inputs)
         mean, variance = self.posterior.mean_and_variance(regressors)
-        delta = mean + variance.sqrt() * noise
+        return self.advance(states, mean + variance.sqrt() * noise)
+
+    def advance(
+        self, states: Float[Tensor, "*b X"], delta: Float[Tensor, "*b E"]
+    ) -> Float[Tensor, "*b X"]:
+        """The next states, given the predicted changes; a state stays rather than leave its bounds.
+
+        Args:
+            states: now, in their units.
+            delta: change of each predicted state, in its unit.
+        """
         following = states @ self.A.T + delta @ self.B.T
         inside = (following[..., self.predicted].abs() <= self.bounds).all(-1, keepdim=True)
         return torch.where(inside, following, states)

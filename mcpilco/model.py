@@ -13,6 +13,7 @@ from mcpilco.dynamics import GPDynamics, full_state, speed_integration
 from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, Kernel
+from mcpilco.pathwise import PathwisePosterior
 from mcpilco.sparse import subset_of_data
 from mcpilco.task import TaskSpec
 
@@ -82,7 +83,7 @@ class Model:
         """Learned noise of each GP, in its target's unit."""
         return tuple(self.gp.noise_std.detach().tolist())
 
-    def dynamics(self, transitions: Transitions) -> GPDynamics:
+    def dynamics(self, transitions: Transitions) -> GPDynamics | PathwisePosterior:
         """The posterior given these data, or the subset configured, as a model of the next state.
 
         Raises:
@@ -93,7 +94,11 @@ class Model:
             kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
             X, Y = X[kept], Y[kept]
         bounds = self._bounds(transitions)
-        return GPDynamics(self.gp.condition(X, Y), self.augmentation, self.increment, bounds)
+        posterior = self.gp.condition(X, Y)
+        dynamics = GPDynamics(posterior, self.augmentation, self.increment, bounds)
+        if self.config.sampling == "step":
+            return dynamics
+        return PathwisePosterior(dynamics, self.config.path_features)
 
     def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
         """Largest plausible magnitude of each predicted state; none for one that never moved."""

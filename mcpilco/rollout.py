@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.dropout import Dropout
-from mcpilco.typing import Cost, Dynamics, Policy, WidenableCost
+from mcpilco.typing import Cost, Dynamics, Policy, UncertainDynamics, WidenableCost
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ class RolloutFunction(Protocol):
 class Problem:
     """What is minimised: the expected cost over the horizon, of particles in a model."""
 
-    dynamics: Dynamics
-    """the model"""
+    dynamics: Dynamics | UncertainDynamics
+    """the model, or the distribution that a model is drawn from for each rollout"""
     cost: Cost
     """of a state and the input before it"""
     start_mean: Float[Tensor, " X"]
@@ -95,11 +95,14 @@ class Problem:
         """`count` particles from fresh random numbers."""
         width = len(self.start_mean)
         normal = torch.randn(count, width, generator=generator, dtype=torch.float64)
+        dynamics = self.dynamics
+        if isinstance(dynamics, UncertainDynamics):
+            dynamics = dynamics.draw(count, generator)
         noise = torch.randn(
-            self.horizon, count, self.dynamics.noise_dim, generator=generator, dtype=torch.float64
+            self.horizon, count, dynamics.noise_dim, generator=generator, dtype=torch.float64
         )
         start = self.start_mean + self.start_std * normal
-        return self.rollout(self.dynamics, policy, start, noise, dropout)
+        return self.rollout(dynamics, policy, start, noise, dropout)
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
+    import torch
     from jaxtyping import Float
     from torch import Tensor
 
@@ -64,6 +65,13 @@ class Dynamics(Protocol):
         inputs: Float[Tensor, "*b U"],
         noise: Float[Tensor, "*b E"],
     ) -> Float[Tensor, "*b X"]: ...
+
+
+@runtime_checkable
+class UncertainDynamics(Protocol):
+    """A distribution over models: each rollout draws its own, and keeps it from step to step."""
+
+    def draw(self, particles: int, generator: torch.Generator) -> Dynamics: ...
 
 
 @runtime_checkable

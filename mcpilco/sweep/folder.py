@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from mcpilco.archive import write_bytes
+from mcpilco.config import from_dict
 from mcpilco.run_folder import read_json, write_json
 from mcpilco.sweep.engines import Failure
 from mcpilco.sweep.job import FORMAT, Settings
-from mcpilco.typing import RunFolderError
+from mcpilco.typing import InputError, RunFolderError
 
 
 class SweepFolder:
@@ -34,7 +35,7 @@ class SweepFolder:
         known = {"format": FORMAT, **settings.to_json()}
         about = self.path / "sweep.json"
         if about.is_file():
-            _require_equal(self.path, read_json(about), known)
+            _require_equal(self.path, _completed(read_json(about)), known)
             return
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -91,6 +92,15 @@ class SweepFolder:
             except (RunFolderError, KeyError, TypeError):
                 continue
         return found
+
+
+def _completed(there: dict[str, Any]) -> dict[str, Any]:
+    """What an earlier version wrote, with the entries that came since at their defaults."""
+    try:
+        settings = from_dict(Settings, {k: v for k, v in there.items() if k != "format"})
+    except InputError:
+        return there
+    return {"format": there.get("format"), **settings.to_json()}
 
 
 def _require_equal(path: Path, there: dict[str, Any], here: dict[str, Any]) -> None:

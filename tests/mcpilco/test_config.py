@@ -44,7 +44,12 @@ policies = st.builds(
 )
 configs = st.builds(
     Config,
-    model=st.builds(ModelConfig, kernel=st.sampled_from(["rbf", "mpk", "rbf+mpk"])),
+    model=st.builds(
+        ModelConfig,
+        kernel=st.sampled_from(["rbf", "mpk", "rbf+mpk"]),
+        sampling=st.sampled_from(["step", "path"]),
+        path_features=st.integers(1, 10**4).map(lambda pairs: 2 * pairs),
+    ),
     policy=policies,
     search=searches,
     horizon=st.none() | st.integers(1, 10**6),
@@ -77,6 +82,7 @@ def test_every_config_survives_json(config: Config) -> None:
         ({"model": 5}, "ModelConfig must be an object with named entries, got 5."),
         ({"model": {"kernel": "matern"}}, "ModelConfig.kernel"),
         ({"model": {"noise_floor": float("nan")}}, "ModelConfig.noise_floor"),
+        ({"model": {"sampling": "paths"}}, "ModelConfig.sampling must be of type Literal"),
         ({"policy": {"span": "wide"}}, "PolicyConfig.span"),
         ({"search": {"steps": 5}}, "SearchConfig.steps must be of type tuple"),
         ({"search": {"steps": ["a"]}}, "SearchConfig.steps"),
@@ -97,6 +103,8 @@ def test_wrong_json_is_answered_with_a_sentence(values, message: str) -> None:
         (ModelConfig, "noise_floor", 0.0),
         (ModelConfig, "plausible", 1.0),
         (ModelConfig, "subset_threshold", -0.5),
+        (ModelConfig, "path_features", 0),
+        (ModelConfig, "path_features", 7),
         (PolicyConfig, "bases", 0),
         (PolicyConfig, "span", 0.0),
         (PolicyConfig, "lengthscale", -1.0),

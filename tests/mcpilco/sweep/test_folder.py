@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import pytest
 
-from mcpilco.config import PRESETS
+from mcpilco.config import PRESETS, ModelConfig
 from mcpilco.sweep import Failure, Settings, SweepFolder
 from mcpilco.typing import RunFolderError
 
@@ -67,6 +68,26 @@ def test_every_preset_is_recognised_again(tmp_path):
         settings = Settings("Any-v0", preset.env_kwargs, name, preset.config)
         for _ in range(2):
             SweepFolder(tmp_path / name, settings)
+
+
+def test_a_sweep_begun_before_an_entry_existed_goes_on_at_its_default(tmp_path):
+    SweepFolder(tmp_path, SETTINGS)
+    about = json.loads((tmp_path / "sweep.json").read_text())
+    del about["config"]["model"]["sampling"], about["config"]["model"]["path_features"]
+    (tmp_path / "sweep.json").write_text(json.dumps(about))
+    SweepFolder(tmp_path, SETTINGS)
+    config = dataclasses.replace(SETTINGS.config, model=ModelConfig(sampling="path"))
+    with pytest.raises(RunFolderError, match="config was another"):
+        SweepFolder(tmp_path, dataclasses.replace(SETTINGS, config=config))
+
+
+@pytest.mark.parametrize("config", [None, 5, {"models": {}}, {"horizon": "long"}])
+def test_settings_that_cannot_be_read_are_other_settings(tmp_path, config):
+    SweepFolder(tmp_path, SETTINGS)
+    about = json.loads((tmp_path / "sweep.json").read_text())
+    (tmp_path / "sweep.json").write_text(json.dumps({**about, "config": config}))
+    with pytest.raises(RunFolderError, match="holds a sweep with other settings"):
+        SweepFolder(tmp_path, SETTINGS)
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
