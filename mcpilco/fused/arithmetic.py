@@ -1,90 +1,92 @@
 """Scalar arithmetic for the compiled loops: an exponential that vectorises, and the dropout hash.
 
 The wheels of llvmlite carry no vector mathematics library, so `math.exp` in a numba loop is one
-call a number; the polynomial below stays inside the loop, where the compiler turns it into vector
-instructions.
+call a number; the instructions below stay inside the loop, where the compiler turns them into
+vector instructions.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from llvmlite import ir
 from numba import njit, types, uint32
 from numba.extending import intrinsic
 
-OPTIONS = {"fastmath": {"reassoc", "contract", "nsz"}, "cache": True, "error_model": "numpy"}
-"""Sums may be reordered; infinities and NaN keep their meaning: they tell a diverged particle."""
-PLAIN = {**OPTIONS, "_nrt": False}
-"""Without numba's runtime a function allocates nothing, and a slice costs no reference count."""
+PLAIN = {
+    # sums may be reordered; infinities and NaN keep their meaning: they tell a diverged particle
+    "fastmath": {"reassoc", "contract", "nsz"},
+    "error_model": "numpy",
+    # without numba's runtime a function allocates nothing; a slice costs no reference count
+    "_nrt": False,
+}
+"""For functions that others call."""
+OUTERMOST = {**PLAIN, "_nrt": True, "cache": True}
+"""For those that Python calls. They alone are kept on disk, with all that they call."""
 
-_LOG2_E = 1.0 / math.log(2.0)
-_LN2_HIGH = float.fromhex("0x1.62e42feep-1")
-_LN2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
-_SMALLEST = -200.0
-_TAYLOR = tuple(1.0 / math.factorial(k) for k in range(14))
+
+class _Format(NamedTuple):
+    """What the exponential must know of a floating-point format."""
+
+    bits: int
+    mantissa: int
+    """bits of it"""
+    bias: int
+    """of the exponent"""
+    ln2: tuple[float, float]
+    """ln 2 as the sum of a number whose multiples are exact, and the rest"""
+    degree: int
+    """of the Taylor polynomial"""
+    smallest: float
+    """argument below which the result no longer falls"""
+
+
+_LN2_64 = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
+_LN2_32 = float.fromhex("0x1.62e4p-1"), math.log(2.0) - float.fromhex("0x1.62e4p-1")
+_FORMATS = {
+    types.float64: _Format(64, 52, 1023, _LN2_64, 12, -200.0),
+    types.float32: _Format(32, 23, 127, _LN2_32, 7, -40.0),
+}
 
 
 @intrinsic
-def _round(typing_context, x):
-    """Nearest integer, as a float."""
+def exp(typing_context, x):
+    """e^x for x <= 0, to within some units in the last place; 1 for x > 0, NaN for NaN.
 
-    def generate(context, builder, signature, args):
-        function = builder.module.declare_intrinsic("llvm.rint", [args[0].type])
-        return builder.call(function, args)
+    Far below, it stops falling (at e^-200, or at e^-40 in single precision), so that no product
+    becomes subnormal, which would be slow.
 
-    return types.float64(types.float64), generate
-
-
-@intrinsic
-def _fma(typing_context, a, b, c):
-    """a b + c with one rounding; also a fence that reordered sums do not cross."""
-
-    def generate(context, builder, signature, args):
-        return builder.fma(*args)
-
-    return types.float64(types.float64, types.float64, types.float64), generate
-
-
-@intrinsic
-def _power_of_two(typing_context, n):
-    """2^n for an integer n in the range of normal numbers, built from its bits."""
-
-    def generate(context, builder, signature, args):
-        small = builder.fptosi(args[0], ir.IntType(32))
-        biased = builder.add(small, ir.Constant(ir.IntType(32), 1023))
-        bits = builder.shl(builder.zext(biased, ir.IntType(64)), ir.Constant(ir.IntType(64), 52))
-        return builder.bitcast(bits, ir.DoubleType())
-
-    return types.float64(types.float64), generate
-
-
-@njit(inline="always")
-def exp(x):
-    """e^x for x <= 0, relative error below 1e-15.
-
-    x below -200 gives e^-200, so that no product becomes subnormal, which would be slow.
-
-    x = n ln 2 + r with abs(r) <= ln 2 / 2, and a Taylor polynomial of degree 13 for e^r.
+    x = n ln 2 + r with abs(r) <= ln 2 / 2, and a Taylor polynomial for e^r. Adding 1.5 2^mantissa
+    rounds to an integer, which then stands in the lowest bits.
     """
-    x = max(x, _SMALLEST)
-    n = _round(x * _LOG2_E)
-    r = _fma(n, -_LN2_LOW, _fma(n, -_LN2_HIGH, x))
-    y = _TAYLOR[13]
-    y = y * r + _TAYLOR[12]
-    y = y * r + _TAYLOR[11]
-    y = y * r + _TAYLOR[10]
-    y = y * r + _TAYLOR[9]
-    y = y * r + _TAYLOR[8]
-    y = y * r + _TAYLOR[7]
-    y = y * r + _TAYLOR[6]
-    y = y * r + _TAYLOR[5]
-    y = y * r + _TAYLOR[4]
-    y = y * r + _TAYLOR[3]
-    y = y * r + _TAYLOR[2]
-    y = y * r + _TAYLOR[1]
-    y = y * r + _TAYLOR[0]
-    return y * _power_of_two(n)
+    form = _FORMATS[x]
+
+    def generate(context, builder, signature, args):
+        kind, integer = args[0].type, ir.IntType(form.bits)
+
+        def number(value):
+            return ir.Constant(kind, value)
+
+        def bounded(x, comparison, bound):
+            return builder.select(
+                builder.fcmp_ordered(comparison, x, number(bound)), number(bound), x
+            )
+
+        x = bounded(bounded(args[0], ">", 0.0), "<", form.smallest)
+        magic = number(1.5 * 2.0**form.mantissa)
+        rounded = builder.fma(x, number(1 / math.log(2.0)), magic)
+        n = builder.fsub(rounded, magic)
+        r = builder.fma(n, number(-form.ln2[0]), x)
+        r = builder.fma(n, number(-form.ln2[1]), r)
+        y = number(1 / math.factorial(form.degree))
+        for k in range(form.degree - 1, -1, -1):
+            y = builder.fma(y, r, number(1 / math.factorial(k)))
+        biased = builder.add(builder.bitcast(rounded, integer), integer(form.bias))
+        power = builder.bitcast(builder.shl(biased, integer(form.mantissa)), kind)
+        return builder.fmul(y, power)
+
+    return x(x), generate
 
 
 @njit(inline="always")
@@ -102,4 +104,4 @@ def mix(x):
 def set_exponentials(exponents, scale):
     """Scale times e^exponent, in place; exponents are not positive but for rounding."""
     for j in range(exponents.size):
-        exponents[j] = scale * exp(min(exponents[j], 0.0))
+        exponents[j] = scale * exp(exponents[j])

@@ -2,89 +2,122 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from mcpilco.fused.arithmetic import OPTIONS, PLAIN
+from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
+from mcpilco.fused.policy import activate
+from mcpilco.fused.sources import digest
+from mcpilco.fused.tiles import add_product
 
 
 @njit(**PLAIN)
-def backward(gradient_states, gradient_inputs, columns, trace, policy, model, scratch):
-    """Adjoints of all particles, last step first; fills `columns` with d cost / da [1, z, z^2].
-
-    With lambda the total derivative with respect to a state, and mu that with respect to an input:
-
-        lambda_t = dc/dx_t + A^T lambda_{t+1} + (dz/dx)^T (J_z^T B^T lambda_{t+1} + (du/dz)^T mu_t)
-        mu_t     = dc/du_t + J_u^T B^T lambda_{t+1}
-
-    Shapes: gradient_states (T + 1, P, X), gradient_inputs (T, P, U), columns (T, P, U, 1 + 2 Z),
-    scratch (3, X + E + Z + U).
-    """
-    steps, particles, count = gradient_inputs.shape
-    plain, angles, squash, A, B = policy.plain, policy.angles, policy.squash, model.A, model.B
-    width, outputs, z_width = A.shape[0], B.shape[1], policy.inv_scale.size
-    following, current = scratch[0, :width], scratch[1, :width]
-    gradient_delta = scratch[2, :outputs]
-    gradient_z = scratch[2, outputs : outputs + z_width]
-    mu = scratch[2, outputs + z_width : outputs + z_width + count]
-    first_cosine, first_sine = plain.size, plain.size + angles.size
-    for p in range(particles):
-        for i in range(width):
-            following[i] = gradient_states[steps, p, i]
-        for t in range(steps - 1, -1, -1):
-            state = trace.states[t, p]
-            for i in range(width):
-                current[i] = gradient_states[t, p, i]
-            for d in range(z_width):
-                gradient_z[d] = 0.0
-            for i in range(count):
-                mu[i] = gradient_inputs[t, p, i]
-            if trace.frozen[t, p]:
-                for i in range(width):
-                    current[i] += following[i]
-            else:
-                for e in range(outputs):
-                    gradient_delta[e] = 0.0
-                    for i in range(width):
-                        gradient_delta[e] += B[i, e] * following[i]
-                for i in range(width):
-                    for j in range(width):
-                        current[j] += A[i, j] * following[i]
-                for e in range(outputs):
-                    jacobian = trace.delta_jacobians[t, p, e]
-                    for d in range(z_width):
-                        gradient_z[d] += jacobian[d] * gradient_delta[e]
-                    for i in range(count):
-                        mu[i] += jacobian[z_width + i] * gradient_delta[e]
-            for i in range(count):
-                for d in range(z_width):
-                    gradient_z[d] += trace.input_jacobians[t, p, i, d] * mu[i]
-                tangent = (trace.inputs[t, p, i] - squash[0, i]) / squash[1, i]
-                column = columns[t, p, i]
-                column[0] = mu[i] * squash[1, i] / squash[2, i] * (1.0 - tangent * tangent)
-            for d in range(plain.size):
-                current[plain[d]] += gradient_z[d]
-                _add_powers(columns[t, p], d, state[plain[d]], z_width)
-            for d in range(angles.size):
-                cosine, sine = np.cos(state[angles[d]]), np.sin(state[angles[d]])
-                current[angles[d]] += (
-                    gradient_z[first_sine + d] * cosine - gradient_z[first_cosine + d] * sine
-                )
-                _add_powers(columns[t, p], first_cosine + d, cosine, z_width)
-                _add_powers(columns[t, p], first_sine + d, sine, z_width)
-            for i in range(width):
-                following[i] = current[i]
+def _through_model(jacobian, frozen, model, adjoint):
+    """From the next state to the state, z and the inputs; what is there is added to."""
+    following, current, z, mu = adjoint.following, adjoint.current, adjoint.z, adjoint.mu
+    A, B, delta = model.A, model.B, adjoint.delta
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            same = 1.0 if i == j else 0.0
+            for p in range(frozen.size):
+                current[j, p] += (same if frozen[p] else A[i, j]) * following[i, p]
+    for e in range(B.shape[1]):
+        for p in range(frozen.size):
+            delta[e, p] = 0.0
+        for i in range(B.shape[0]):
+            for p in range(frozen.size):
+                delta[e, p] += B[i, e] * following[i, p]
+        for d in range(z.shape[0]):
+            for p in range(frozen.size):
+                z[d, p] += 0.0 if frozen[p] else jacobian[e, d, p] * delta[e, p]
+        for i in range(mu.shape[0]):
+            for p in range(frozen.size):
+                more = jacobian[e, z.shape[0] + i, p] * delta[e, p]
+                mu[i, p] += 0.0 if frozen[p] else more
 
 
 @njit(**PLAIN)
-def _add_powers(columns, d, z, width):
-    """The entries of one component of z: d cost / d a times z and z^2."""
-    for i in range(columns.shape[0]):
-        columns[i, 1 + d] = columns[i, 0] * z
-        columns[i, 1 + width + d] = columns[i, 0] * z * z
+def _through_policy(inputs, jacobian, policy, values, adjoint):
+    """From the inputs to z; d cost / da [1, z, z^2] of each particle in `columns`."""
+    z, mu, columns, squash = adjoint.z, adjoint.mu, adjoint.columns, policy.squash
+    for i in range(mu.shape[0]):
+        for d in range(z.shape[0]):
+            for p in range(z.shape[1]):
+                z[d, p] += jacobian[i, d, p] * mu[i, p]
+        first = i * (1 + 2 * z.shape[0])
+        for p in range(z.shape[1]):
+            tangent = (inputs[i, p] - squash[0, i]) / squash[1, i]
+            pull = mu[i, p] * squash[1, i] / squash[2, i] * (1.0 - tangent * tangent)
+            row = columns[p]
+            row[first] = pull
+            for d in range(z.shape[0]):
+                row[first + 1 + d] = pull * values[d, p]
+                row[first + 1 + z.shape[0] + d] = pull * values[d, p] * values[d, p]
 
 
-@njit(**OPTIONS)
-def moments(activations, columns):
-    """sum_tp phi_tpb da_tpu [1, z, z^2], of shape (B, U (1 + 2 Z)), from both flattened to rows."""
-    return np.dot(activations.T, columns)
+@njit(**PLAIN)
+def _through_augmentation(policy, values, adjoint):
+    """From z to the state, which is added to."""
+    z, current, plain, angles = adjoint.z, adjoint.current, policy.plain, policy.angles
+    for d in range(plain.size):
+        for p in range(z.shape[1]):
+            current[plain[d], p] += z[d, p]
+    for d in range(angles.size):
+        cosine, sine = plain.size + d, plain.size + angles.size + d
+        for p in range(z.shape[1]):
+            along = z[sine, p] * values[cosine, p]
+            current[angles[d], p] += along - z[cosine, p] * values[sine, p]
+
+
+def _compiled(sources: str):
+    @njit(**OUTERMOST)
+    def backward(
+        start,
+        stop,
+        gradient_states,
+        gradient_inputs,
+        mask,
+        policy,
+        model,
+        trace,
+        memory,
+        adjoint,
+        moments,
+    ):
+        """Adjoints of particles, last step first; adds up the policy's moments.
+
+        With lambda the total derivative with respect to a state, and mu that with respect to an
+        input:
+
+            lambda_t = dc/dx_t + A^T lambda_{t+1}
+                       + (dz/dx)^T (J_z^T B^T lambda_{t+1} + (du/dz)^T mu_t)
+            mu_t     = dc/du_t + J_u^T B^T lambda_{t+1}
+
+        The activations are computed anew, which takes less time than to store them.
+
+        Particles are those from start to stop, in blocks as wide as the memory. Shapes:
+        gradient_states (T + 1, X, P), gradient_inputs (T, U, P), moments (B padded, U (1 + 2 Z)
+        padded): sum_tp phi_tpb da_tpu [1, z, z^2].
+        """
+        sources  # noqa: B018
+        width, height = memory.slope.size, policy.centres.shape[2]
+        for first in range(start, stop, width):
+            last = first + width
+            adjoint.current[:] = gradient_states[len(gradient_inputs), :, first:last]
+            for t in range(len(gradient_inputs) - 1, -1, -1):
+                adjoint.following[:] = adjoint.current
+                adjoint.current[:] = gradient_states[t, :, first:last]
+                adjoint.mu[:] = gradient_inputs[t, :, first:last]
+                adjoint.z[:] = 0.0
+                activate(trace.states[t, :, first:last], first, t, mask, policy, memory)
+                jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
+                _through_model(jacobian[:, :, first:last], frozen, model, adjoint)
+                inputs, jacobian = trace.inputs[t], trace.input_jacobians[t]
+                inputs, jacobian = inputs[:, first:last], jacobian[:, :, first:last]
+                _through_policy(inputs, jacobian, policy, memory.z, adjoint)
+                _through_augmentation(policy, memory.z, adjoint)
+                add_product(memory.phi, height, adjoint.columns, moments)
+
+    return backward
+
+
+backward = _compiled(digest())

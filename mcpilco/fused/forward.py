@@ -6,66 +6,74 @@ outlives its block of particles.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from mcpilco.fused.arithmetic import OPTIONS
-from mcpilco.fused.policy import activate_block, augment_block, squash_block
-from mcpilco.fused.posterior import (
-    advance_block,
-    change_block,
-    collect_block,
-    kernel_block,
-    product_block,
-    shift_block,
-    weigh_block,
-)
+from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
+from mcpilco.fused.policy import act, activate
+from mcpilco.fused.posterior import change
 from mcpilco.fused.sources import digest
 
 
+@njit(**PLAIN)
+def _regress(inputs, z, x):
+    """The rows [z, u, 1] of x."""
+    for d in range(z.shape[0]):
+        for p in range(z.shape[1]):
+            x[d, p] = z[d, p]
+    for i in range(inputs.shape[0]):
+        row = x[z.shape[0] + i]
+        for p in range(z.shape[1]):
+            row[p] = inputs[i, p]
+    ones = x[z.shape[0] + inputs.shape[0]]
+    for p in range(z.shape[1]):
+        ones[p] = 1.0
+
+
+@njit(**PLAIN)
+def _advance(model, delta, state, following, frozen):
+    """x' = A x + B delta of a block, or x where that is implausible; frozen tells which."""
+    A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
+    for i in range(A.shape[0]):
+        for p in range(frozen.size):
+            following[i, p] = 0.0
+        for j in range(A.shape[1]):
+            for p in range(frozen.size):
+                following[i, p] += A[i, j] * state[j, p]
+        for e in range(B.shape[1]):
+            for p in range(frozen.size):
+                following[i, p] += B[i, e] * delta[e, p]
+    for p in range(frozen.size):
+        frozen[p] = 0
+    for e in range(predicted.size):
+        for p in range(frozen.size):
+            frozen[p] |= not abs(following[predicted[e], p]) <= bounds[e]
+    for i in range(A.shape[0]):
+        for p in range(frozen.size):
+            following[i, p] = state[i, p] if frozen[p] else following[i, p]
+
+
 def _compiled(sources: str):
-    @njit(**OPTIONS)
-    def forward(trace, noise, mask, policy, model, memory):
-        """Roll all particles out, block by block, and fill the trace behind its first states."""
+    @njit(**OUTERMOST)
+    def forward(start, stop, noise, mask, policy, model, trace, policy_memory, model_memory):
+        """Roll particles out, block by block, and fill the trace behind its first states.
+
+        Particles are those from start to stop, in blocks as wide as the memory; noise: (T, E, P).
+        """
         sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
-        steps, particles, outputs = noise.shape
-        block = memory.x.shape[0]
-        n, count = model.alpha.shape[1], model.expand.shape[1]
-        x, scaled, phi_of, solved = memory.x, memory.scaled, trace.activations, memory.solved
-        half = memory.half
-        rows = memory.rows.reshape(block, n)
-        groups = memory.groups.reshape(count, block, n)
-        weighted = memory.weighted.reshape(count, block, n)
-        for first in range(0, particles, block):
-            size = min(block, particles - first)
-            last = first + size
+        steps, outputs, _ = noise.shape
+        width = policy_memory.slope.size
+        for first in range(start, stop, width):
+            last = first + width
             for t in range(steps):
-                states, inputs = trace.states[t, first:last], trace.inputs[t, first:last]
-                phi = phi_of[t, first:last]
-                augment_block(size, states, policy, memory)
-                np.dot(scaled[:size], policy.centres, phi)
-                activate_block(size, first, t, mask, phi)
-                np.dot(phi, policy.pulling, memory.pulls[:size])
-                squash_block(size, policy, memory, inputs, trace.input_jacobians[t, first:last])
+                state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
+                activate(state, first, t, mask, policy, policy_memory)
+                act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
+                _regress(inputs, policy_memory.z, model_memory.x)
                 for e in range(outputs):
-                    shift_block(e, size, model, memory)
-                    for k in range(count):
-                        np.dot(x[:size], model.expand[e, k], groups[k, :size])
-                    kernel_block(e, size * n, model, memory)
-                    if len(model.solve) == 1:
-                        np.dot(rows[:size], model.solve[0, e], solved[:size])
-                        product_block(size, rows, solved, memory)
-                    else:
-                        np.dot(rows[:size], model.solve[0, e], half[:size])
-                        np.dot(half[:size], model.solve[1, e], solved[:size])
-                        product_block(size, half, half, memory)
-                    change_block(e, size, noise[t, first:last], model, memory)
-                    weigh_block(e, size * n, model, memory)
-                    for k in range(count):
-                        np.dot(weighted[k, :size], model.collect[e, k], memory.moments[k, :size])
-                    collect_block(e, size, model, memory, trace.delta_jacobians[t, first:last])
-                following, frozen = trace.states[t + 1, first:last], trace.frozen[t, first:last]
-                advance_block(size, model, memory, states, following, frozen)
+                    jacobian = trace.delta_jacobians[t, e, :, first:last]
+                    change(e, noise[t, e, first:last], model, model_memory, jacobian)
+                following, frozen = trace.states[t + 1, :, first:last], trace.frozen[t, first:last]
+                _advance(model, model_memory.delta, state, following, frozen)
 
     return forward
 

@@ -1,7 +1,8 @@
-"""How the compiled loops see a model, a policy and their own memory: padded, contiguous arrays.
+"""How the compiled loops see a model, a policy and their own memory: plain arrays of one precision.
 
-Rows of training samples and of policy bases are padded with zeros to whole vectors, so that no
-loop has a remainder.
+Particles are the last axis of everything, so that a loop over them is a loop over vectors; they go
+through a time step in blocks, whose numbers stay in the cache. Constant matrices are packed for
+`mcpilco.fused.tiles`.
 """
 
 from __future__ import annotations
@@ -13,17 +14,24 @@ import torch
 from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics
+from mcpilco.fused.tiles import pack, strip
 from mcpilco.kernels.base import Term
 from mcpilco.policies import SumOfGaussians
 
-BLOCK = 32
-"""particles that go through one matrix product together"""
-CHUNK = 1024
-"""numbers that pass through all operations before the next do, to stay in the fastest cache"""
-WELL_CONDITIONED = 3e6
-"""below this condition number of K a product with K^-1, half the work, is exact enough [-]"""
-PAD = 8
-"""rows are padded to a multiple of this"""
+_BLOCK_STRIPS = 4
+
+
+def padded(count: int, dtype: np.dtype) -> int:
+    """The next multiple of a strip."""
+    return -(-count // strip(dtype)) * strip(dtype)
+
+
+def blocks(particles: int, dtype: np.dtype) -> list[tuple[int, int, int]]:
+    """How particles go through a time step together: (first, last, width) of equal blocks."""
+    width, end = _BLOCK_STRIPS * strip(dtype), padded(particles, dtype)
+    whole = end // width * width
+    parts = [(0, whole, width), (whole, end, end - whole)]
+    return [part for part in parts if part[0] < part[1]]
 
 
 class ModelArrays(NamedTuple):
@@ -31,17 +39,19 @@ class ModelArrays(NamedTuple):
 
     A kernel is a sum of K terms v exp(-1/2 |x - x_j|^2_w) prod_f (c_f + <x, x_j>_s_f). Each of
     the exponents and of the F factors is linear in [x, 1] but for a part that depends on x alone:
-    it is a "group", one product of [x, 1, shifts] with a constant matrix.
+    it is a "group", the product of a constant matrix with [x, 1, shifts].
     """
 
     alpha: np.ndarray
     """(E, N)"""
-    solve: np.ndarray
-    """(1, E, N, N), K^-1; or (2, E, N, N), L^-T and L^-1, where K is ill-conditioned"""
+    whiten: np.ndarray
+    """(E, packed N, N), L^-1"""
+    unwhiten: np.ndarray
+    """(E, packed N, N), L^-T"""
     expand: np.ndarray
-    """(E, G, D + 1 + exponents, N), from [x, 1, shifts] to each group; exponents come first"""
+    """(E, packed G rows, D + 1 + exponents), from [x, 1, shifts] to groups; exponents come first"""
     collect: np.ndarray
-    """(E, G, N, D + 1 padded), from a weighted group to its moments and its mass"""
+    """(E, packed D + exponents, G rows), from weighted groups to moments and the exponents' mass"""
     middle: np.ndarray
     """(D,), where exponents are expanded"""
     v: np.ndarray
@@ -54,8 +64,8 @@ class ModelArrays(NamedTuple):
     """(E, F, D)"""
     exponent: np.ndarray
     """(K,), the group of each term's exponent, or -1"""
-    owner: np.ndarray
-    """(F,), the term that each factor belongs to; factors are the last groups"""
+    ends: np.ndarray
+    """(K + 1,), where the factors of each term begin and end; factors are the last groups"""
     floor: np.ndarray
     """(E,), smallest variance"""
     A: np.ndarray
@@ -76,11 +86,11 @@ class PolicyArrays(NamedTuple):
     angles: np.ndarray
     """components that are"""
     centres: np.ndarray
-    """(Z + 2, B), from [z / l, 1, -|z / l|^2] to the exponents of the bases"""
+    """(packed B, Z + 2), from [z / l, 1, -|z / l|^2] to the exponents of the bases"""
     inv_scale: np.ndarray
     """(Z,), 1 / l"""
     pulling: np.ndarray
-    """(B, U (Z + 1) padded), from activations to sum_b w_b phi_b [c_b / l, 1]"""
+    """(packed U (Z + 1), B), from activations to sum_b w_b phi_b [c_b / l, 1]"""
     squash: np.ndarray
     """(3, U): centre, half range, scale"""
 
@@ -92,72 +102,107 @@ class Mask(NamedTuple):
     """(T,), of the hash"""
     threshold: int
     """bytes below it drop their basis"""
-    scale: float
-    """factor of the bases that stay"""
+    scale: np.ndarray
+    """(1,), factor of the bases that stay"""
 
 
 class Trace(NamedTuple):
-    """What the forward sweep writes and the backward sweep reads."""
+    """What the forward sweep writes and the backward sweep reads; P is padded to whole strips."""
 
     states: np.ndarray
-    """(T + 1, P, X), the first row given"""
+    """(T + 1, X, P), the first row given"""
     inputs: np.ndarray
-    """(T, P, U)"""
-    activations: np.ndarray
-    """(T, P, B), dropout included"""
+    """(T, U, P)"""
     delta_jacobians: np.ndarray
-    """(T, P, E, D), d delta / d [z, u]"""
+    """(T, E, D, P), d delta / d [z, u]"""
     input_jacobians: np.ndarray
-    """(T, P, U, Z), du / dz"""
+    """(T, U, Z, P), du / dz"""
     frozen: np.ndarray
     """(T, P), 1 where the particle stayed"""
 
 
-class Memory(NamedTuple):
-    """What one block of particles needs on its way through a time step."""
+class PolicyMemory(NamedTuple):
+    """What the policy needs for one block of particles, the last axis of everything."""
+
+    z: np.ndarray
+    """(Z, P), the augmented states"""
+    scaled: np.ndarray
+    """(Z + 2, P): z / l, 1, -|z / l|^2"""
+    phi: np.ndarray
+    """(B padded, P), activations, dropout included"""
+    flat_phi: np.ndarray
+    """the same, as one row"""
+    pulls: np.ndarray
+    """(U (Z + 1) padded, P)"""
+    slope: np.ndarray
+    """(P,)"""
+    words: np.ndarray
+    """(2, P), hashes"""
+
+
+class ModelMemory(NamedTuple):
+    """What the posterior needs for one block of particles, the last axis of everything."""
 
     x: np.ndarray
-    """(BLOCK, D + 1 + exponents), [z, u, 1, shifts]"""
-    scaled: np.ndarray
-    """(BLOCK, Z + 2), [z / l, 1, -|z / l|^2]"""
-    pulls: np.ndarray
+    """(D + 1 + exponents, P): z, u, 1, shifts"""
     groups: np.ndarray
-    """(G, BLOCK * N)"""
-    weighted: np.ndarray
-    """(G, BLOCK * N)"""
-    rows: np.ndarray
-    """(BLOCK * N,), k(x, X)"""
-    term: np.ndarray
-    g: np.ndarray
-    """(BLOCK * N,), alpha - (eps / sd) u"""
-    half: np.ndarray
-    """(BLOCK, N), L^-1 k where K^-1 is applied in two steps"""
+    """(G N padded, P)"""
+    flat_groups: np.ndarray
+    """(G, N P) of the same"""
+    flat_factors: np.ndarray
+    """(F, N P) of the same"""
+    kernel: np.ndarray
+    """(N padded, P), k(X, x)"""
+    flat_kernel: np.ndarray
+    white: np.ndarray
+    """(N padded, P), L^-1 k"""
     solved: np.ndarray
-    """(BLOCK, N), u = K^-1 k"""
-    quadratic: np.ndarray
-    """(BLOCK,), k . u"""
+    """(N padded, P), u = K^-1 k, then g = alpha - (eps / sd) u"""
+    flat_solved: np.ndarray
+    term: np.ndarray
+    """(N padded, P)"""
+    flat_term: np.ndarray
     moments: np.ndarray
+    """(D + exponents padded, P)"""
     delta: np.ndarray
-    ratio: np.ndarray
-    """(BLOCK,), eps / sd"""
+    """(E, P)"""
+    squares: np.ndarray
+    """(F, P), c + <x, x>_s"""
     slope: np.ndarray
-    """(BLOCK, D), derivative of the prior variance"""
+    """(D, P), derivative of the prior variance"""
+    mean: np.ndarray
+    """(P,)"""
+    prior: np.ndarray
+    """(P,), k(x, x)"""
+    explained: np.ndarray
+    """(P,), |L^-1 k|^2"""
+    ratio: np.ndarray
+    """(P,), eps / sd"""
 
 
-def padded(length: int) -> int:
-    """The next multiple of PAD."""
-    return -(-length // PAD) * PAD
+class AdjointMemory(NamedTuple):
+    """Derivatives of the cost for one block."""
 
-
-def _pad(array: Tensor, *axes: int) -> np.ndarray:
-    """The array with zeros behind these axes."""
-    widths = [(0, padded(n) - n if i in axes else 0) for i, n in enumerate(array.shape)]
-    return np.ascontiguousarray(np.pad(array.detach().numpy(), widths))
+    following: np.ndarray
+    """(X, P), with respect to the next state"""
+    current: np.ndarray
+    """(X, P), to the state"""
+    z: np.ndarray
+    """(Z, P), to the augmented state"""
+    mu: np.ndarray
+    """(U, P), to the inputs"""
+    delta: np.ndarray
+    """(E, P), to the changes"""
+    columns: np.ndarray
+    """(P, U (1 + 2 Z) padded), to the policy's argument, times [1, z, z^2]"""
 
 
 @torch.no_grad()
-def model_arrays(dynamics: GPDynamics) -> ModelArrays:
+def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
     """The arrays of a model.
+
+    The factorisation is that of float64, whatever the precision of the arrays: rounded L^-1 gives
+    variances without a sign error, rounded K^-1 does not.
 
     Raises:
         NoCanonicalFormError: its kernel is no sum of canonical terms.
@@ -165,48 +210,43 @@ def model_arrays(dynamics: GPDynamics) -> ModelArrays:
     posterior = dynamics.posterior
     terms = posterior.kernel.terms()
     middle = posterior.X.mean(0)
-    expand, collect = _groups(posterior.X, middle, terms)
+    whiten, unwhiten = pack(posterior.L_inv.numpy()), pack(posterior.L_inv.mT.numpy())
+    _, panels, _, height = whiten.shape
+    slopes, offsets, masses = _groups(posterior.X, middle, terms, panels * height)
     has_exponent = np.array([_has_exponent(term) for term in terms])
-    owner = [k for k, term in enumerate(terms) for _ in range(term.c.shape[-1])]
+
+    def real(array: Tensor | np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(array, dtype=dtype)
+
     return ModelArrays(
-        alpha=_pad(posterior.alpha, 1),
-        solve=_pad(_solve(posterior.L, posterior.L_inv), 2, 3),
-        expand=expand,
-        collect=collect,
-        middle=middle.numpy(),
-        v=_pad(torch.stack([term.v for term in terms], -1)),
-        w=_pad(torch.stack([term.w for term in terms], -2)),
-        c=_pad(torch.cat([term.c for term in terms], -1)),
-        s=_pad(torch.cat([term.s for term in terms], -2)),
+        alpha=real(posterior.alpha),
+        whiten=real(whiten),
+        unwhiten=real(unwhiten),
+        expand=real(pack(torch.cat([slopes, offsets, masses], -1).numpy())),
+        collect=real(pack(torch.cat([slopes, masses], -1).mT.numpy())),
+        middle=real(middle),
+        v=real(torch.stack([term.v for term in terms], -1)),
+        w=real(torch.stack([term.w for term in terms], -2)),
+        c=real(torch.cat([term.c for term in terms], -1)),
+        s=real(torch.cat([term.s for term in terms], -2)),
         exponent=np.where(has_exponent, np.cumsum(has_exponent) - 1, -1),
-        owner=np.array(owner, dtype=np.int64),
-        floor=posterior.smallest_variance.numpy(),
-        A=np.ascontiguousarray(dynamics.increment.A),
-        B=np.ascontiguousarray(dynamics.increment.B),
+        ends=np.cumsum([0, *(term.c.shape[-1] for term in terms)]),
+        floor=real(posterior.smallest_variance),
+        A=real(dynamics.increment.A),
+        B=real(dynamics.increment.B),
         predicted=np.array(dynamics.predicted, dtype=np.int64),
-        bounds=dynamics.bounds.numpy(),
+        bounds=real(dynamics.bounds),
     )
-
-
-def _solve(L: Tensor, L_inv: Tensor) -> Tensor:
-    """What applies K^-1 to a row.
-
-    The variance k** - k . K^-1 k is a small difference of large numbers: through K^-1 it suffers
-    from the condition number of K, through L^-1 only from its square root.
-    """
-    K, inverse = L @ L.mT, L_inv.mT @ L_inv
-    conditions = torch.linalg.matrix_norm(K, 1) * torch.linalg.matrix_norm(inverse, 1)
-    if float(conditions.max()) < WELL_CONDITIONED:
-        return inverse[None]
-    return torch.stack([L_inv.mT, L_inv])
 
 
 def _has_exponent(term: Term) -> bool:
     return bool((term.w != 0).any())
 
 
-def _groups(X: Tensor, middle: Tensor, terms: list[Term]) -> tuple[np.ndarray, np.ndarray]:
-    """The matrices `expand` and `collect`.
+def _groups(
+    X: Tensor, middle: Tensor, terms: list[Term], rows: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Slopes (E, G rows, D) and offsets (E, G rows, 1) of all groups; which exponent a row is of.
 
         -1/2 |x - x_j|^2_w = <x, m_j>_w - 1/2 <m_j + 2 middle, m_j>_w - 1/2 |x - middle|^2_w
 
@@ -215,63 +255,101 @@ def _groups(X: Tensor, middle: Tensor, terms: list[Term]) -> tuple[np.ndarray, n
     shifted = X - middle
     slopes, offsets = [], []
     for term in filter(_has_exponent, terms):
-        slopes.append(term.w[:, :, None] * shifted.T)
-        offsets.append(-(term.w[:, :, None] * (shifted * (shifted / 2 + middle)).T).sum(1))
+        slopes.append(term.w[:, None, :] * shifted)
+        offsets.append(-(term.w[:, None, :] * shifted * (shifted / 2 + middle)).sum(-1))
     exponents = len(slopes)
     for term in terms:
         for c, s in zip(term.c.unbind(-1), term.s.unbind(-2), strict=True):
-            slopes.append(s[:, :, None] * X.T)
+            slopes.append(s[:, None, :] * X)
             offsets.append(c[:, None].expand(-1, len(X)))
-    slope, offset = torch.stack(slopes, 1), torch.stack(offsets, 1)[:, :, None]
-    outputs, groups, _, n = slope.shape
-    shifts = torch.zeros(outputs, groups, exponents, n, dtype=X.dtype)
+    slope, offset = torch.stack(slopes, 1), torch.stack(offsets, 1)[..., None]
+    mass = X.new_zeros(*slope.shape[:-1], exponents)
     for k in range(exponents):
-        shifts[:, k, k] = 1.0
-    expand = _pad(torch.cat([slope, offset, shifts], 2), 3)
-    collect = _pad(torch.cat([slope, torch.ones_like(offset)], 2).mT, 2, 3)
-    return expand, collect
+        mass[:, k, :, k] = 1.0
+    padding = (0, 0, 0, rows - len(X))  # behind the last sample
+    slope, offset, mass = (
+        torch.nn.functional.pad(t, padding).flatten(1, 2) for t in (slope, offset, mass)
+    )
+    return slope, offset, mass
 
 
-@torch.no_grad()
-def policy_arrays(policy: SumOfGaussians) -> PolicyArrays:
-    """The arrays of a policy.
-
-    -|z / l - c / l|^2 = 2 <z / l, c / l> - |c / l|^2 - |z / l|^2
-    """
+def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
+    """The arrays of a policy; `mcpilco.fused.policy.prepare` fills those that are learned."""
     augmentation, squash = policy.augmentation, policy.squash
-    inv_scale = torch.exp(-policy.log_lengthscale)
-    c = (policy.centres * inv_scale).T
-    one = torch.ones_like(c[:1])
-    pulling = policy.weights.T[:, None] * torch.cat([c, one])
+    bases, z_width = policy.centres.shape
+    pulls = policy.input_dim * (z_width + 1)
     scale = torch.full_like(squash.centre, squash.scale)
     return PolicyArrays(
         plain=np.array(augmentation.plain, dtype=np.int64),
         angles=np.array(augmentation.angles, dtype=np.int64),
-        centres=_pad(torch.cat([2 * c, -(c**2).sum(0, keepdim=True), one]), 1),
-        inv_scale=inv_scale.numpy(),
-        pulling=_pad(pulling.flatten(0, 1).T, 0, 1),
-        squash=torch.stack([squash.centre, squash.half_range, scale]).numpy(),
+        centres=pack(np.zeros((bases, z_width + 2), dtype)),
+        inv_scale=np.empty(z_width, dtype),
+        pulling=pack(np.zeros((pulls, bases), dtype)),
+        squash=torch.stack([squash.centre, squash.half_range, scale]).numpy().astype(dtype),
     )
 
 
-def make_memory(model: ModelArrays, policy: PolicyArrays) -> Memory:
-    """Fresh memory; the columns of ones are set here once."""
-    outputs, groups, columns, n = model.expand.shape
-    regressors = len(model.middle)
-    return Memory(
-        x=np.ones((BLOCK, columns)),
-        scaled=np.ones((BLOCK, len(policy.inv_scale) + 2)),
-        pulls=np.empty((BLOCK, policy.pulling.shape[1])),
-        groups=np.empty((groups, BLOCK * n)),
-        weighted=np.empty((groups, BLOCK * n)),
-        rows=np.empty(BLOCK * n),
-        term=np.empty(CHUNK),
-        g=np.empty(BLOCK * n),
-        half=np.empty((BLOCK, n)),
-        solved=np.empty((BLOCK, n)),
-        quadratic=np.empty(BLOCK),
-        moments=np.empty((groups, BLOCK, padded(regressors + 1))),
-        delta=np.empty((BLOCK, outputs)),
-        ratio=np.empty(BLOCK),
-        slope=np.empty((BLOCK, regressors)),
+def rows_of(packed: np.ndarray) -> int:
+    """Rows of a packed matrix, padding included."""
+    return packed.shape[-3] * packed.shape[-1]
+
+
+def policy_memory(policy: PolicyArrays, width: int) -> PolicyMemory:
+    """Fresh memory for blocks of this width."""
+    dtype, z_width = policy.inv_scale.dtype, len(policy.inv_scale)
+    bases = policy.pulling.shape[1]
+    phi = np.empty((-(-rows_of(policy.centres) // 4) * 4, width), dtype)  # a hash serves four
+    return PolicyMemory(
+        z=np.empty((z_width, width), dtype),
+        scaled=np.empty((z_width + 2, width), dtype),
+        phi=phi,
+        flat_phi=phi[:bases].reshape(-1),
+        pulls=np.empty((rows_of(policy.pulling), width), dtype),
+        slope=np.empty(width, dtype),
+        words=np.empty((2, width), np.uint32),
+    )
+
+
+def model_memory(model: ModelArrays, width: int) -> ModelMemory:
+    """Fresh memory for blocks of this width."""
+    dtype, regressors, factors = model.alpha.dtype, len(model.middle), model.c.shape[1]
+    samples, rows = rows_of(model.whiten[0]), model.collect.shape[2]
+    groups = np.empty((rows_of(model.expand[0]), width), dtype)
+    flat = groups[:rows].reshape(rows // samples, -1)
+    kernel, white, solved, term = (np.empty((samples, width), dtype) for _ in range(4))
+    mean, prior, explained, ratio = (np.empty(width, dtype) for _ in range(4))
+    return ModelMemory(
+        x=np.empty((model.expand.shape[2], width), dtype),
+        groups=groups,
+        flat_groups=flat,
+        flat_factors=flat[len(flat) - factors :],
+        kernel=kernel,
+        flat_kernel=kernel.reshape(-1),
+        white=white,
+        solved=solved,
+        flat_solved=solved.reshape(-1),
+        term=term,
+        flat_term=term.reshape(-1),
+        moments=np.empty((rows_of(model.collect[0]), width), dtype),
+        delta=np.empty((len(model.alpha), width), dtype),
+        squares=np.empty((factors, width), dtype),
+        slope=np.empty((regressors, width), dtype),
+        mean=mean,
+        prior=prior,
+        explained=explained,
+        ratio=ratio,
+    )
+
+
+def adjoint_memory(model: ModelArrays, policy: PolicyArrays, width: int) -> AdjointMemory:
+    """Fresh memory for blocks of this width."""
+    dtype, z_width, inputs = model.alpha.dtype, len(policy.inv_scale), policy.squash.shape[1]
+    following, current = (np.empty((len(model.A), width), dtype) for _ in range(2))
+    return AdjointMemory(
+        following=following,
+        current=current,
+        z=np.empty((z_width, width), dtype),
+        mu=np.empty((inputs, width), dtype),
+        delta=np.empty((len(model.alpha), width), dtype),
+        columns=np.zeros((width, padded(inputs * (1 + 2 * z_width), dtype)), dtype),
     )

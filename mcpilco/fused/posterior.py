@@ -1,10 +1,10 @@
 """The posterior's share of a time step, compiled: kernel rows, samples and their derivatives.
 
 The noise of a step is known when the step is taken, so that a sampled change and its derivative
-come out of the same pass, with one product with K^-1 for a block of particles (or two, through
-L^-1, where K is ill-conditioned):
+come out of the same pass, with one product with L^-1 and one with L^-T for a block of particles,
+each of a triangular matrix:
 
-    delta = k . alpha + sd eps,    sd^2 = k** - k . u,    u = K^-1 k
+    delta = k . alpha + sd eps,    sd^2 = k** - |L^-1 k|^2,    u = L^-T L^-1 k = K^-1 k
     d delta / dx = sum_j g_j dk_j/dx + (eps / 2 sd) dk**/dx,    g = alpha - (eps / sd) u
 """
 
@@ -14,12 +14,23 @@ import numpy as np
 from numba import njit
 
 from mcpilco.fused.arithmetic import PLAIN, set_exponentials
+from mcpilco.fused.tiles import multiply, multiply_lower, multiply_upper
+
+_CHUNK_BYTES = 4096
+"""of each array: numbers that pass through all operations before the next do, to stay in the
+fastest cache"""
 
 
 @njit(**PLAIN)
-def _scale(source, factor, out):
+def _fill(out, value):
     for j in range(out.size):
-        out[j] = factor * source[j]
+        out[j] = value
+
+
+@njit(**PLAIN)
+def _copy(source, out):
+    for j in range(out.size):
+        out[j] = source[j]
 
 
 @njit(**PLAIN)
@@ -29,180 +40,187 @@ def _multiply(out, factor):
 
 
 @njit(**PLAIN)
-def _multiply_factors(out, groups, start, owner, term, skipped):
-    """Multiply by the factors of a term, all but one (-1: all)."""
-    first_factor = groups.shape[0] - owner.size
-    for f in range(owner.size):
-        if owner[f] == term and f != skipped:
-            _multiply(out, groups[first_factor + f, start : start + out.size])
+def _add(out, more):
+    for j in range(out.size):
+        out[j] += more[j]
 
 
 @njit(**PLAIN)
-def kernel_block(e, count, model, memory):
-    """k(x, X) of one output for a block, from its groups; exponents become exponentials."""
-    groups, exponent, v = memory.groups, model.exponent, model.v[e]
-    chunk = memory.term.size
-    for start in range(0, count, chunk):
-        stop = min(start + chunk, count)
-        total = memory.rows[start:stop]
+def _add_product(out, scale, a, b):
+    for j in range(out.size):
+        out[j] += scale * (a[j] * b[j])
+
+
+@njit(**PLAIN)
+def _set_scaled(source, scale, out):
+    for j in range(out.size):
+        out[j] = scale * source[j]
+
+
+@njit(**PLAIN)
+def _exchange(g, scale, a, b):
+    """(a, b) = scale g (b, a)."""
+    for j in range(g.size):
+        common, first = scale * g[j], a[j]
+        a[j] = common * b[j]
+        b[j] = common * first
+
+
+@njit(**PLAIN)
+def _multiply_factors(out, first, last, skipped, factors, start):
+    """Multiply by the factors from first to last, all but one (-1: all)."""
+    for f in range(first, last):
+        if f != skipped:
+            _multiply(out, factors[f, start : start + out.size])
+
+
+@njit(**PLAIN)
+def _kernel(e, model, memory):
+    """k(X, x) of one output, from its groups; exponents become exponentials."""
+    exponent, ends, v = model.exponent, model.ends, model.v[e]
+    groups, factors, kernel = memory.flat_groups, memory.flat_factors, memory.flat_kernel
+    chunk = _CHUNK_BYTES // v.itemsize
+    for start in range(0, kernel.size, chunk):
+        stop = min(start + chunk, kernel.size)
+        total, value = kernel[start:stop], memory.flat_term[: stop - start]
+        _fill(total, 0.0)
         for k in range(v.size):
-            value = total if k == 0 else memory.term[: stop - start]
+            first, last = ends[k], ends[k + 1]
             if exponent[k] >= 0:
                 group = groups[exponent[k], start:stop]
                 set_exponentials(group, v[k])
-                _scale(group, 1.0, value)
+                if first == last:
+                    _add(total, group)
+                    continue
+                _copy(group, value)
+            elif last - first == 2:
+                a, b = factors[first, start:stop], factors[first + 1, start:stop]
+                _add_product(total, v[k], a, b)
+                continue
             else:
-                for j in range(value.size):
-                    value[j] = v[k]
-            _multiply_factors(value, groups, start, model.owner, k, -1)
-            if k > 0:
-                for j in range(value.size):
-                    total[j] += value[j]
+                _fill(value, v[k])
+            _multiply_factors(value, first, last, -1, factors, start)
+            _add(total, value)
 
 
 @njit(**PLAIN)
-def weigh_block(e, count, model, memory):
-    """g times each term, for its exponent; g times the term less one factor, for that factor."""
-    groups, weighted = memory.groups, memory.weighted
-    exponent, owner, v = model.exponent, model.owner, model.v[e]
-    first_factor = groups.shape[0] - owner.size
-    chunk = memory.term.size
-    for start in range(0, count, chunk):
-        stop = min(start + chunk, count)
-        g = memory.g[start:stop]
+def _weigh(e, model, memory):
+    """The groups, in place: g times its term for an exponent; without the factor for a factor."""
+    exponent, ends, v = model.exponent, model.ends, model.v[e]
+    groups, factors = memory.flat_groups, memory.flat_factors
+    chunk = _CHUNK_BYTES // v.itemsize
+    for start in range(0, memory.flat_solved.size, chunk):
+        stop = min(start + chunk, memory.flat_solved.size)
+        g = memory.flat_solved[start:stop]
+        common, others = memory.flat_kernel[start:stop], memory.flat_term[: stop - start]
         for k in range(v.size):
+            first, last = ends[k], ends[k + 1]
             if exponent[k] >= 0:
-                h = weighted[exponent[k], start:stop]
-                _scale(g, 1.0, h)
-                _multiply(h, groups[exponent[k], start:stop])
-                _multiply_factors(h, groups, start, owner, k, -1)
-        for f in range(owner.size):
-            k, h = owner[f], weighted[first_factor + f, start:stop]
-            if exponent[k] >= 0:
-                _scale(g, 1.0, h)
-                _multiply(h, groups[exponent[k], start:stop])
+                h = groups[exponent[k], start:stop]
+                _multiply(h, g)
+                if first == last:
+                    continue
+                _copy(h, common)
+                _multiply_factors(h, first, last, -1, factors, start)
+            elif last - first == 2:
+                _exchange(g, v[k], factors[first, start:stop], factors[first + 1, start:stop])
+                continue
             else:
-                _scale(g, v[k], h)
-            _multiply_factors(h, groups, start, owner, k, f)
+                _set_scaled(g, v[k], common)
+            for f in range(first, last):  # `common` gathers the factors whose places are taken
+                h = factors[f, start:stop]
+                _copy(common, others)
+                _multiply_factors(others, f + 1, last, -1, factors, start)
+                _multiply(common, h)
+                _copy(others, h)
 
 
 @njit(**PLAIN)
-def _square_factor(x, c, s):
-    """c + <x, x>_s."""
-    value = c
-    for d in range(x.size):
-        value += s[d] * x[d] * x[d]
-    return value
-
-
-@njit(**PLAIN)
-def _prior_variance(x, v, c, s, owner, slope):
+def _prior(e, model, memory):
     """k(x, x) of one output, and its derivative in `slope`."""
-    total = 0.0
-    for d in range(x.size):
-        slope[d] = 0.0
+    x, squares, slope, prior = memory.x, memory.squares, memory.slope, memory.prior
+    v, c, s, ends = model.v[e], model.c[e], model.s[e], model.ends
+    product = memory.term[0]
+    _fill(prior, 0.0)
+    slope[:] = 0.0
+    for f in range(c.size):
+        _fill(squares[f], c[f])
+        for d in range(slope.shape[0]):
+            for p in range(prior.size):
+                squares[f, p] += s[f, d] * x[d, p] * x[d, p]
     for k in range(v.size):
-        value = v[k]
-        for f in range(owner.size):
-            if owner[f] == k:
-                value *= _square_factor(x, c[f], s[f])
-        total += value
-        for f in range(owner.size):
-            if owner[f] == k:
-                others = v[k]
-                for g in range(owner.size):
-                    if owner[g] == k and g != f:
-                        others *= _square_factor(x, c[g], s[g])
-                for d in range(x.size):
-                    slope[d] += 2.0 * others * s[f, d] * x[d]
-    return total
+        _fill(product, v[k])
+        _multiply_factors(product, ends[k], ends[k + 1], -1, squares, 0)
+        _add(prior, product)
+        for f in range(ends[k], ends[k + 1]):
+            _fill(product, v[k])
+            _multiply_factors(product, ends[k], ends[k + 1], f, squares, 0)
+            for d in range(slope.shape[0]):
+                for p in range(prior.size):
+                    slope[d, p] += 2.0 * product[p] * s[f, d] * x[d, p]
 
 
 @njit(**PLAIN)
-def _dot(a, b):
-    total = 0.0
-    for j in range(a.size):
-        total += a[j] * b[j]
-    return total
-
-
-@njit(**PLAIN)
-def product_block(size, a, b, memory):
-    """The inner product of each particle's rows, as its quadratic form."""
-    for i in range(size):
-        memory.quadratic[i] = _dot(a[i], b[i])
-
-
-@njit(**PLAIN)
-def _tilt(alpha, solved, ratio, g):
-    """g = alpha - ratio u."""
-    for j in range(g.size):
-        g[j] = alpha[j] - ratio * solved[j]
-
-
-@njit(**PLAIN)
-def shift_block(e, size, model, memory):
-    """The columns of x that complete the exponents of one output: -1/2 |x - middle|^2_w."""
+def _shift(e, model, memory):
+    """The rows of x that complete the exponents of one output: -1/2 |x - middle|^2_w."""
     x, w, middle = memory.x, model.w[e], model.middle
     for k in range(model.exponent.size):
         if model.exponent[k] >= 0:
-            for i in range(size):
-                shift = 0.0
-                for d in range(middle.size):
-                    shift -= 0.5 * w[k, d] * (x[i, d] - middle[d]) ** 2
-                x[i, middle.size + 1 + model.exponent[k]] = shift
+            row = x[middle.size + 1 + model.exponent[k]]
+            _fill(row, 0.0)
+            for d in range(middle.size):
+                for p in range(row.size):
+                    row[p] -= 0.5 * w[k, d] * (x[d, p] - middle[d]) ** 2
 
 
 @njit(**PLAIN)
-def change_block(e, size, eps, model, memory):
-    """Sampled changes of one output for a block, and the weights g of their derivatives."""
-    alpha, n, width = model.alpha[e], model.alpha.shape[1], model.middle.size
-    v, c, s, floor = model.v[e], model.c[e], model.s[e], model.floor[e]
-    for i in range(size):
-        row, u = memory.rows[i * n : (i + 1) * n], memory.solved[i]
-        mean, quadratic = _dot(row, alpha), memory.quadratic[i]
-        prior = _prior_variance(memory.x[i, :width], v, c, s, model.owner, memory.slope[i])
-        clamped = not prior - quadratic > floor
-        sd = np.sqrt(floor) if clamped else np.sqrt(prior - quadratic)
-        ratio = 0.0 if clamped else eps[i, e] / sd
-        memory.ratio[i] = ratio
-        memory.delta[i, e] = mean + sd * eps[i, e]
-        _tilt(alpha, u, ratio, memory.g[i * n : (i + 1) * n])
+def _sample(e, eps, model, memory):
+    """Sampled changes of one output, eps / sd as `ratio`, and g in place of u."""
+    alpha, kernel, white, solved = model.alpha[e], memory.kernel, memory.white, memory.solved
+    mean, explained, prior, ratio = memory.mean, memory.explained, memory.prior, memory.ratio
+    floor, delta = model.floor[e], memory.delta[e]
+    _fill(mean, 0.0)
+    _fill(explained, 0.0)
+    for j in range(alpha.size):
+        for p in range(mean.size):
+            mean[p] += alpha[j] * kernel[j, p]
+            explained[p] += white[j, p] * white[j, p]
+    for p in range(mean.size):
+        variance = prior[p] - explained[p]
+        clamped = not variance > floor
+        sd = np.sqrt(floor if clamped else variance)
+        delta[p] = mean[p] + sd * eps[p]
+        ratio[p] = 0.0 if clamped else eps[p] / sd
+    for j in range(alpha.size):
+        for p in range(mean.size):
+            solved[j, p] = alpha[j] - ratio[p] * solved[j, p]
 
 
 @njit(**PLAIN)
-def collect_block(e, size, model, memory, jacobians):
-    """d delta / dx of one output, from the sums over the samples and the prior variance's slope."""
+def _differentiate(e, model, memory, jacobian):
+    """d delta / dx of one output, from the sums over the samples and the prior's slope."""
     x, w, middle, moments = memory.x, model.w[e], model.middle, memory.moments
-    for i in range(size):
-        jacobian = jacobians[i, e]
-        for d in range(middle.size):
-            jacobian[d] = 0.5 * memory.ratio[i] * memory.slope[i, d]
-            for group in range(moments.shape[0]):
-                jacobian[d] += moments[group, i, d]
+    ratio, slope = memory.ratio, memory.slope
+    for d in range(middle.size):
+        for p in range(ratio.size):
+            jacobian[d, p] = 0.5 * ratio[p] * slope[d, p] + moments[d, p]
         for k in range(model.exponent.size):
             if model.exponent[k] >= 0:
-                mass = moments[model.exponent[k], i, middle.size]
-                for d in range(middle.size):
-                    jacobian[d] -= w[k, d] * mass * (x[i, d] - middle[d])
+                mass = moments[middle.size + model.exponent[k]]
+                for p in range(ratio.size):
+                    jacobian[d, p] -= w[k, d] * mass[p] * (x[d, p] - middle[d])
 
 
 @njit(**PLAIN)
-def advance_block(size, model, memory, states, following, frozen):
-    """x' = A x + B delta of a block, or x where that is implausible; frozen tells which."""
-    A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
-    for i in range(size):
-        for row in range(A.shape[0]):
-            value = 0.0
-            for column in range(A.shape[1]):
-                value += A[row, column] * states[i, column]
-            for e in range(B.shape[1]):
-                value += B[row, e] * memory.delta[i, e]
-            following[i, row] = value
-        frozen[i] = 0
-        for e in range(predicted.size):
-            if not abs(following[i, predicted[e]]) <= bounds[e]:
-                frozen[i] = 1
-        if frozen[i]:
-            for row in range(A.shape[0]):
-                following[i, row] = states[i, row]
+def change(e, eps, model, memory, jacobian):
+    """Sampled changes of one output for a block of particles, and their derivatives."""
+    _shift(e, model, memory)
+    multiply(model.expand[e], memory.x, memory.groups)
+    _kernel(e, model, memory)
+    multiply_lower(model.whiten[e], memory.kernel, memory.white)
+    multiply_upper(model.unwhiten[e], memory.white, memory.solved)
+    _prior(e, model, memory)
+    _sample(e, eps, model, memory)
+    _weigh(e, model, memory)
+    multiply(model.collect[e], memory.groups, memory.moments)
+    _differentiate(e, model, memory, jacobian)
