@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco import fused
 from mcpilco.agent_file import reading, write_agent
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import PRESETS, Config
@@ -21,10 +20,11 @@ from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task
 from mcpilco.costs import costs_along
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.dynamics import GPDynamics
+from mcpilco.engine import rollout_of
 from mcpilco.episode import run_episode
 from mcpilco.model import Model
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
-from mcpilco.rollout import Problem, rollout
+from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch, SearchResult
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
@@ -190,7 +190,6 @@ class MCPILCO:
         )
 
     def _search(self, dynamics: GPDynamics, trial: int, events: Callback) -> SearchResult:
-        fast = self.config.engine == "fused" and fused.supports(dynamics, self.policy)
         problem = Problem(
             dynamics=dynamics,
             cost=self.task.cost,
@@ -198,7 +197,7 @@ class MCPILCO:
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=fused.rollout if fast else rollout,
+            rollout=rollout_of(self.config.engine, dynamics, self.policy),
         )
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy()

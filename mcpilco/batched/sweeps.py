@@ -1,0 +1,119 @@
+"""The way forward, which forms the local Jacobians too, and the way back, which multiplies them.
+
+The matrices of the way back have the size of a state: it is nearly free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from mcpilco.batched.masks import MaskBatch
+from mcpilco.batched.model import ModelBatch
+from mcpilco.batched.policy import Frame, PolicyArrays
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What the way forward leaves for the way back."""
+
+    states: Float[Tensor, "S T_plus_1 P X"]
+    inputs: Float[Tensor, "S T P U"]
+    activations: Float[Tensor, "S T P B"]
+    """dropout included"""
+    delta_jacobians: Float[Tensor, "S T P E D"]
+    """d delta / d [z, u]"""
+    input_jacobians: Float[Tensor, "S T P U Z"]
+    """du/dz"""
+    frozen: Bool[Tensor, "S T P"]
+    """where the particle stayed"""
+
+
+def forward(
+    model: ModelBatch,
+    policy: PolicyArrays,
+    start: Float[Tensor, "S P X"],
+    noise: Float[Tensor, "S T P E"],
+    masks: MaskBatch | None,
+) -> Trace:
+    """All particles of all seeds, step by step.
+
+    Reference: thesis section 5.4.1.
+    """
+    seeds, steps, particles, outputs = noise.shape
+    frame, bases, width = policy.frame, policy.centres.shape[-1], policy.inv_scale.shape[-1]
+    inputs = len(frame.centre)
+
+    def room(*shape: int) -> Tensor:
+        return start.new_empty(seeds, steps, particles, *shape)
+
+    trace = Trace(
+        states=start.new_empty(seeds, steps + 1, *start.shape[1:]),
+        inputs=room(inputs),
+        activations=room(bases),
+        delta_jacobians=room(outputs, width + inputs),
+        input_jacobians=room(inputs, width),
+        frozen=room().bool(),
+    )
+    trace.states[:, 0] = states = start
+    for t in range(steps):
+        z = frame.augmented(states)
+        phi = policy.activations(z)
+        if masks is not None:
+            phi *= masks.factors(t, particles, bases)
+        u, trace.input_jacobians[:, t] = policy.inputs(z, phi)
+        delta, trace.delta_jacobians[:, t] = model.change(torch.cat([z, u], -1), noise[:, t])
+        states, trace.frozen[:, t] = model.follow(states, delta)
+        trace.states[:, t + 1], trace.inputs[:, t], trace.activations[:, t] = states, u, phi
+    return trace
+
+
+def backward(
+    trace: Trace,
+    model: ModelBatch,
+    frame: Frame,
+    state_gradients: Float[Tensor, "S T_plus_1 P X"],
+    input_gradients: Float[Tensor, "S T P U"],
+) -> Float[Tensor, "S B U one_plus_two_Z"]:
+    """The moments sum_tp phi da [1, z, z^2] that the policy's gradient is made of.
+
+    With lambda the total derivative with respect to a state, and mu that with respect to an input:
+
+        lambda_t = dc/dx_t + (du/dx)^T dc/du_t + (dx'/dx)^T lambda_{t+1}
+        mu_t     = dc/du_t + (dx'/du)^T lambda_{t+1}
+
+    All Jacobians are there, so that only the sum over lambda goes step by step.
+    """
+    before = trace.states[:, :-1]
+    du_dx = frame.chained(trace.input_jacobians, before)
+    dx_dx, dx_du = _closed_loop(trace, model, frame, du_dx)
+    own = state_gradients.clone()
+    own[:, :-1] += (input_gradients[..., None] * du_dx).sum(-2)
+    for t in reversed(range(trace.inputs.shape[1])):
+        own[:, t] += (own[:, t + 1, :, :, None] * dx_dx[:, t]).sum(-2)
+    mu = input_gradients + (own[:, 1:, ..., None] * dx_du).sum(-2)
+    da = mu * frame.squash_slope(trace.inputs)
+    z = frame.augmented(before)
+    powers = torch.cat([torch.ones_like(z[..., :1]), z, z.square()], -1)
+    columns = (da[..., None] * powers[..., None, :]).flatten(-2)
+    moments = trace.activations.flatten(1, 2).mT @ columns.flatten(1, 2)
+    return moments.unflatten(-1, (-1, powers.shape[-1]))
+
+
+def _closed_loop(
+    trace: Trace, model: ModelBatch, frame: Frame, du_dx: Float[Tensor, "S T P U X"]
+) -> tuple[Float[Tensor, "S T P X X"], Float[Tensor, "S T P X U"]]:
+    """dx'/dx with the policy in the loop, and dx'/du; identity and zero where a particle stayed.
+
+    Selected, not multiplied: the Jacobian of a particle that stayed need not be finite.
+    """
+    width = trace.input_jacobians.shape[-1]
+    by_z, by_u = trace.delta_jacobians.split([width, len(frame.centre)], -1)
+    by_x = frame.chained(by_z, trace.states[:, :-1]) + by_u @ du_dx
+    stayed = trace.frozen[..., None, None]
+    identity = torch.eye(len(model.A), dtype=by_x.dtype, device=by_x.device)
+    dx_dx = torch.where(stayed, identity, model.A + model.B @ by_x)
+    return dx_dx, torch.where(stayed, 0.0, model.B @ by_u)
