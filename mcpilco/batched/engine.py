@@ -11,7 +11,7 @@ from torch import Tensor
 from mcpilco.batched.masks import MaskBatch
 from mcpilco.batched.model import ModelBatch
 from mcpilco.batched.policy import PolicyBatch, parameter_gradients
-from mcpilco.batched.sweeps import backward, forward
+from mcpilco.batched.sweeps import Trace, backward, forward
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
 from mcpilco.kernels.base import NoCanonicalFormError
@@ -79,7 +79,12 @@ class _Rollout(torch.autograd.Function):
     def forward(ctx, models, policies, masks, start, noise, *parameters):
         dtype, device = models.L_inv.dtype, models.L_inv.device
         policies = policies.to(device, dtype)
-        trace = forward(models, policies.arrays(), start.to(dtype), noise.to(dtype), masks)
+        start = start.to(dtype)
+        steps = forward(models, policies.arrays(), start, noise.to(dtype), masks)
+        if not any(ctx.needs_input_grad):
+            states, inputs = zip(*(step[:2] for step in steps), strict=True)
+            return torch.stack([start, *states], 1), torch.stack(inputs, 1)
+        trace = Trace.of(start, steps)
         ctx.arrays = models, policies, trace
         ctx.dtype = parameters[0].dtype
         # detached: an output that its own node keeps alive would never be freed by itself

@@ -93,6 +93,17 @@ class PolicyBatch(Movable):
         """What is learned."""
         return self.centres, self.log_lengthscale, self.weights
 
+    def flat(self) -> Float[Tensor, "S numbers"]:
+        """All that is learned, a row for each seed; a copy."""
+        return torch.cat([part.detach().flatten(1) for part in self.parameters], 1)
+
+    def holding(self, flat: Float[Tensor, "S numbers"]) -> PolicyBatch:
+        """Policies like these with the numbers of `flat`; gradients flow to their parameters."""
+        shapes = [part.shape[1:] for part in self.parameters]
+        rows = flat.detach().split([shape.numel() for shape in shapes], 1)
+        views = (row.unflatten(1, shape) for row, shape in zip(rows, shapes, strict=True))
+        return PolicyBatch(self.frame, *(view.requires_grad_() for view in views))
+
     def arrays(self) -> PolicyArrays:
         """What a time step needs of the parameters."""
         scale = torch.exp(-self.log_lengthscale)[:, None]

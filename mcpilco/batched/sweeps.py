@@ -5,7 +5,9 @@ The matrices of the way back have the size of a state: it is nearly free.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Bool, Float
@@ -16,20 +18,38 @@ from mcpilco.batched.model import ModelBatch
 from mcpilco.batched.policy import Frame, PolicyArrays
 
 
+class Step(NamedTuple):
+    """What one time step leaves behind."""
+
+    states: Float[Tensor, "S P X"]
+    """after the step"""
+    inputs: Float[Tensor, "S P U"]
+    activations: Float[Tensor, "S P B"]
+    """dropout included"""
+    delta_jacobians: Float[Tensor, "S P E D"]
+    """d delta / d [z, u]"""
+    input_jacobians: Float[Tensor, "S P U Z"]
+    """du/dz"""
+    frozen: Bool[Tensor, "S P"]
+    """where the particle stayed"""
+
+
 @dataclass(frozen=True)
 class Trace:
-    """What the way forward leaves for the way back."""
+    """All steps, with time as the second axis, and the start before the states."""
 
     states: Float[Tensor, "S T_plus_1 P X"]
     inputs: Float[Tensor, "S T P U"]
     activations: Float[Tensor, "S T P B"]
-    """dropout included"""
     delta_jacobians: Float[Tensor, "S T P E D"]
-    """d delta / d [z, u]"""
     input_jacobians: Float[Tensor, "S T P U Z"]
-    """du/dz"""
     frozen: Bool[Tensor, "S T P"]
-    """where the particle stayed"""
+
+    @classmethod
+    def of(cls, start: Float[Tensor, "S P X"], steps: Iterable[Step]) -> Trace:
+        """The steps as they come."""
+        states, *others = zip(*steps, strict=True)
+        return cls(*(torch.stack(part, 1) for part in ((start, *states), *others)))
 
 
 def forward(
@@ -38,37 +58,21 @@ def forward(
     start: Float[Tensor, "S P X"],
     noise: Float[Tensor, "S T P E"],
     masks: MaskBatch | None,
-) -> Trace:
+) -> Iterator[Step]:
     """All particles of all seeds, step by step.
 
     Reference: thesis section 5.4.1.
     """
-    seeds, steps, particles, outputs = noise.shape
-    frame, bases, width = policy.frame, policy.centres.shape[-1], policy.inv_scale.shape[-1]
-    inputs = len(frame.centre)
-
-    def room(*shape: int) -> Tensor:
-        return start.new_empty(seeds, steps, particles, *shape)
-
-    trace = Trace(
-        states=start.new_empty(seeds, steps + 1, *start.shape[1:]),
-        inputs=room(inputs),
-        activations=room(bases),
-        delta_jacobians=room(outputs, width + inputs),
-        input_jacobians=room(inputs, width),
-        frozen=room().bool(),
-    )
-    trace.states[:, 0] = states = start
-    for t in range(steps):
-        z = frame.augmented(states)
+    states, particles, bases = start, start.shape[1], policy.centres.shape[-1]
+    for t, normal in enumerate(noise.unbind(1)):
+        z = policy.frame.augmented(states)
         phi = policy.activations(z)
         if masks is not None:
             phi *= masks.factors(t, particles, bases)
-        u, trace.input_jacobians[:, t] = policy.inputs(z, phi)
-        delta, trace.delta_jacobians[:, t] = model.change(torch.cat([z, u], -1), noise[:, t])
-        states, trace.frozen[:, t] = model.follow(states, delta)
-        trace.states[:, t + 1], trace.inputs[:, t], trace.activations[:, t] = states, u, phi
-    return trace
+        inputs, input_jacobians = policy.inputs(z, phi)
+        delta, delta_jacobians = model.change(torch.cat([z, inputs], -1), normal)
+        states, frozen = model.follow(states, delta)
+        yield Step(states, inputs, phi, delta_jacobians, input_jacobians, frozen)
 
 
 def backward(
