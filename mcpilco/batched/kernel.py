@@ -1,8 +1,8 @@
 """The kernels of S seeds as matrices: what a row k(x, X) and its derivative are products of.
 
 A kernel is a sum of K terms v exp(-1/2 |x - x_j|^2_w) prod_f (c_f + <x, x_j>_s_f). Each exponent
-and each factor is a "group": linear in [x - middle, 1] but for a part that depends on x alone, and
-so one product of [x - middle, 1, shifts] with a constant matrix.
+and each factor is a "group": linear in the powers [1, x, x^2], and so one product of these with a
+constant matrix. The derivative is a product with the same matrix.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from mcpilco.batched.powers import powers
 from mcpilco.batched.transfer import Movable
 from mcpilco.kernels.base import Kernel, Term
 
@@ -42,13 +43,9 @@ class KernelBatch(Movable):
     terms: tuple[Groups, ...]
     """what each term is made of; exponents are the first groups"""
     middle: Float[Tensor, "S 1 D"]
-    """where groups are expanded: exponents lose digits far from it"""
-    expand: Float[Tensor, "G S E C N"]
-    """from [x - middle, 1, shifts] to each group"""
-    collect: Float[Tensor, "G S E N D_plus_1"]
-    """from a weighted group to the sum of its slopes, and its mass"""
-    w: Float[Tensor, "exponents S E 1 D"]
-    """inverse squared lengthscales of each exponent"""
+    """where x is measured from: exponents lose digits far from it"""
+    expand: Float[Tensor, "G S E one_plus_two_D N"]
+    """from the powers of x - middle to each group"""
     v: Float[Tensor, "exponents S E 1"]
     """scale of each term with an exponent"""
     c: Float[Tensor, "S E 1 F"]
@@ -59,20 +56,11 @@ class KernelBatch(Movable):
     @property
     def exponents(self) -> int:
         """How many groups are exponents."""
-        return len(self.w)
+        return len(self.v)
 
     def groups(self, x: Float[Tensor, "S P D"]) -> Float[Tensor, "G S E P N"]:
-        """All groups at the particles' regressors; exponents as their exponentials.
-
-            -1/2 |x - x_j|^2_w = <x - middle, m_j>_w - 1/2 |m_j|^2_w - 1/2 |x - middle|^2_w
-
-        with m_j = x_j - middle; the last part is the shift.
-        """
-        off = (x - self.middle)[:, None]
-        shifts = -0.5 * (self.w * off.square()).sum(-1)
-        off = off.expand(*shifts.shape[1:], -1)
-        columns = torch.cat([off, torch.ones_like(off[..., :1]), shifts.movedim(0, -1)], -1)
-        groups = columns @ self.expand
+        """All groups at the particles' regressors; exponents as their exponentials."""
+        groups = powers(x - self.middle)[:, None] @ self.expand
         groups[: self.exponents].exp_()
         return groups
 
@@ -90,30 +78,28 @@ class KernelBatch(Movable):
         weighted = torch.empty_like(groups)
         for term in self.terms:
             if term.exponent is not None:
-                weighted[term.exponent] = _product([g, *(groups[i] for i in term.all)])
+                _multiply(weighted[term.exponent], g, [groups[i] for i in term.all])
             for f in term.factors:
-                weighted[f] = _product([g, *(groups[i] for i in term.all if i != f)])
-        moments = weighted @ self.collect
-        mass = moments[: self.exponents, ..., -1:]
-        off = (x - self.middle)[:, None]
-        return moments[..., :-1].sum(0) - (self.w * mass).sum(0) * off
+                _multiply(weighted[f], g, [groups[i] for i in term.all if i != f])
+        _, first, second = (weighted @ self.expand.mT).sum(0).split([1, *2 * [x.shape[-1]]], -1)
+        return first + 2 * (x - self.middle)[:, None] * second
 
     def prior(
         self, x: Float[Tensor, "S P D"]
     ) -> tuple[Float[Tensor, "S E P"], Float[Tensor, "S E P D"]]:
         """k(x, x), and its derivative."""
         squares = self.c + x.square()[:, None] @ self.s.mT
-        weights = torch.empty_like(squares)
-        values = []
-        first = self.exponents
+        first, shape = self.exponents, squares.shape[:-1]
+        values, weights = [], []
         for term in self.terms:
             scale = [] if term.exponent is None else [self.v[term.exponent]]
-            factors = {f: squares[..., f - first] for f in term.factors}
-            values.append(_product([*scale, *factors.values()]).expand(squares.shape[:-1]))
-            for f in term.factors:
-                others = [factor for i, factor in factors.items() if i != f]
-                weights[..., f - first] = _product([*scale, *others]) if scale or others else 1.0
-        return reduce(torch.add, values), 2 * x[:, None] * (weights @ self.s)
+            factors = [squares[..., f - first] for f in term.factors]
+            values.append(_product([*scale, *factors]).expand(shape))
+            for i in range(len(factors)):
+                others = [*scale, *factors[:i], *factors[i + 1 :]]
+                weights.append(_product(others).expand(shape) if others else x.new_ones(shape))
+        weighed = torch.stack(weights, -1) if weights else squares  # none of either
+        return reduce(torch.add, values), 2 * x[:, None] * (weighed @ self.s)
 
 
 @torch.no_grad()
@@ -125,7 +111,7 @@ def kernel_batch(
     Args:
         kernels: of each seed.
         X: samples of each seed; rows that are not known are zero.
-        known: which rows are samples; for the others every slope and offset is zero.
+        known: which rows are samples; the groups of all others are zero.
     """
     terms = [_ready(term) for term in _stacked(kernels)]
     bells = torch.tensor([_has_exponent(term) for term in terms])
@@ -133,22 +119,17 @@ def kernel_batch(
     v = torch.stack([term.v for term in terms])[bells, ..., None]
     c, s = torch.cat([term.c for term in terms], -1), torch.cat([term.s for term in terms], -2)
     middle = X.sum(1, keepdim=True) / known.sum(1)[:, None, None]
-    real = known[:, None, None].to(X.dtype)
-    m = (X - middle).mT[:, None] * real
-    # the scale of a term with an exponent rides on its offset: one pass less over the matrix
-    offset = v.log()[..., None] - 0.5 * (w.mT * m.square()).sum(-2, keepdim=True)
-    factors = s.movedim(-2, 0)[..., None] * X.mT[:, None]
-    offset_of_factors = c.movedim(-1, 0)[..., None, None] + middle[:, None] @ factors
-    slope = torch.cat([w.mT * m, factors])
-    offset = torch.cat([offset, offset_of_factors]) * real
-    own = torch.eye(len(slope), len(w), dtype=X.dtype)[:, None, None, :, None]
-    shifts = own.expand(-1, *offset.shape[1:3], -1, offset.shape[-1])
+    m = (X - middle).mT[:, None]
+    slope = torch.cat([w.mT * m, s.movedim(-2, 0)[..., None] * X.mT[:, None]])
+    bells, factors = slope[: len(w)], slope[len(w) :]
+    # the scale of a term with an exponent rides on its constant: one pass less over the matrix
+    constant = v.log()[..., None] - 0.5 * (bells * m).sum(-2, keepdim=True)
+    constants = torch.cat([constant, c.movedim(-1, 0)[..., None, None] + middle[:, None] @ factors])
+    square = torch.cat([(-0.5 * w.mT).expand_as(bells), torch.zeros_like(factors)])
     return KernelBatch(
         terms=_numbered(terms),
         middle=middle,
-        expand=torch.cat([slope, offset, shifts], -2),
-        collect=torch.cat([slope, torch.ones_like(offset)], -2).mT.contiguous(),
-        w=w,
+        expand=torch.cat([constants, slope, square], -2) * known[:, None, None],
         v=v,
         c=c[:, :, None],
         s=s,
@@ -193,3 +174,11 @@ def _numbered(terms: Sequence[Term]) -> tuple[Groups, ...]:
 
 def _product(parts: Sequence[Tensor]) -> Tensor:
     return reduce(torch.mul, parts)
+
+
+def _multiply(out: Tensor, g: Tensor, parts: Sequence[Tensor]) -> None:
+    """Set `out` to g times the parts, without a copy."""
+    if parts:
+        torch.mul(g, _product(parts), out=out)
+    else:
+        out.copy_(g)

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from mcpilco.batched.powers import powers
 from mcpilco.batched.transfer import Movable
 from mcpilco.policies import SumOfGaussians
 
@@ -59,6 +60,10 @@ class Frame(Movable):
         turned = sines * angles.cos() - cosines * angles.sin()
         return torch.cat([plain, turned], -1)[..., self.order]
 
+    def squash(self, a: Float[Tensor, "*b U"]) -> Float[Tensor, "*b U"]:
+        """u = centre + half_range tanh(a / scale)."""
+        return self.centre + self.half_range * torch.tanh(a / self.scale)
+
     def squash_slope(self, inputs: Float[Tensor, "*b U"]) -> Float[Tensor, "*b U"]:
         """du/da, from u."""
         tangent = (inputs - self.centre) / self.half_range
@@ -106,12 +111,16 @@ class PolicyBatch(Movable):
 
     def arrays(self) -> PolicyArrays:
         """What a time step needs of the parameters."""
-        scale = torch.exp(-self.log_lengthscale)[:, None]
-        c = self.centres * scale
-        one = torch.ones_like(c[..., :1])
-        pulling = self.weights[..., None] * torch.cat([c, one], -1)[:, :, None]
-        columns = torch.cat([2 * c, -c.square().sum(-1, keepdim=True), one], -1)
-        return PolicyArrays(self.frame, columns.mT.contiguous(), scale, pulling.flatten(-2))
+        inv_square = torch.exp(-2 * self.log_lengthscale)[:, None]
+        tilt = 2 * inv_square * self.centres
+        constant = -(inv_square * self.centres.square()).sum(-1, keepdim=True)
+        columns = torch.cat([constant, tilt, -inv_square.expand_as(tilt)], -1)
+        pulling = (
+            self.weights[..., None] * torch.cat([torch.ones_like(constant), tilt], -1)[:, :, None]
+        )
+        return PolicyArrays(
+            self.frame, columns.mT.contiguous(), pulling.flatten(-2), 2 * inv_square[:, None]
+        )
 
 
 @dataclass(frozen=True)
@@ -119,37 +128,29 @@ class PolicyArrays:
     """Policies as two products with a squashing between them."""
 
     frame: Frame
-    centres: Float[Tensor, "S Z_plus_2 B"]
-    """from [z / l, 1, -|z / l|^2] to the exponents of the bases"""
-    inv_scale: Float[Tensor, "S 1 Z"]
-    """1 / l"""
-    pulling: Float[Tensor, "S B U_times_Z_plus_1"]
-    """from activations to sum_b w_b phi_b [c_b / l, 1]"""
+    exponents: Float[Tensor, "S one_plus_two_Z B"]
+    """from the powers of z to the exponents of the bases"""
+    pulling: Float[Tensor, "S B U_times_one_plus_Z"]
+    """from activations to sum_b w_b phi_b [1, 2 c_b / l^2]"""
+    curvature: Float[Tensor, "S 1 1 Z"]
+    """2 / l^2"""
 
     def activations(self, z: Float[Tensor, "S P Z"]) -> Float[Tensor, "S P B"]:
-        """phi, in (0, 1].
-
-        -|z / l - c / l|^2 = 2 <z / l, c / l> - |c / l|^2 - |z / l|^2
-        """
-        scaled = z * self.inv_scale
-        square = -scaled.square().sum(-1, keepdim=True)
-        columns = torch.cat([scaled, torch.ones_like(square), square], -1)
-        return (columns @ self.centres).clamp_max_(0.0).exp_()
+        """phi, in (0, 1] but for rounding."""
+        return (powers(z) @ self.exponents).exp_()
 
     def inputs(
         self, z: Float[Tensor, "S P Z"], phi: Float[Tensor, "S P B"]
     ) -> tuple[Float[Tensor, "S P U"], Float[Tensor, "S P U Z"]]:
         """u, and du/dz.
 
-        da/dz_d = -2 / l_d (z_d / l_d sum_b w_b phi_b - sum_b w_b phi_b c_bd / l_d)
+        da/dz_d = sum_b w_b phi_b 2 c_bd / l_d^2 - 2 z_d / l_d^2 a,    a = sum_b w_b phi_b
         """
-        pulls = (phi @ self.pulling).unflatten(-1, (-1, z.shape[-1] + 1))
-        pull, a = pulls[..., :-1], pulls[..., -1]
-        frame = self.frame
-        u = frame.centre + frame.half_range * torch.tanh(a / frame.scale)
-        inv_scale = self.inv_scale[..., None, :]
-        slope = frame.squash_slope(u)[..., None]
-        return u, -2.0 * slope * inv_scale * (z[..., None, :] * inv_scale * a[..., None] - pull)
+        pulls = (phi @ self.pulling).unflatten(-1, (-1, 1 + z.shape[-1]))
+        a, pull = pulls[..., :1], pulls[..., 1:]
+        u = self.frame.squash(a[..., 0])
+        slope = self.frame.squash_slope(u)[..., None]
+        return u, slope * (pull - self.curvature * z[..., None, :] * a)
 
 
 def parameter_gradients(

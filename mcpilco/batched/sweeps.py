@@ -16,6 +16,7 @@ from torch import Tensor
 from mcpilco.batched.masks import MaskBatch
 from mcpilco.batched.model import ModelBatch
 from mcpilco.batched.policy import Frame, PolicyArrays
+from mcpilco.batched.powers import powers
 
 
 class Step(NamedTuple):
@@ -63,7 +64,7 @@ def forward(
 
     Reference: thesis section 5.4.1.
     """
-    states, particles, bases = start, start.shape[1], policy.centres.shape[-1]
+    states, particles, bases = start, start.shape[1], policy.exponents.shape[-1]
     for t, normal in enumerate(noise.unbind(1)):
         z = policy.frame.augmented(states)
         phi = policy.activations(z)
@@ -100,11 +101,9 @@ def backward(
         own[:, t] += (own[:, t + 1, :, :, None] * dx_dx[:, t]).sum(-2)
     mu = input_gradients + (own[:, 1:, ..., None] * dx_du).sum(-2)
     da = mu * frame.squash_slope(trace.inputs)
-    z = frame.augmented(before)
-    powers = torch.cat([torch.ones_like(z[..., :1]), z, z.square()], -1)
-    columns = (da[..., None] * powers[..., None, :]).flatten(-2)
-    moments = trace.activations.flatten(1, 2).mT @ columns.flatten(1, 2)
-    return moments.unflatten(-1, (-1, powers.shape[-1]))
+    columns = da[..., None] * powers(frame.augmented(before))[..., None, :]
+    moments = trace.activations.flatten(1, 2).mT @ columns.flatten(-2).flatten(1, 2)
+    return moments.unflatten(-1, columns.shape[-2:])
 
 
 def _closed_loop(

@@ -185,15 +185,13 @@ def test_each_seed_of_a_batch_is_as_if_alone(task: TaskSpec, dropouts) -> None:
 
 
 def test_samples_filled_in_contribute_nothing(task: TaskSpec) -> None:
-    """Not even where the samples that fill in would be huge."""
+    """Whatever their kernel is."""
     dynamics, policies, start, noise = batch_of(task)
     models = ModelBatch.of(dynamics)
     policy = PolicyBatch.of(policies)
     expected, _ = rollout_batch(models, policy, start, noise)
     missing = torch.arange(max(SAMPLES)) >= torch.tensor(SAMPLES)[:, None]
-    expand = torch.where(
-        missing[None, :, None, None], 1e3 * models.kernel.expand, models.kernel.expand
-    )
+    expand = torch.where(missing[None, :, None, None], 0.1, models.kernel.expand)
     models = dataclasses.replace(models, kernel=dataclasses.replace(models.kernel, expand=expand))
     found, _ = rollout_batch(models, policy, start, noise)
     assert torch.equal(found, expected)
