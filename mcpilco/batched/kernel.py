@@ -98,8 +98,9 @@ class KernelBatch(Movable):
             for i in range(len(factors)):
                 others = [*scale, *factors[:i], *factors[i + 1 :]]
                 weights.append(_product(others).expand(shape) if others else x.new_ones(shape))
-        weighed = torch.stack(weights, -1) if weights else squares  # none of either
-        return reduce(torch.add, values), 2 * x[:, None] * (weighed @ self.s)
+        # without factors both are empty
+        weighted = torch.stack(weights, -1) if weights else squares
+        return reduce(torch.add, values), 2 * x[:, None] * (weighted @ self.s)
 
 
 @torch.no_grad()
@@ -114,9 +115,9 @@ def kernel_batch(
         known: which rows are samples; the groups of all others are zero.
     """
     terms = [_ready(term) for term in _stacked(kernels)]
-    bells = torch.tensor([_has_exponent(term) for term in terms])
-    w = torch.stack([term.w for term in terms])[bells, ..., None, :]
-    v = torch.stack([term.v for term in terms])[bells, ..., None]
+    own = torch.tensor([_has_exponent(term) for term in terms])
+    w = torch.stack([term.w for term in terms])[own, ..., None, :]
+    v = torch.stack([term.v for term in terms])[own, ..., None]
     c, s = torch.cat([term.c for term in terms], -1), torch.cat([term.s for term in terms], -2)
     middle = X.sum(1, keepdim=True) / known.sum(1)[:, None, None]
     m = (X - middle).mT[:, None]

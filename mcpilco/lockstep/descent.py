@@ -95,13 +95,13 @@ class Batch:
 
 def descend(members: Sequence[Member], place: Place, costs: CostBatch) -> list[Candidate]:
     """What comes of one start of each member, in their order."""
-    shape = PolicyBatch.of([member.policy for member in members])
-    shape = dataclasses.replace(shape, frame=shape.frame.to(place.device))
-    adam = AdamBatch(shape.flat().to(place.device))
+    template = PolicyBatch.of([member.policy for member in members])
+    template = dataclasses.replace(template, frame=template.frame.to(place.device))
+    adam = AdamBatch(template.flat().to(place.device))
     found = adam.numbers.clone()
     running, batch = list(range(len(members))), Batch(members, place, costs)
     while running:
-        _step([members[i] for i in running], batch, shape, adam, place)
+        _step([members[i] for i in running], batch, template, adam, place)
         over = [i for i in running if members[i].descent.over]
         if over:
             found[over] = adam.numbers[[running.index(i) for i in over]]
@@ -110,15 +110,15 @@ def descend(members: Sequence[Member], place: Place, costs: CostBatch) -> list[C
             adam.keep(stay)
             if running:
                 batch = Batch([members[i] for i in running], place, costs)
-    return _judged(members, Batch(members, place, costs), shape.holding(found))
+    return _judged(members, Batch(members, place, costs), template.holding(found))
 
 
 def _step(
-    members: Sequence[Member], batch: Batch, shape: PolicyBatch, adam: AdamBatch, place: Place
+    members: Sequence[Member], batch: Batch, template: PolicyBatch, adam: AdamBatch, place: Place
 ) -> None:
     """One gradient step of each member; what `PolicySearch.step` does for one."""
     config, first = members[0].request.search.config, members[0].descent
-    policies = shape.holding(adam.numbers)
+    policies = template.holding(adam.numbers)
     masks = MaskBatch.of([member.mask() for member in members], members[0].problem.horizon)
     masks = None if masks is None else masks.to(place.device, place.dtype)
     states, inputs = batch.particles(policies, config.particles, masks)
