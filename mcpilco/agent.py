@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,20 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco import fused
 from mcpilco.agent_file import reading, write_agent
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import PRESETS, Config
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from mcpilco.costs import costs_along
 from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.engine import rollout_of
 from mcpilco.episode import run_episode
+from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
-from mcpilco.rollout import Problem, rollout
-from mcpilco.search import PolicySearch, SearchResult
+from mcpilco.rollout import Problem
+from mcpilco.search import PolicySearch
+from mcpilco.stopwatch import Stopwatch
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
 
@@ -122,15 +123,27 @@ class MCPILCO:
             EnvError: the env is absent, or misbehaves.
             NotPositiveDefiniteError: the data make the covariance of a GP singular.
         """
+        answer_alone(self.learning(total_timesteps, callback, progress_bar))
+        return self
+
+    def learning(
+        self,
+        total_timesteps: int,
+        callback: Callback | Sequence[Callback] | None = None,
+        progress_bar: bool = False,
+    ) -> Learning[None]:
+        """`learn`, which stops at each search until it is sent the answer.
+
+        Several agents can so be brought to their searches, and these be answered together.
+        """
         if isinstance(self.env, AbsentEnv):
             self.env.reset()  # raises
         trials = self._affordable_trials(total_timesteps)
         shown = [Progress()] if progress_bar or self.verbose else []
         try:
-            self._learn(trials, as_callback(callback, *shown))
+            yield from self._learn(trials, as_callback(callback, *shown))
         finally:
             as_callback(shown).close()
-        return self
 
     def _affordable_trials(self, total_timesteps: int) -> int:
         explorations = int(self.transitions is None)
@@ -143,12 +156,12 @@ class MCPILCO:
             )
         return trials
 
-    def _learn(self, trials: int, events: Callback) -> None:
+    def _learn(self, trials: int, events: Callback) -> Learning[None]:
         events.on_training_start(self, trials)
         if self.transitions is None:
             events.on_exploration(self._explore())
         for _ in range(trials):
-            self.results.append(self._trial(events))
+            self.results.append((yield from self._trial(events)))
             self.trials = self.results[-1].trial
             events.on_trial_end(self.results[-1])
         events.on_training_end()
@@ -160,16 +173,19 @@ class MCPILCO:
         self.policy = self._random_policy()
         return record
 
-    def _trial(self, events: Callback) -> TrialResult:
+    def _trial(self, events: Callback) -> Learning[TrialResult]:
         """Learn the model, search the policy, try it."""
         trial, data = self.trials + 1, self._data
         events.on_trial_start(trial)
-        wall, cpu = time.perf_counter(), time.process_time()
+        watch = Stopwatch()
         events.on_model_fitted(self.model.fit(data))
-        found = self._search(self.model.dynamics(data), trial, events)
+        request = self._request(self.model.dynamics(data), trial, events)
+        watch.pause()
+        found = yield request
+        watch.resume(found.spent)
         self.policy = found.best.policy
         record = self._run_episode(self._act)
-        success = record.outcome.get("is_success")
+        success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
             trial=trial,
             experience_s=round(len(data) * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
@@ -182,20 +198,16 @@ class MCPILCO:
             noise_std=self.model.noise_std,
             policy_steps=found.steps,
             starts=found.starts,
-            wall_s=time.perf_counter() - wall,
-            cpu_s=time.process_time() - cpu,
+            wall_s=spent.wall_s,
+            cpu_s=spent.cpu_s,
             rollout=record,
             prediction=found.best.prediction(SHOWN_PARTICLES),
         )
 
-    def _search(
+    def _request(
         self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
-    ) -> SearchResult:
-        fast = (
-            self.config.engine == "fused"
-            and isinstance(dynamics, Dynamics)
-            and fused.supports(dynamics, self.policy)
-        )
+    ) -> SearchRequest:
+        """The search for the trial's policy."""
         problem = Problem(
             dynamics=dynamics,
             cost=self.task.cost,
@@ -203,12 +215,12 @@ class MCPILCO:
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=fused.rollout if fast else rollout,
+            rollout=rollout_of(self.config.engine, dynamics, self.policy),
         )
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy()
         search = PolicySearch(self.config.search, self.generator, events.on_policy_step)
-        return search.run(problem, first, self._random_policy, trial)
+        return SearchRequest(search, problem, first, self._random_policy, trial)
 
     def _random_policy(self) -> SumOfGaussians:
         """A start for the search, its centres spread over the states seen so far."""

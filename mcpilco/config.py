@@ -200,7 +200,8 @@ class Config(_Checked):
     horizon: int | None = None
     """steps of one episode; None takes the env's time limit"""
     engine: Literal["fused", "eager"] = "fused"
-    """how particles are rolled out: compiled loops, or plain torch with the same result"""
+    """how particles are rolled out: compiled loops, or plain torch with the same result;
+    where numba is missing, torch takes the place of the loops"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

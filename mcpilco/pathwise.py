@@ -101,6 +101,9 @@ class Paths:
 class PathwisePosterior:
     """A GP model of the next state, as a distribution over functions of the state and input."""
 
+    noise_dim = 0
+    """nothing is left to chance in a step of a draw"""
+
     def __init__(self, dynamics: GPDynamics, features: int = 256) -> None:
         """The functions that a model leaves possible.
 

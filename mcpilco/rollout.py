@@ -93,16 +93,24 @@ class Problem:
         dropout: Dropout | None = None,
     ) -> Particles:
         """`count` particles from fresh random numbers."""
-        width = len(self.start_mean)
-        normal = torch.randn(count, width, generator=generator, dtype=torch.float64)
+        normal, noise = self.normals(count, generator)
         dynamics = self.dynamics
         if isinstance(dynamics, UncertainDynamics):
             dynamics = dynamics.draw(count, generator)
-        noise = torch.randn(
-            self.horizon, count, dynamics.noise_dim, generator=generator, dtype=torch.float64
-        )
         start = self.start_mean + self.start_std * normal
         return self.rollout(dynamics, policy, start, noise, dropout)
+
+    def normals(
+        self, count: int, generator: torch.Generator
+    ) -> tuple[Float[Tensor, "P X"], Float[Tensor, "T P E"]]:
+        """Fresh standard normal numbers for the starts and for the steps of `count` particles."""
+
+        def normal(*shape: int) -> Tensor:
+            device = generator.device
+            return torch.randn(*shape, generator=generator, dtype=torch.float64, device=device)
+
+        start = normal(count, len(self.start_mean))
+        return start, normal(self.horizon, count, self.dynamics.noise_dim)
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""

@@ -17,6 +17,8 @@ from mcpilco.data import Prediction
 from mcpilco.dropout import Dropout
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles, Problem
+from mcpilco.schedule import Schedule
+from mcpilco.stopwatch import Spent, Stopwatch
 
 logger = logging.getLogger(__name__)
 
@@ -80,84 +82,114 @@ class SearchResult:
     """how many candidates there were"""
     steps: int
     """optimisation steps of all of them"""
+    spent: Spent
+    """the time that this search took, or its share of several"""
 
 
-class DriftMonitor:
-    """Says when the cost no longer drifts.
+class Starts:
+    """The starts of one search: which comes next, whether one is wanted, the best so far.
 
-    s = EMA(dJ) / sqrt(EMA variance), smoothed once more. The cost has settled when abs(s) stayed
-    below a bound for the last `window` steps; the first `window` steps of all, while the averages
-    fill, do not count.
-
-    Reference: the authors' later setting (Amadio et al., IEEE T-RO 2022).
+    A further start from a fresh random policy is wanted while the model predicts failure: while the
+    best candidate's mean cost over the last third of the horizon exceeds the share `failing` of the
+    cost of a step without a policy. The rule needs no knowledge of the task beyond its cost.
     """
 
-    def __init__(self, decay: float = 0.99, window: int = 200) -> None:
-        """A monitor that has seen nothing yet.
+    def __init__(
+        self,
+        config: SearchConfig,
+        reference_cost: float,
+        policy: SumOfGaussians,
+        fresh: Callable[[], SumOfGaussians],
+    ) -> None:
+        self._most = config.restarts + 1
+        self._failing = config.failing * reference_cost
+        self._policy = policy
+        self._fresh = fresh
+        self.candidates: list[Candidate] = []
+
+    @property
+    def wanted(self) -> bool:
+        """Whether to try one more."""
+        if not self.candidates:
+            return True
+        return len(self.candidates) < self._most and not self.best.final_cost <= self._failing
+
+    def next(self) -> SumOfGaussians:
+        """The policy to start from; random numbers are drawn for all but the first."""
+        return self._fresh() if self.candidates else self._policy
+
+    @property
+    def best(self) -> Candidate:
+        """The candidate of lowest predicted cost."""
+        return min(self.candidates, key=lambda candidate: candidate.rank)
+
+    @property
+    def steps(self) -> int:
+        """Optimisation steps spent so far."""
+        return sum(candidate.steps for candidate in self.candidates)
+
+    def result(self, spent: Spent) -> SearchResult:
+        """What has come of them, in this time."""
+        return SearchResult(self.best, len(self.candidates), self.steps, spent)
+
+
+class Descent:
+    """One start on its way: what its next step is told, and whether there is one."""
+
+    def __init__(self, search: PolicySearch, trial: int, start: int, spent: int) -> None:
+        """A descent before its first step.
 
         Args:
-            decay: of the exponential averages, each step [-].
-            window: how long the drift must be small [steps].
+            search: what it is part of.
+            trial: 1, 2, ..., for the schedules.
+            start: 0, 1, ...: which start of the search it is.
+            spent: steps of the starts before it.
         """
-        self.decay = decay
-        self.window = window
-        self.mean = 0.0
-        self.variance = 0.0
-        self.drift = 0.0
-        self.last: float | None = None
-        self.calm = -window
-
-    def reset(self) -> None:
-        """Begin a new phase; the averages are kept."""
-        self.calm = 0
-
-    def update(self, cost: float, bound: float) -> bool:
-        """Whether the cost has settled, given its newest value; NaN is passed over."""
-        if not math.isfinite(cost):
-            return False
-        if self.last is not None:
-            change = cost - self.last
-            surprise = change - self.mean
-            self.mean += (1 - self.decay) * surprise
-            self.variance = self.decay * (self.variance + (1 - self.decay) * surprise**2)
-            standardised = self.mean / math.sqrt(self.variance) if self.variance > 0 else 0.0
-            self.drift = self.decay * self.drift + (1 - self.decay) * standardised
-        self.last = cost
-        self.calm = 0 if self.calm >= 0 and abs(self.drift) >= bound else self.calm + 1
-        return self.calm >= self.window
-
-
-class Schedule:
-    """Which phase a step belongs to, by shares of the steps or by a monitor of the cost."""
-
-    def __init__(self, config: SearchConfig, steps: int) -> None:
-        self.phases = config.phases
-        self.widest = config.widening
-        self.steps = steps
-        self.monitor = DriftMonitor() if config.monitored else None
-        self.index = 0
+        self.step = 0
+        """steps done"""
+        self.over = False
+        """no more steps are to be done"""
+        self._report = search.report
+        self._steps = search.config.steps_of(trial)
+        self._rate = search.config.rate_of(trial)
+        self._schedule = Schedule(search.config, self._steps)
+        self._start = start
+        self._before = spent
+        self._skipped = 0
 
     @property
     def phase(self) -> Phase:
         """The present phase."""
-        return self.phases[self.index]
+        return self._schedule.phase
 
-    def widening(self, step: int) -> float:
-        """How many times as wide the cost is at a step, falling to 1 over the first half."""
-        return max(1.0, self.widest + (1.0 - self.widest) * 2 * step / self.steps)
+    @property
+    def learning_rate(self) -> float:
+        """Adam's step size in the next step [-]."""
+        return self._rate * self.phase.learning_rate
 
-    def advance(self, step: int, cost: float) -> bool:
-        """Take note of a finished step; False when the search is over."""
-        last = self.index == len(self.phases) - 1
-        if self.monitor is not None:
-            if self.monitor.update(cost, self.phase.drift):
-                if last:
-                    return False
-                self.monitor.reset()
-                self.index += 1
-        elif not last and step >= self.phase.until * self.steps:
-            self.index += 1
-        return step < self.steps
+    @property
+    def widening(self) -> float:
+        """How many times as wide the cost is in the next step [-]."""
+        return self._schedule.widening(self.step)
+
+    def note(self, cost: float, norm: float) -> None:
+        """Take note of a step that was done, by its cost and its gradient's norm [-]."""
+        self.step += 1
+        finite = math.isfinite(cost) and math.isfinite(norm)
+        self._skipped = 0 if finite else self._skipped + 1
+        if self._skipped == MOST_SKIPPED:
+            logger.warning("Start %d given up: its costs are not finite.", self._start + 1)
+            self.over = True
+            return
+        values = {
+            "policy/cost": cost,
+            "policy/gradient_norm": norm,
+            "policy/learning_rate": self.learning_rate,
+            "policy/dropout": self.phase.dropout,
+            "policy/start": float(self._start + 1),
+        }
+        self._report(self._before + self.step, self._before + self._steps, values)
+        self.over = not self._schedule.advance(self.step, cost)
 
 
 class PolicySearch:
@@ -189,11 +221,8 @@ class PolicySearch:
     ) -> SearchResult:
         """The policy of lowest predicted cost among the starts tried.
 
-        A further start from a fresh random policy is tried while the model predicts failure: while
-        the best candidate's mean cost over the last third of the horizon exceeds the share
-        `failing` of the cost of a step without a policy. The rule needs no knowledge of the task
-        beyond its cost. A start that meets costs or gradients that are not finite is given up
-        after `MOST_SKIPPED` of them; where all are, the first one's policy is returned.
+        `Starts` says which are tried. A start that meets costs or gradients that are not finite is
+        given up after `MOST_SKIPPED` of them; where all are, the first one's policy is returned.
 
         Args:
             problem: what is minimised.
@@ -201,17 +230,12 @@ class PolicySearch:
             fresh: makes a random policy.
             trial: 1, 2, ..., for the schedules.
         """
-        spent = 0
-        candidates: list[Candidate] = []
-        for start in range(self.config.restarts + 1):
-            first = policy if start == 0 else fresh()
-            candidate = self._improve(problem, first, trial, start, spent)
-            candidates.append(candidate)
-            spent += candidate.steps
-            best = min(candidates, key=lambda candidate: candidate.rank)
-            if best.final_cost <= self.config.failing * problem.reference_cost:
-                break
-        return SearchResult(best, len(candidates), spent)
+        watch = Stopwatch()
+        starts = Starts(self.config, problem.reference_cost, policy, fresh)
+        while starts.wanted:
+            number, spent = len(starts.candidates), starts.steps
+            starts.candidates.append(self._improve(problem, starts.next(), trial, number, spent))
+        return starts.result(watch.read())
 
     def _improve(
         self, problem: Problem, policy: SumOfGaussians, trial: int, start: int, spent: int
@@ -219,30 +243,12 @@ class PolicySearch:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
         optimiser = torch.optim.Adam(policy.parameters())
-        steps, rate = self.config.steps_of(trial), self.config.rate_of(trial)
-        schedule = Schedule(self.config, steps)
-        step, skipped = 0, 0
-        while True:
-            phase = schedule.phase
-            optimiser.param_groups[0]["lr"] = rate * phase.learning_rate
-            widening = schedule.widening(step)
-            cost, norm = self.step(problem, policy, optimiser, phase.dropout, widening)
-            step += 1
-            skipped = 0 if math.isfinite(cost) and math.isfinite(norm) else skipped + 1
-            if skipped == MOST_SKIPPED:
-                logger.warning("Start %d given up: its costs are not finite.", start + 1)
-                break
-            values = {
-                "policy/cost": cost,
-                "policy/gradient_norm": norm,
-                "policy/learning_rate": rate * phase.learning_rate,
-                "policy/dropout": phase.dropout,
-                "policy/start": float(start + 1),
-            }
-            self.report(spent + step, spent + steps, values)
-            if not schedule.advance(step, cost):
-                break
-        return self._judge(problem, policy, step)
+        descent = Descent(self, trial, start, spent)
+        while not descent.over:
+            optimiser.param_groups[0]["lr"] = descent.learning_rate
+            numbers = descent.phase.dropout, descent.widening
+            descent.note(*self.step(problem, policy, optimiser, *numbers))
+        return self._judge(problem, policy, descent.step)
 
     def step(
         self,

@@ -4,6 +4,8 @@ Axis letters in jaxtyping annotations, in the order time, particles, features, b
 
     T steps    P particles    N samples    M queries or inducing points
     X state    U input        E outputs    D regressor width    B bases    J joints
+
+Where seeds run together, S of them stand in front of all other axes.
 """
 
 from __future__ import annotations
@@ -70,6 +72,9 @@ class Dynamics(Protocol):
 @runtime_checkable
 class UncertainDynamics(Protocol):
     """A distribution over models: each rollout draws its own, and keeps it from step to step."""
+
+    @property
+    def noise_dim(self) -> int: ...
 
     def draw(self, particles: int, generator: torch.Generator) -> Dynamics: ...
 

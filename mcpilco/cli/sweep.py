@@ -17,12 +17,14 @@ from mcpilco.cli.system import numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
+BATCH = 64
+"""most seeds on a device at a time, where --batch does not say"""
 _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Train from many seeds, a process each; the same command goes on where it was stopped."""
+    """Train from many seeds; the same command goes on where it was stopped."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder of the sweep: new, or begun with the same settings"""
@@ -40,6 +42,10 @@ class Sweep:
     """local: processes of this machine; ray: the Ray cluster that RAY_ADDRESS names"""
     workers: Annotated[int | None, optional("INT", "number of cores")] = None
     """processes at a time; Ray takes all cores it has"""
+    device: Annotated[str | None, optional("DEVICE", "none: a process a seed")] = None
+    """search the policies of many seeds together on this device, such as cuda or cpu"""
+    batch: Annotated[int | None, optional("INT", "64")] = None
+    """most seeds that search together on the device"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
     quiet: bool = False
@@ -52,6 +58,7 @@ class Sweep:
             McPilcoError: a wrong input; the sentence says which.
         """
         seeds = parse_seeds(self.seeds)
+        self._check_engine()
         config, env_kwargs = numbers(self.preset, self.env, self.horizon)
         self._check(config, env_kwargs)
 
@@ -87,13 +94,30 @@ class Sweep:
             MCPILCO("SumOfGaussians", env, config=config)
 
     def _engine(self) -> Any:
-        from mcpilco.sweep import LocalEngine, RayEngine
+        from mcpilco.sweep import BatchEngine, LocalEngine, RayEngine
 
-        if self.engine == "local":
-            return LocalEngine(self.workers)
-        if self.workers is not None:
+        if self.device is not None:
+            return BatchEngine(self.device, BATCH if self.batch is None else self.batch)
+        return RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
+
+    def _check_engine(self) -> None:
+        """Raises InputError where two options cannot both be meant."""
+        if self.device is not None and self.engine == "ray":
+            raise InputError(
+                "--device expected the engine local, got --engine ray; leave one of them out: a "
+                "batch runs on one device of this machine."
+            )
+        if self.device is not None and self.workers is not None:
+            raise InputError(
+                f"--workers expected no --device, got --device {self.device}; leave one of them "
+                "out: a batch runs in one process."
+            )
+        if self.device is None and self.batch is not None:
+            raise InputError(
+                "--batch expected a --device, got none; add for example --device cuda."
+            )
+        if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
-        return RayEngine()
 
 
 def parse_seeds(text: str) -> Sequence[int]:

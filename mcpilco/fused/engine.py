@@ -18,10 +18,10 @@ from mcpilco.fused.policy import differentiate, prepare
 from mcpilco.kernels.base import NoCanonicalFormError
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles
-from mcpilco.typing import Dynamics, Policy
+from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
 
-def supports(dynamics: Dynamics, policy: Policy) -> bool:
+def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
     """Whether the compiled loops know this model and policy; `mcpilco.rollout` knows them all."""
     if not (type(dynamics) is GPDynamics and type(policy) is SumOfGaussians):
         return False
@@ -106,7 +106,7 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, gradient_states, gradient_inputs):
-        mask, controller, model, trace = arrays = ctx.arrays
+        _, controller, model, trace = ctx.arrays
         dtype, padded = trace.states.dtype, trace.states.shape[-1]
         count, z_width = trace.input_jacobians.shape[1:3]
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
@@ -115,7 +115,7 @@ class _Rollout(torch.autograd.Function):
         for first, last, width in layout.blocks(ctx.particles, dtype):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
-            backward(first, last, *gradients, *arrays, memory, adjoint, moments)
+            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]
         differentiate(*learned, moments, *slopes)

@@ -7,16 +7,25 @@ summary = sweep(settings, range(30), "runs/out/sweep", LocalEngine())
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mcpilco.sweep.batch import BatchEngine
 from mcpilco.sweep.engines import Engine, Failure, LocalEngine, OnResult, RayEngine
 from mcpilco.sweep.folder import SweepFolder
-from mcpilco.sweep.job import Settings, run_seed
+from mcpilco.sweep.job import SeedJob, Settings
 from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, markdown, rows, summarise
 
-__all__ = ["Engine", "Failure", "LocalEngine", "RayEngine", "Settings", "SweepFolder", "sweep"]
+__all__ = [
+    "BatchEngine",
+    "Engine",
+    "Failure",
+    "LocalEngine",
+    "RayEngine",
+    "Settings",
+    "SweepFolder",
+    "sweep",
+]
 
 
 def sweep(
@@ -42,7 +51,7 @@ def sweep(
     """
     folder = SweepFolder(path, settings)
     done = folder.results()
-    jobs = {seed: partial(run_seed, settings, seed) for seed in seeds if seed not in done}
+    jobs = {seed: SeedJob(settings, seed) for seed in seeds if seed not in done}
 
     def keep(seed: int, outcome: Any) -> None:
         folder.write(seed, outcome)

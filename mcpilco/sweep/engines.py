@@ -170,8 +170,13 @@ def attempt(job: Job) -> Any:
     try:
         return job()
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return Failure(reason, traceback.format_exc())
+        return failure_of(error)
+
+
+def failure_of(error: Exception) -> Failure:
+    """What an exception leaves instead of a result; call it where the exception is handled."""
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    return Failure(reason, traceback.format_exc())
 
 
 def _start(job: Job) -> tuple[Connection, BaseProcess]:

@@ -8,10 +8,10 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from mcpilco.data import TrialResult
 from mcpilco.run_folder import versions
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.learning import Learning
 
 FORMAT = 1
 """version of a result"""
@@ -55,6 +58,24 @@ class Settings:
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
+@dataclass(frozen=True)
+class SeedJob:
+    """One seed as a job: called, it runs alone; begun, it stops at each search."""
+
+    settings: Settings
+    """of the sweep"""
+    seed: int
+    """of everything random"""
+
+    def __call__(self) -> dict[str, Any]:
+        """The result of `run_seed`."""
+        return run_seed(self.settings, self.seed)
+
+    def begin(self) -> Learning[dict[str, Any]]:
+        """The same as a learning whose searches wait to be answered."""
+        return learn_seed(self.settings, self.seed)
+
+
 def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     """The result of one seed: what `mcpilco train --seed` would learn, as JSON values.
 
@@ -67,14 +88,17 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """
-    import torch
-    from threadpoolctl import threadpool_limits
+    from mcpilco.learning import answer_alone
 
+    with one_thread():  # other processes have the other cores
+        return answer_alone(learn_seed(settings, seed))
+
+
+def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
+    """The learning that ends with the result of a seed."""
     from mcpilco.agent import MCPILCO
 
-    torch.set_num_threads(1)
     with contextlib.ExitStack() as stack:
-        stack.enter_context(threadpool_limits(1))  # other processes have the other cores
         env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))
         agent = MCPILCO("SumOfGaussians", env, config=settings.config, seed=seed)
         judge = None
@@ -83,7 +107,7 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
                 FreshEpisodes(settings.env, settings.env_kwargs, settings.fresh, agent.horizon)
             )
         rows = _Rows(agent, judge)
-        agent.learn((settings.trials + 1) * agent.horizon, callback=rows)
+        yield from agent.learning((settings.trials + 1) * agent.horizon, callback=rows)
     return {
         "format": FORMAT,
         "seed": seed,
@@ -91,6 +115,17 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
         "machine": {"cpu": _cpu(), "cores": os.cpu_count()},
         "versions": versions(),
     }
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Keeps torch, for good, and BLAS to one thread; sums of several differ in last digits."""
+    import torch
+    from threadpoolctl import threadpool_limits
+
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        yield
 
 
 class _Rows(Callback):

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mcpilco import agent as agent_module
+from mcpilco import engine
 from mcpilco.agent import MCPILCO
 from mcpilco.callbacks import Callback, Progress
 from mcpilco.config import PRESETS, Config
@@ -253,13 +254,13 @@ def test_nan_from_the_env_during_a_trial_is_an_error_that_names_the_step() -> No
 def test_a_model_that_only_answers_nan_leaves_a_usable_policy(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    rollout = agent_module.rollout
+    rollout = engine.rollout
 
     def poisoned(*arguments):
         particles = rollout(*arguments)
         return dataclasses.replace(particles, states=particles.states * math.nan)
 
-    monkeypatch.setattr(agent_module, "rollout", poisoned)
+    monkeypatch.setattr(engine, "rollout", poisoned)
     agent = make_agent(**search(steps=(50,), restarts=1)).learn(2 * STEPS)
     (result,) = agent.results
     assert math.isnan(result.predicted_cost)

@@ -44,6 +44,23 @@ class Broken(Point):
         return np.full(1, np.nan), 0.0, False, False, {}
 
 
+class Unlucky(Point):
+    """Breaks where its first seed is 1, once it has seen a whole episode."""
+
+    def __init__(self):
+        self.episodes, self.first = 0, None
+
+    def reset(self, *, seed=None, options=None):
+        self.episodes += 1
+        self.first = seed if self.first is None else self.first
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        if self.first == 1 and self.episodes > 1:
+            raise ValueError("no luck")
+        return super().step(action)
+
+
 class Short(Point):
     """An episode of two steps, of which only the second is a success."""
 
@@ -72,7 +89,7 @@ def other_batch(num_envs, max_episode_steps=None):
     return env
 
 
-for kind in (Point, Broken, Short):
+for kind in (Point, Broken, Unlucky, Short):
     gym.register(f"Sweep/{kind.__name__}-v0", kind, max_episode_steps=HORIZON)
 for name, vector in (
     ("Same", batch),

@@ -1,0 +1,49 @@
+"""Learning that stops at each search, so that several may be answered at once."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import TypeVar
+
+from mcpilco.policies import SumOfGaussians
+from mcpilco.rollout import Problem
+from mcpilco.search import PolicySearch, SearchResult
+
+
+@dataclass(frozen=True)
+class SearchRequest:
+    """A search that waits for its answer."""
+
+    search: PolicySearch
+    """how to search, and from which random numbers"""
+    problem: Problem
+    """what is minimised"""
+    policy: SumOfGaussians
+    """the first start"""
+    fresh: Callable[[], SumOfGaussians]
+    """makes a random policy"""
+    trial: int
+    """1, 2, ..., for the schedules"""
+
+    def answer(self) -> SearchResult:
+        """The result of this search alone."""
+        return self.search.run(self.problem, self.policy, self.fresh, self.trial)
+
+
+Result = TypeVar("Result")
+Learning = Generator[SearchRequest, SearchResult, Result]
+"""work that stops at each search until it is sent the answer"""
+
+
+def answer_alone(learning: Learning[Result]) -> Result:
+    """What a learning returns whose searches are run one by one, as they come."""
+    answer = None
+    with contextlib.closing(learning):
+        while True:
+            try:
+                request = learning.send(answer)  # type: ignore[arg-type]  # the first is None
+            except StopIteration as end:
+                return end.value
+            answer = request.answer()

@@ -1,0 +1,87 @@
+"""The answers to several search requests, computed together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from mcpilco import batched
+from mcpilco.learning import SearchRequest
+from mcpilco.lockstep.costs import CostBatch
+from mcpilco.lockstep.descent import Member, Place, descend
+from mcpilco.search import Descent, SearchResult, Starts
+from mcpilco.stopwatch import Spent, Stopwatch
+from mcpilco.typing import InputError
+
+
+def search_together(
+    requests: Sequence[SearchRequest],
+    device: torch.device | str = "cpu",
+    dtype: torch.dtype = torch.float64,
+) -> list[SearchResult]:
+    """What `SearchRequest.answer` says of each request, to rounding, on the CPU.
+
+    On another device each search draws its particles from a generator there, which starts from
+    the search's own: the result is another one, and does not depend on the batch either. A start
+    that its schedule ends, or that is given up, leaves the batch; only searches whose models
+    predict failure start again.
+
+    Args:
+        requests: of one configuration, trial and task.
+        device: where particles are rolled out.
+        dtype: precision of the rollouts.
+
+    Raises:
+        InputError: the requests do not belong together, or a model or policy does not fit.
+    """
+    _check(requests)
+    place, costs = Place(torch.device(device), dtype), CostBatch()
+    seeds = [_Seed(request, place) for request in requests]
+    while wanting := [seed for seed in seeds if seed.starts.wanted]:
+        watch = Stopwatch()
+        candidates = descend([seed.member() for seed in wanting], place, costs)
+        spent = watch.read().share(len(wanting))
+        for seed, candidate in zip(wanting, candidates, strict=True):
+            seed.starts.candidates.append(candidate)
+            seed.spent += spent
+    return [seed.starts.result(seed.spent) for seed in seeds]
+
+
+class _Seed:
+    """A request with its starts."""
+
+    def __init__(self, request: SearchRequest, place: Place) -> None:
+        self.request = request
+        self.spent = Spent()
+        config, reference = request.search.config, request.problem.reference_cost
+        self.starts = Starts(config, reference, request.policy, request.fresh)
+        self._generator = _generator_on(place.device, request.search.generator)
+
+    def member(self) -> Member:
+        """Its next start."""
+        number, spent, trial = len(self.starts.candidates), self.starts.steps, self.request.trial
+        descent = Descent(self.request.search, trial, number, spent)
+        return Member(self.request, self._generator, self.starts.next(), descent)
+
+
+def _generator_on(device: torch.device, generator: torch.Generator) -> torch.Generator:
+    """The generator itself on its own device, else one there that starts from it."""
+    if device.type == generator.device.type:
+        return generator
+    seed = int(torch.randint(2**31, (1,), generator=generator))
+    return torch.Generator(device).manual_seed(seed)
+
+
+def _check(requests: Sequence[SearchRequest]) -> None:
+    kinds = {(r.search.config, r.trial, r.problem.horizon) for r in requests}
+    if len(kinds) != 1:
+        raise InputError(
+            "Searches run together when they have one configuration, trial and horizon, "
+            f"got {len(kinds)} kinds; answer each kind by itself."
+        )
+    if not all(batched.supports(r.problem.dynamics, r.policy) for r in requests):
+        raise InputError(
+            "Seeds run together with a GP of sums and products of RBF, Linear and MPK kernels and "
+            "a SumOfGaussians policy; run them one by one."
+        )

@@ -1,0 +1,69 @@
+"""The engine that a configuration names, on a machine with and without numba."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcpilco import batched, engine, fused
+from mcpilco.engine import rollout_of
+from mcpilco.rollout import rollout
+from mcpilco.task import TaskSpec
+from tests.mcpilco.conftest import make_dynamics, make_policy
+
+ROOT = Path(__file__).parents[2]
+TRAIN = """
+import dataclasses, logging, sys
+{before}
+logging.basicConfig(format="%(name)s: %(message)s")
+from mcpilco.agent import MCPILCO
+from tests.mcpilco.point import STEPS, TINY, PointEnv
+config = dataclasses.replace(TINY, engine="fused")
+agent = MCPILCO("SumOfGaussians", PointEnv(), config=config).learn(3 * STEPS)
+print(*(result.predicted_cost for result in agent.results))
+print(*agent.policy.weights.flatten().tolist())
+"""
+
+
+def trained(before: str) -> tuple[list[list[float]], str]:
+    """What a process of its own learns, and what it logs."""
+    done = subprocess.run(
+        [sys.executable, "-c", TRAIN.format(before=before)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return [
+        [float(word) for word in line.split()] for line in done.stdout.splitlines()
+    ], done.stderr
+
+
+def test_without_numba_the_same_is_learned_and_the_log_says_how() -> None:
+    without, said = trained('sys.modules["numba"] = None')
+    usual, nothing = trained("")
+    for mine, its in zip(without, usual, strict=True):
+        np.testing.assert_allclose(mine, its, rtol=1e-6)
+    (line,) = said.splitlines()
+    assert line.startswith("mcpilco.engine: The compiled loops need numba")
+    assert nothing == ""
+
+
+def test_the_compiled_loops_are_the_first_choice(task: TaskSpec) -> None:
+    dynamics, policy = make_dynamics(task), make_policy(task)
+    assert rollout_of("fused", dynamics, policy) is fused.rollout
+    assert rollout_of("eager", dynamics, policy) is rollout
+
+
+@pytest.mark.parametrize("fast", [fused, batched])
+def test_what_the_fast_ones_do_not_know_is_left_to_the_plain_one(
+    task: TaskSpec, monkeypatch: pytest.MonkeyPatch, fast
+) -> None:
+    monkeypatch.setattr(engine, "_fastest", lambda: fast)
+    dynamics = make_dynamics(task)
+    assert rollout_of("fused", dynamics, make_policy(task)) is fast.rollout
+    assert rollout_of("fused", dynamics, lambda states, dropout=None, step=0: states) is rollout
