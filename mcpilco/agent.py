@@ -215,7 +215,7 @@ class MCPILCO:
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=rollout_of(self.config.engine, dynamics, self.policy),
+            rollout=rollout_of(self.config, dynamics, self.policy),
         )
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy()

@@ -164,8 +164,12 @@ class SearchConfig(_Checked):
     """the gradient is scaled down to this norm; None leaves it"""
     warm_start: bool = True
     """begin with the last trial's policy, where there is one"""
-    restarts: int = 3
-    """further starts from random policies, tried while the model predicts failure"""
+    polish: bool = True
+    """the policy that a search begins with is a candidate too; where the model predicts no failure
+    of it, its improvement enters the schedule half-way: at lower rates and the cost's own width"""
+    restarts: tuple[int, ...] = (3,)
+    """further starts from random policies in trial 1, 2, ..., tried while the model predicts
+    failure; the last entry holds from there on"""
     failing: float = 0.05
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
@@ -174,10 +178,11 @@ class SearchConfig(_Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(particles=1, evaluation_particles=2, restarts=0, widening=1)
+        self._at_least(particles=1, evaluation_particles=2, widening=1)
         self._positive("clip_norm")
-        for name in ("steps", "rates", "phases"):
+        for name in ("steps", "rates", "phases", "restarts"):
             _require(bool(getattr(self, name)), f"{name} must have at least one entry.")
+        _require(min(self.restarts) >= 0, f"restarts must not be negative, got {self.restarts}.")
         _require(min(self.steps) >= 1, f"steps must all be at least 1, got {self.steps}.")
         _require(min(self.rates) > 0, f"rates must all be positive, got {self.rates}.")
 
@@ -188,6 +193,10 @@ class SearchConfig(_Checked):
     def rate_of(self, trial: int) -> float:
         """Factor of the learning rates in trial 1, 2, ..."""
         return self.rates[min(trial, len(self.rates)) - 1]
+
+    def starts_of(self, trial: int) -> int:
+        """Most starts in trial 1, 2, ..."""
+        return 1 + self.restarts[min(trial, len(self.restarts)) - 1]
 
 
 @dataclass(frozen=True)
@@ -202,6 +211,8 @@ class Config(_Checked):
     engine: Literal["fused", "eager"] = "fused"
     """how particles are rolled out: compiled loops, or plain torch with the same result;
     where numba is missing, torch takes the place of the loops"""
+    precision: Literal["float64", "float32"] = "float64"
+    """of the fast rollouts; factorisations, costs and parameters have float64 always"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -276,7 +287,8 @@ PRESETS: dict[str, Preset] = {
                 phases=(Phase(0.02),),
                 widening=1.0,
                 clip_norm=None,
-                restarts=0,
+                polish=False,
+                restarts=(0,),
             ),
         ),
     ),
@@ -296,7 +308,8 @@ PRESETS: dict[str, Preset] = {
                 monitored=True,
                 widening=1.0,
                 clip_norm=None,
-                restarts=0,
+                polish=False,
+                restarts=(0,),
                 evaluation_particles=400,
             ),
         ),

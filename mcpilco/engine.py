@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import logging
 from types import ModuleType
-from typing import Literal
 
 from mcpilco import batched
+from mcpilco.config import Config
 from mcpilco.rollout import RolloutFunction, rollout
 from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
@@ -15,19 +15,21 @@ logger = logging.getLogger(__name__)
 
 
 def rollout_of(
-    engine: Literal["fused", "eager"], dynamics: Dynamics | UncertainDynamics, policy: Policy
+    config: Config, dynamics: Dynamics | UncertainDynamics, policy: Policy
 ) -> RolloutFunction:
     """The fastest rollout there is for this model and policy; all compute the same.
 
     Args:
-        engine: `eager` asks for the plain one always.
+        config: its engine `eager` asks for the plain rollout always, which knows one precision.
         dynamics: the model.
         policy: the policy.
     """
-    if engine == "eager":
+    fast = None if config.engine == "eager" else _fastest()
+    if fast is None or not fast.supports(dynamics, policy):
+        if config.precision == "float32":
+            logger.warning("This model and policy are rolled out in plain torch, in float64.")
         return rollout
-    fast = _fastest()
-    return fast.rollout if fast.supports(dynamics, policy) else rollout
+    return functools.partial(fast.rollout, single=config.precision == "float32")
 
 
 @functools.cache

@@ -55,12 +55,22 @@ class DriftMonitor:
 class Schedule:
     """Which phase a step belongs to, by shares of the steps or by a monitor of the cost."""
 
-    def __init__(self, config: SearchConfig, steps: int) -> None:
+    def __init__(self, config: SearchConfig, steps: int, entered: int = 0) -> None:
+        """A schedule.
+
+        Args:
+            config: its phases.
+            steps: all of them.
+            entered: how many of them are taken as done.
+        """
         self.phases = config.phases
         self.widest = config.widening
         self.steps = steps
         self.monitor = DriftMonitor() if config.monitored else None
         self.index = 0
+        if not config.monitored:
+            while self._passed(entered):
+                self.index += 1
 
     @property
     def phase(self) -> Phase:
@@ -73,13 +83,20 @@ class Schedule:
 
     def advance(self, step: int, cost: float) -> bool:
         """Take note of a finished step; False when the search is over."""
-        last = self.index == len(self.phases) - 1
         if self.monitor is not None:
             if self.monitor.update(cost, self.phase.drift):
-                if last:
+                if self._last:
                     return False
                 self.monitor.reset()
                 self.index += 1
-        elif not last and step >= self.phase.until * self.steps:
+        elif self._passed(step):
             self.index += 1
         return step < self.steps
+
+    @property
+    def _last(self) -> bool:
+        return self.index == len(self.phases) - 1
+
+    def _passed(self, step: int) -> bool:
+        """Whether a step is beyond the present phase, and another one follows."""
+        return not self._last and step >= self.phase.until * self.steps

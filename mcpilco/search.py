@@ -100,61 +100,74 @@ class Starts:
         reference_cost: float,
         policy: SumOfGaussians,
         fresh: Callable[[], SumOfGaussians],
+        trial: int,
     ) -> None:
-        self._most = config.restarts + 1
+        self._most = config.starts_of(trial)
         self._failing = config.failing * reference_cost
         self._policy = policy
         self._fresh = fresh
-        self.candidates: list[Candidate] = []
+        self.unimproved: Candidate | None = None
+        """the first policy as it is, where that counts"""
+        self.tried: list[Candidate] = []
+        """what came of each start"""
 
     @property
     def wanted(self) -> bool:
         """Whether to try one more."""
-        if not self.candidates:
-            return True
-        return len(self.candidates) < self._most and not self.best.final_cost <= self._failing
+        return not self.tried or (len(self.tried) < self._most and self._fails(self.best))
+
+    @property
+    def half_way(self) -> bool:
+        """Whether the next start enters the schedule half-way, for its policy needs polish only."""
+        return not self.tried and self.unimproved is not None and not self._fails(self.unimproved)
+
+    def _fails(self, candidate: Candidate) -> bool:
+        """Whether the model predicts failure."""
+        return not candidate.final_cost <= self._failing
 
     def next(self) -> SumOfGaussians:
         """The policy to start from; random numbers are drawn for all but the first."""
-        return self._fresh() if self.candidates else self._policy
+        return self._fresh() if self.tried else self._policy
 
     @property
     def best(self) -> Candidate:
         """The candidate of lowest predicted cost."""
-        return min(self.candidates, key=lambda candidate: candidate.rank)
+        first = [] if self.unimproved is None else [self.unimproved]
+        return min(first + self.tried, key=lambda candidate: candidate.rank)
 
     @property
     def steps(self) -> int:
         """Optimisation steps spent so far."""
-        return sum(candidate.steps for candidate in self.candidates)
+        return sum(candidate.steps for candidate in self.tried)
 
     def result(self, spent: Spent) -> SearchResult:
         """What has come of them, in this time."""
-        return SearchResult(self.best, len(self.candidates), self.steps, spent)
+        return SearchResult(self.best, len(self.tried), self.steps, spent)
 
 
 class Descent:
     """One start on its way: what its next step is told, and whether there is one."""
 
-    def __init__(self, search: PolicySearch, trial: int, start: int, spent: int) -> None:
+    def __init__(self, search: PolicySearch, trial: int, starts: Starts) -> None:
         """A descent before its first step.
 
         Args:
             search: what it is part of.
             trial: 1, 2, ..., for the schedules.
-            start: 0, 1, ...: which start of the search it is.
-            spent: steps of the starts before it.
+            starts: those before it, and how this one begins.
         """
         self.step = 0
         """steps done"""
         self.over = False
         """no more steps are to be done"""
         self._report = search.report
-        self._steps = search.config.steps_of(trial)
+        steps = search.config.steps_of(trial)
+        self._entered = steps // 2 if starts.half_way else 0
+        self._steps = steps - self._entered
         self._rate = search.config.rate_of(trial)
-        self._schedule = Schedule(search.config, self._steps)
-        self._start = start
-        self._before = spent
+        self._schedule = Schedule(search.config, steps, self._entered)
+        self._start = len(starts.tried)
+        self._before = starts.steps
         self._skipped = 0
 
     @property
@@ -170,7 +183,7 @@ class Descent:
     @property
     def widening(self) -> float:
         """How many times as wide the cost is in the next step [-]."""
-        return self._schedule.widening(self.step)
+        return self._schedule.widening(self._entered + self.step)
 
     def note(self, cost: float, norm: float) -> None:
         """Take note of a step that was done, by its cost and its gradient's norm [-]."""
@@ -189,7 +202,7 @@ class Descent:
             "policy/start": float(self._start + 1),
         }
         self._report(self._before + self.step, self._before + self._steps, values)
-        self.over = not self._schedule.advance(self.step, cost)
+        self.over = not self._schedule.advance(self._entered + self.step, cost)
 
 
 class PolicySearch:
@@ -219,7 +232,7 @@ class PolicySearch:
         fresh: Callable[[], SumOfGaussians],
         trial: int,
     ) -> SearchResult:
-        """The policy of lowest predicted cost among the starts tried.
+        """The policy of lowest predicted cost among the first one and what came of the starts.
 
         `Starts` says which are tried. A start that meets costs or gradients that are not finite is
         given up after `MOST_SKIPPED` of them; where all are, the first one's policy is returned.
@@ -231,19 +244,18 @@ class PolicySearch:
             trial: 1, 2, ..., for the schedules.
         """
         watch = Stopwatch()
-        starts = Starts(self.config, problem.reference_cost, policy, fresh)
+        starts = Starts(self.config, problem.reference_cost, policy, fresh, trial)
+        if self.config.polish:
+            starts.unimproved = self._judge(problem, copy.deepcopy(policy), steps=0)
         while starts.wanted:
-            number, spent = len(starts.candidates), starts.steps
-            starts.candidates.append(self._improve(problem, starts.next(), trial, number, spent))
+            descent = Descent(self, trial, starts)
+            starts.tried.append(self._improve(problem, starts.next(), descent))
         return starts.result(watch.read())
 
-    def _improve(
-        self, problem: Problem, policy: SumOfGaussians, trial: int, start: int, spent: int
-    ) -> Candidate:
+    def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
-        optimiser = torch.optim.Adam(policy.parameters())
-        descent = Descent(self, trial, start, spent)
+        optimiser = torch.optim.Adam(policy.parameters(), fused=True)
         while not descent.over:
             optimiser.param_groups[0]["lr"] = descent.learning_rate
             numbers = descent.phase.dropout, descent.widening

@@ -38,7 +38,7 @@ from mcpilco.task import TaskSpec
 
 ENGINES = {
     "fused": fused.rollout,
-    "float32": functools.partial(fused.rollout, dtype=np.float32),
+    "float32": functools.partial(fused.rollout, single=True),
     "eager": rollout,
 }
 BURST = 3

@@ -91,12 +91,12 @@ def make_request(arguments: Arguments, seed: int) -> SearchRequest:
         start_std=torch.tensor(TASK.start_std, dtype=torch.float64),
         horizon=arguments.horizon,
         reference_cost=1.0,
-        rollout=rollout_of("fused", dynamics, policy),
+        rollout=rollout_of(Config(), dynamics, policy),
     )
     config = SearchConfig(
         particles=arguments.particles,
         steps=(arguments.steps,),
-        restarts=0,
+        restarts=(0,),
         evaluation_particles=2,
     )
     return SearchRequest(PolicySearch(config, generator), problem, policy, lambda: policy, 1)

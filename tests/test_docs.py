@@ -35,7 +35,7 @@ SMALL = Config(
         particles=4,
         steps=(2,),
         phases=(Phase(0.01),),
-        restarts=0,
+        restarts=(0,),
         evaluation_particles=4,
     ),
     engine="eager",  # nothing to compile

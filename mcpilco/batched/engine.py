@@ -40,17 +40,28 @@ def rollout(
     start: Float[Tensor, "P X"],
     noise: Float[Tensor, "T P E"],
     dropout: Dropout | None = None,
+    single: bool = False,
 ) -> Particles:
-    """The particles' trajectories; equal to `mcpilco.rollout.rollout`, gradients included."""
+    """The particles' trajectories; equal to `mcpilco.rollout.rollout`, gradients included.
+
+    Args:
+        dynamics: the model.
+        policy: the policy.
+        start: states at time 0.
+        noise: standard normal numbers.
+        dropout: mask of the policy's bases; None keeps them all.
+        single: compute in float32; states and inputs are float64 all the same.
+    """
+    dtype = torch.float32 if single else torch.float64
     masks = MaskBatch.of([dropout], len(noise))
-    policies = PolicyBatch.of([policy])
-    states, inputs = rollout_batch(_alone(dynamics), policies, start[None], noise[None], masks)
-    return Particles(states[0], inputs[0])
+    policies, models = PolicyBatch.of([policy]), _alone(dynamics, dtype)
+    states, inputs = rollout_batch(models, policies, start[None], noise[None], masks)
+    return Particles(states[0].double(), inputs[0].double())
 
 
-@functools.lru_cache(maxsize=2)
-def _alone(dynamics: GPDynamics) -> ModelBatch:
-    return ModelBatch.of([dynamics])
+@functools.lru_cache(maxsize=4)
+def _alone(dynamics: GPDynamics, dtype: torch.dtype) -> ModelBatch:
+    return ModelBatch.of([dynamics]).to(torch.device("cpu"), dtype)
 
 
 def rollout_batch(

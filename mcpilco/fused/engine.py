@@ -38,7 +38,7 @@ def rollout(
     start: Float[Tensor, "P X"],
     noise: Float[Tensor, "T P E"],
     dropout: Dropout | None = None,
-    dtype: type = np.float64,
+    single: bool = False,
 ) -> Particles:
     """The particles' trajectories; equal to `mcpilco.rollout.rollout`, gradients included.
 
@@ -48,8 +48,9 @@ def rollout(
         start: states at time 0.
         noise: standard normal numbers.
         dropout: mask of the policy's bases; None keeps them all.
-        dtype: precision of the loops, float64 or float32; states, inputs and gradients are float64.
+        single: compute in float32; states, inputs and gradients are float64 all the same.
     """
+    dtype = np.float32 if single else np.float64
     learned = policy.centres, policy.log_lengthscale, policy.weights
     return Particles(*_Rollout.apply(dynamics, policy, dropout, dtype, start, noise, *learned))
 

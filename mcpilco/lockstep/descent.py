@@ -95,9 +95,8 @@ class Batch:
 
 def descend(members: Sequence[Member], place: Place, costs: CostBatch) -> list[Candidate]:
     """What comes of one start of each member, in their order."""
-    template = PolicyBatch.of([member.policy for member in members])
-    template = dataclasses.replace(template, frame=template.frame.to(place.device))
-    adam = AdamBatch(template.flat().to(place.device))
+    template = _policies(members, place)
+    adam = AdamBatch(template.flat())
     found = adam.numbers.clone()
     running, batch = list(range(len(members))), Batch(members, place, costs)
     while running:
@@ -136,6 +135,18 @@ def _step(
         numbers = torch.stack([own.to(norm), norm], 1).tolist()
     for member, (cost, length) in zip(members, numbers, strict=True):
         member.descent.note(cost, length)
+
+
+def judge(members: Sequence[Member], place: Place, costs: CostBatch) -> list[Candidate]:
+    """What the models say of the members' policies as they are."""
+    return _judged(members, Batch(members, place, costs), _policies(members, place))
+
+
+def _policies(members: Sequence[Member], place: Place) -> PolicyBatch:
+    """Where the members begin."""
+    template = PolicyBatch.of([member.policy for member in members])
+    frame, numbers = template.frame.to(place.device), template.flat().to(place.device)
+    return dataclasses.replace(template, frame=frame).holding(numbers)
 
 
 @torch.no_grad()

@@ -9,7 +9,7 @@ import torch
 from mcpilco import batched
 from mcpilco.learning import SearchRequest
 from mcpilco.lockstep.costs import CostBatch
-from mcpilco.lockstep.descent import Member, Place, descend
+from mcpilco.lockstep.descent import Member, Place, descend, judge
 from mcpilco.search import Descent, SearchResult, Starts
 from mcpilco.stopwatch import Spent, Stopwatch
 from mcpilco.typing import InputError
@@ -38,14 +38,34 @@ def search_together(
     _check(requests)
     place, costs = Place(torch.device(device), dtype), CostBatch()
     seeds = [_Seed(request, place) for request in requests]
+    if requests[0].search.config.polish:
+        _judge_first(seeds, place, costs)
     while wanting := [seed for seed in seeds if seed.starts.wanted]:
-        watch = Stopwatch()
-        candidates = descend([seed.member() for seed in wanting], place, costs)
-        spent = watch.read().share(len(wanting))
-        for seed, candidate in zip(wanting, candidates, strict=True):
-            seed.starts.candidates.append(candidate)
-            seed.spent += spent
+        for half_way in (False, True):  # the steps of a batch have one schedule
+            alike = [seed for seed in wanting if seed.starts.half_way == half_way]
+            if alike:
+                _try_once(alike, place, costs)
     return [seed.starts.result(seed.spent) for seed in seeds]
+
+
+def _judge_first(seeds: Sequence[_Seed], place: Place, costs: CostBatch) -> None:
+    """What the models say of the policies that the searches begin with."""
+    watch = Stopwatch()
+    found = judge([seed.member() for seed in seeds], place, costs)
+    spent = watch.read().share(len(seeds))
+    for seed, candidate in zip(seeds, found, strict=True):
+        seed.starts.unimproved = candidate
+        seed.spent += spent
+
+
+def _try_once(seeds: Sequence[_Seed], place: Place, costs: CostBatch) -> None:
+    """The next start of each seed."""
+    watch = Stopwatch()
+    found = descend([seed.member() for seed in seeds], place, costs)
+    spent = watch.read().share(len(seeds))
+    for seed, candidate in zip(seeds, found, strict=True):
+        seed.starts.tried.append(candidate)
+        seed.spent += spent
 
 
 class _Seed:
@@ -55,13 +75,12 @@ class _Seed:
         self.request = request
         self.spent = Spent()
         config, reference = request.search.config, request.problem.reference_cost
-        self.starts = Starts(config, reference, request.policy, request.fresh)
+        self.starts = Starts(config, reference, request.policy, request.fresh, request.trial)
         self._generator = _generator_on(place.device, request.search.generator)
 
     def member(self) -> Member:
         """Its next start."""
-        number, spent, trial = len(self.starts.candidates), self.starts.steps, self.request.trial
-        descent = Descent(self.request.search, trial, number, spent)
+        descent = Descent(self.request.search, self.request.trial, self.starts)
         return Member(self.request, self._generator, self.starts.next(), descent)
 
 

@@ -82,7 +82,7 @@ def run(name: str, arguments: Arguments, out: Path) -> dict[str, Any]:
 
 def hasty(config: Config) -> Config:
     """The configuration with a search that takes no time, and finds nothing."""
-    search = SearchConfig(particles=8, steps=(5,), restarts=0, evaluation_particles=8)
+    search = SearchConfig(particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
     return dataclasses.replace(config, policy=PolicyConfig(bases=10), search=search)
 
 

@@ -33,7 +33,7 @@ TINY = Config(
     model=ModelConfig(kernel="rbf"),
     policy=PolicyConfig(bases=6),
     search=SearchConfig(
-        particles=6, steps=(4,), phases=(Phase(0.05),), restarts=0, evaluation_particles=8
+        particles=6, steps=(4,), phases=(Phase(0.05),), restarts=(0,), evaluation_particles=8
     ),
     horizon=STEPS,
     engine="eager",

@@ -139,7 +139,7 @@ def test_timesteps_are_rounded_up_to_whole_rollouts() -> None:
 
 def test_events_come_in_their_order() -> None:
     events = Events()
-    make_agent(**search(restarts=1, failing=0.0)).learn(2 * STEPS, callback=events)
+    make_agent(**search(restarts=(1,), failing=0.0)).learn(2 * STEPS, callback=events)
     steps = ["1/4", "2/4", "3/4", "4/4", "5/8", "6/8", "7/8", "8/8"]
     assert events.names == [*("start 1", "exploration", "trial 1", "model", *steps, "end 1", "end")]
     keys = set().union(*events.values)
@@ -261,7 +261,7 @@ def test_a_model_that_only_answers_nan_leaves_a_usable_policy(
         return dataclasses.replace(particles, states=particles.states * math.nan)
 
     monkeypatch.setattr(engine, "rollout", poisoned)
-    agent = make_agent(**search(steps=(50,), restarts=1)).learn(2 * STEPS)
+    agent = make_agent(**search(steps=(50,), restarts=(1,))).learn(2 * STEPS)
     (result,) = agent.results
     assert math.isnan(result.predicted_cost)
     assert result.starts == 2

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mcpilco import batched, engine, fused
+from mcpilco.config import Config
 from mcpilco.engine import rollout_of
 from mcpilco.rollout import rollout
 from mcpilco.task import TaskSpec
@@ -53,17 +54,27 @@ def test_without_numba_the_same_is_learned_and_the_log_says_how() -> None:
     assert nothing == ""
 
 
+def same(chosen, expected, single: bool) -> bool:
+    return (chosen.func, chosen.keywords) == (expected, {"single": single})
+
+
 def test_the_compiled_loops_are_the_first_choice(task: TaskSpec) -> None:
     dynamics, policy = make_dynamics(task), make_policy(task)
-    assert rollout_of("fused", dynamics, policy) is fused.rollout
-    assert rollout_of("eager", dynamics, policy) is rollout
+    assert same(rollout_of(Config(), dynamics, policy), fused.rollout, single=False)
+    single = Config(precision="float32")
+    assert same(rollout_of(single, dynamics, policy), fused.rollout, single=True)
+    assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
 
 
 @pytest.mark.parametrize("fast", [fused, batched])
 def test_what_the_fast_ones_do_not_know_is_left_to_the_plain_one(
-    task: TaskSpec, monkeypatch: pytest.MonkeyPatch, fast
+    task: TaskSpec, monkeypatch: pytest.MonkeyPatch, caplog, fast
 ) -> None:
     monkeypatch.setattr(engine, "_fastest", lambda: fast)
     dynamics = make_dynamics(task)
-    assert rollout_of("fused", dynamics, make_policy(task)) is fast.rollout
-    assert rollout_of("fused", dynamics, lambda states, dropout=None, step=0: states) is rollout
+    assert same(rollout_of(Config(), dynamics, make_policy(task)), fast.rollout, single=False)
+    strange = lambda states, dropout=None, step=0: states  # noqa: E731
+    assert rollout_of(Config(), dynamics, strange) is rollout
+    assert not caplog.messages
+    assert rollout_of(Config(precision="float32"), dynamics, strange) is rollout
+    assert "in float64" in caplog.text

@@ -354,7 +354,7 @@ def test_an_agent_learns_with_paths(engine: str, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(PathwiseDynamics, "step", spy)
     agent = make_agent(engine=engine).learn(3 * STEPS)
     assert agent.trials == 2
-    rollouts = 2 * (TINY.search.steps[0] + 1)
+    rollouts = 2 * (TINY.search.steps[0] + 2)  # the first and the last policy are judged
     assert len(stepped) == rollouts * STEPS
     assert all(np.isfinite(result.predicted_cost) for result in agent.results)
 

@@ -59,7 +59,7 @@ def search_line(seed: int = 0, report: list | None = None, **numbers) -> SearchR
             "particles": 20,
             "steps": (80,),
             "phases": (Phase(0.1, until=0.5), Phase(0.02)),
-            "restarts": 0,
+            "restarts": (0,),
             "evaluation_particles": 50,
             **numbers,
         }
@@ -87,7 +87,7 @@ def test_gradient_steps_solve_a_simple_problem() -> None:
 def test_the_first_policy_is_not_changed() -> None:
     policy, search = line_policy(), PolicySearch(SearchConfig(), torch.Generator())
     problem, before = line_problem(), [p.clone() for p in policy.parameters()]
-    search.config = SearchConfig(steps=(5,), particles=5, restarts=0)
+    search.config = SearchConfig(steps=(5,), particles=5, restarts=(0,))
     found = search.run(problem, policy, line_policy, trial=1).best.policy
     for mine, old, new in zip(policy.parameters(), before, found.parameters(), strict=True):
         assert torch.equal(mine, old)
@@ -116,7 +116,7 @@ def test_the_costs_of_a_candidate_are_means_over_its_particles() -> None:
 
 def test_each_step_is_reported() -> None:
     report: list = []
-    found = search_line(report=report, steps=(10,), failing=0.0, restarts=2)
+    found = search_line(report=report, steps=(10,), failing=0.0, restarts=(2,))
     assert found.starts == 3
     assert found.steps == 30
     assert [step for step, _, _ in report] == list(range(1, 31))
@@ -129,7 +129,7 @@ def test_each_step_is_reported() -> None:
 
 def test_learning_rates_and_steps_follow_the_trial() -> None:
     config = SearchConfig(
-        particles=4, steps=(2, 5), rates=(1.0, 0.5), phases=(Phase(0.1),), restarts=0
+        particles=4, steps=(2, 5), rates=(1.0, 0.5), phases=(Phase(0.1),), restarts=(0,)
     )
     report: list = []
     search = PolicySearch(config, torch.Generator(), lambda *numbers: report.append(numbers))
@@ -183,16 +183,24 @@ def search_levels(
     levels: list[float],
     answer: Callable[[Level, Dropout | None], Tensor] = lambda policy, dropout: policy.level,
     rate: float = 1e-9,
+    report: list | None = None,
     **numbers,
 ) -> SearchResult:
     """Starts at these levels, in turn."""
     config = SearchConfig(
         particles=3,
         evaluation_particles=3,
-        **{"steps": (3,), "phases": (Phase(rate),), "restarts": len(levels) - 1, **numbers},
+        **{
+            "steps": (3,),
+            "phases": (Phase(rate),),
+            "polish": False,
+            "restarts": (len(levels) - 1,),
+            **numbers,
+        },
     )
     first, *others = map(Level, levels)
-    search = PolicySearch(config, torch.Generator())
+    seen = [] if report is None else report
+    search = PolicySearch(config, torch.Generator(), lambda *entry: seen.append(entry))
     return search.run(level_problem(answer), first, lambda: others.pop(0), trial=1)
 
 
@@ -215,11 +223,46 @@ def test_restarts_happen_exactly_while_the_model_predicts_failure(
     assert found.best.cost == pytest.approx(T * best, rel=1e-6)
 
 
+def test_good_first_policy_is_never_lost() -> None:
+    """Steps this large make any policy worse."""
+
+    def valley(policy: Level, dropout: Dropout | None) -> Tensor:
+        return policy.level.square() / 0.05
+
+    lost = search_levels([0.05], valley, rate=1e3, failing=0.1)
+    assert lost.best.cost > T * 0.06
+    kept = search_levels([0.05], valley, rate=1e3, failing=0.1, polish=True)
+    assert kept.best.cost == pytest.approx(T * 0.05, rel=1e-6)
+    assert kept.starts == 1
+
+
+@pytest.mark.parametrize(("level", "entered"), [(0.05, 5), (0.2, 0)])
+def test_first_policy_that_needs_polish_only_enters_half_way(level: float, entered: int) -> None:
+    phases, report = (Phase(1e-9, until=0.5), Phase(1e-10)), []
+    numbers = {"steps": (10,), "phases": phases, "failing": 0.1, "report": report}
+    found = search_levels([level], polish=True, **numbers)
+    assert found.steps == 10 - entered
+    assert [steps for _, steps, _ in report] == [10 - entered] * found.steps
+    rates = [values["policy/learning_rate"] for *_, values in report]
+    assert rates == [1e-9] * (5 - entered) + [1e-10] * 5
+
+
+def test_fresh_starts_are_never_half_way() -> None:
+    """The first is bad, so that the second, which is good, is tried from random numbers."""
+    found = search_levels([0.9, 0.05], failing=0.1, polish=True, steps=(10,))
+    assert (found.starts, found.steps) == (2, 20)
+
+
+def test_restarts_may_differ_from_trial_to_trial() -> None:
+    config = SearchConfig(restarts=(1, 3))
+    assert [config.starts_of(trial) for trial in (1, 2, 3)] == [2, 4, 4]
+
+
 def test_failure_is_measured_against_the_cost_without_a_policy() -> None:
     problem = level_problem(lambda policy, dropout: policy.level)
     for reference, starts in ((1.0, 2), (10.0, 1)):
         config = SearchConfig(
-            particles=3, steps=(1,), phases=(Phase(1e-9),), restarts=1, failing=0.1
+            particles=3, steps=(1,), phases=(Phase(1e-9),), restarts=(1,), failing=0.1
         )
         scaled = Problem(**{**vars(problem), "reference_cost": reference})
         search = PolicySearch(config, torch.Generator())

@@ -26,7 +26,7 @@ def run():
 @pytest.fixture
 def hasty(monkeypatch):
     """A preset that learns nothing in no time."""
-    search = SearchConfig(particles=8, steps=(2,), restarts=0, evaluation_particles=8)
+    search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
     config = dataclasses.replace(
         PRESETS["default"].config, policy=PolicyConfig(bases=10), search=search
     )

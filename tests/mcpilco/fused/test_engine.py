@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 
-import numpy as np
 import pytest
 import torch
 
@@ -90,7 +89,7 @@ def test_equals_plain_rollout_for_any_number_of_particles(task: TaskSpec, partic
 
 def test_single_precision_errs_by_its_rounding(task: TaskSpec) -> None:
     dynamics, policy, dropout = make_dynamics(task), make_policy(task), Dropout(0.25, seed=5)
-    single = functools.partial(fused.rollout, dtype=np.float32)
+    single = functools.partial(fused.rollout, single=True)
     exact = value_and_gradients(fused.rollout, dynamics, policy, task.cost, dropout)
     rounded = value_and_gradients(single, dynamics, policy, task.cost, dropout)
     assert rounded[0].states.dtype == torch.float64

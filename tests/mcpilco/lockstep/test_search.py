@@ -24,7 +24,7 @@ from tests.mcpilco.conftest import make_dynamics, make_policy
 
 T = 6
 SEEDS = range(4)
-PLAIN = SearchConfig(particles=9, steps=(8,), restarts=0, evaluation_particles=11)
+PLAIN = SearchConfig(particles=9, steps=(8,), restarts=(0,), evaluation_particles=11)
 
 Steps = list[dict[str, float]]
 
@@ -83,7 +83,8 @@ def both(
 
 CONFIGS = {
     "as by default": PLAIN,
-    "with restarts": dataclasses.replace(PLAIN, restarts=2, failing=0.95, steps=(5,)),
+    "some half-way": dataclasses.replace(PLAIN, failing=0.99),
+    "with restarts": dataclasses.replace(PLAIN, restarts=(2,), failing=0.95, steps=(5,)),
     "with dropout": dataclasses.replace(
         PLAIN, phases=(Phase(0.05, 0.25, until=0.5), Phase(0.02)), clip_norm=None
     ),

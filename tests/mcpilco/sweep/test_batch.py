@@ -16,7 +16,7 @@ from mcpilco.typing import InputError
 from tests.mcpilco.sweep.strange import HERE, TINY
 
 RESTARTING = dataclasses.replace(
-    TINY, search=dataclasses.replace(TINY.search, restarts=1, failing=0.6)
+    TINY, search=dataclasses.replace(TINY.search, restarts=(1,), failing=0.6)
 )
 CART_POLE = Settings(
     "envs:mcpilco/CartPoleSwingUp-v0",
