@@ -167,9 +167,12 @@ class SearchConfig(_Checked):
     polish: bool = True
     """the policy that a search begins with is a candidate too; where the model predicts no failure
     of it, its improvement enters the schedule half-way: at lower rates and the cost's own width"""
-    restarts: tuple[int, ...] = (3,)
+    restarts: tuple[int, ...] = (1, 3)
     """further starts from random policies in trial 1, 2, ..., tried while the model predicts
     failure; the last entry holds from there on"""
+    screening: float = 1.0
+    """a further start is given up at this share of its steps if it costs more there than the best
+    start did; 1 gives none up [-]"""
     failing: float = 0.05
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
@@ -179,6 +182,7 @@ class SearchConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(particles=1, evaluation_particles=2, widening=1)
+        _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
         for name in ("steps", "rates", "phases", "restarts"):
             _require(bool(getattr(self, name)), f"{name} must have at least one entry.")

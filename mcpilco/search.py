@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,9 @@ logger = logging.getLogger(__name__)
 
 MOST_SKIPPED = 20
 """a start is given up after this many steps in a row without a finite cost and gradient"""
+
+STEPS_OF_MARK = 10
+"""a start is screened by its mean cost over so many steps, for a single one's is noisy"""
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,7 @@ class Starts:
         """the first policy as it is, where that counts"""
         self.tried: list[Candidate] = []
         """what came of each start"""
+        self._marks: list[float] = []
 
     @property
     def wanted(self) -> bool:
@@ -128,6 +133,17 @@ class Starts:
     def next(self) -> SumOfGaussians:
         """The policy to start from; random numbers are drawn for all but the first."""
         return self._fresh() if self.tried else self._policy
+
+    def add(self, candidate: Candidate, descent: Descent) -> None:
+        """Take note of what came of a start, and of how it came there."""
+        self.tried.append(candidate)
+        self._marks.append(descent.mark)
+
+    @property
+    def bar(self) -> float:
+        """What the best start cost where starts are screened, which the next must not exceed."""
+        pairs = zip(self.tried, self._marks, strict=True)
+        return min(pairs, key=lambda pair: pair[0].rank)[1] if self.tried else math.inf
 
     @property
     def best(self) -> Candidate:
@@ -160,6 +176,8 @@ class Descent:
         """steps done"""
         self.over = False
         """no more steps are to be done"""
+        self.mark = math.inf
+        """mean cost of the steps before the start was screened [-]; infinite where it was not"""
         self._report = search.report
         steps = search.config.steps_of(trial)
         self._entered = steps // 2 if starts.half_way else 0
@@ -169,6 +187,10 @@ class Descent:
         self._start = len(starts.tried)
         self._before = starts.steps
         self._skipped = 0
+        share = search.config.screening
+        self._screened_at = round(share * steps) if share < 1 and not starts.half_way else 0
+        self._bar = starts.bar
+        self._last: deque[float] = deque(maxlen=STEPS_OF_MARK)
 
     @property
     def phase(self) -> Phase:
@@ -203,6 +225,10 @@ class Descent:
         }
         self._report(self._before + self.step, self._before + self._steps, values)
         self.over = not self._schedule.advance(self._entered + self.step, cost)
+        self._last.append(cost)
+        if self.step == self._screened_at:
+            self.mark = sum(self._last) / len(self._last)
+            self.over |= self.mark > self._bar
 
 
 class PolicySearch:
@@ -249,7 +275,7 @@ class PolicySearch:
             starts.unimproved = self._judge(problem, copy.deepcopy(policy), steps=0)
         while starts.wanted:
             descent = Descent(self, trial, starts)
-            starts.tried.append(self._improve(problem, starts.next(), descent))
+            starts.add(self._improve(problem, starts.next(), descent), descent)
         return starts.result(watch.read())
 
     def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:

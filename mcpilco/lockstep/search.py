@@ -61,10 +61,11 @@ def _judge_first(seeds: Sequence[_Seed], place: Place, costs: CostBatch) -> None
 def _try_once(seeds: Sequence[_Seed], place: Place, costs: CostBatch) -> None:
     """The next start of each seed."""
     watch = Stopwatch()
-    found = descend([seed.member() for seed in seeds], place, costs)
+    members = [seed.member() for seed in seeds]
+    found = descend(members, place, costs)
     spent = watch.read().share(len(seeds))
-    for seed, candidate in zip(seeds, found, strict=True):
-        seed.starts.tried.append(candidate)
+    for seed, member, candidate in zip(seeds, members, found, strict=True):
+        seed.starts.add(candidate, member.descent)
         seed.spent += spent
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from mcpilco.archive import write_bytes
+from mcpilco.run_folder import read_json
 from mcpilco.sweep.summary import markdown, spread_cell
 from mcpilco.typing import InputError
 
@@ -14,20 +15,38 @@ BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
 """the lines between which a page is rewritten"""
 
 
-def fill(page: Path, parts: Sequence[str]) -> None:
+def read_summaries(results: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The summary of each sweep that has one, by name.
+
+    Args:
+        results: folder of the sweeps.
+        names: of the sweeps' folders, in the order of the page.
+
+    Raises:
+        RunFolderError: a summary cannot be read.
+    """
+    paths = {name: results / name / "summary.json" for name in names}
+    return {name: read_json(path) for name, path in paths.items() if path.exists()}
+
+
+def fill(page: Path, parts: Sequence[str], template: Path | None = None) -> None:
     """Put these parts between the marked lines of a page; all else in it stays.
 
     Args:
         page: a Markdown file.
         parts: paragraphs, headings and tables; empty ones are left out.
+        template: what the page begins as where there is none.
 
     Raises:
         InputError: the page has not both lines, once each and in order.
         RunFolderError: the page cannot be written.
     """
-    text = page.read_text(encoding="utf-8")
+    begun = page if template is None or page.exists() else template
+    text = begun.read_text(encoding="utf-8")
     if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise InputError(f"{page} must hold the lines {BEGIN} and {END}, once each, in this order.")
+        raise InputError(
+            f"{begun} must hold the lines {BEGIN} and {END}, once each, in this order."
+        )
     head, tail = text.split(BEGIN)[0], text.split(END)[1]
     results = "\n\n".join(part.strip() for part in parts if part)
     write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
@@ -70,10 +89,17 @@ def failures(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             if not found["success"][-1]
         ]
         lines.append(f"- `{preset}`, last test rollout: {', '.join(lost) or 'none'}")
-        lines += [
-            f"- `{preset}`, seed {seed} broke off: {why}" for seed, why in summary["failed"].items()
-        ]
+        lines += broken_off({preset: summary})
     return "### Seeds that failed\n\n" + "\n".join(lines)
+
+
+def broken_off(summaries: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """A line for each training that broke off: whose, and why."""
+    return [
+        f"- `{preset}`, seed {seed} broke off: {why}"
+        for preset, summary in summaries.items()
+        for seed, why in summary["failed"].items()
+    ]
 
 
 def machines(summaries: Mapping[str, Mapping[str, Any]]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -194,6 +195,7 @@ def search_levels(
             "steps": (3,),
             "phases": (Phase(rate),),
             "polish": False,
+            "screening": 1.0,
             "restarts": (len(levels) - 1,),
             **numbers,
         },
@@ -251,6 +253,28 @@ def test_fresh_starts_are_never_half_way() -> None:
     """The first is bad, so that the second, which is good, is tried from random numbers."""
     found = search_levels([0.9, 0.05], failing=0.1, polish=True, steps=(10,))
     assert (found.starts, found.steps) == (2, 20)
+
+
+def test_further_starts_are_given_up_early_where_they_cost_more_than_the_best_did() -> None:
+    report: list = []
+    levels = [0.5, 0.9, 0.3, 0.4]
+    found = search_levels(levels, failing=0.1, screening=0.3, steps=(10,), report=report)
+    by_start = Counter(int(values["policy/start"]) for *_, values in report)
+    assert by_start == {1: 10, 2: 3, 3: 10, 4: 3}  # the last one competes with the third
+    assert (found.starts, found.steps) == (4, 26)
+    assert found.best.cost == pytest.approx(T * 0.3, rel=1e-6)
+
+
+def test_start_is_screened_by_a_mean_over_steps() -> None:
+    """One lucky step, where the first start is screened, does not lower the bar for the next."""
+    costs = iter([0.5] * 9 + [0.0] + [0.5] * 11 + [0.44] * 10 + [0.1] * 11)
+
+    def answer(policy: Level, dropout: Dropout | None) -> Tensor:
+        return policy.level * 0 + next(costs)
+
+    found = search_levels([1.0, 1.0], answer, failing=0.0, screening=0.5, steps=(20,))
+    assert found.steps == 40
+    assert found.best.cost == pytest.approx(T * 0.1, rel=1e-6)
 
 
 def test_restarts_may_differ_from_trial_to_trial() -> None:

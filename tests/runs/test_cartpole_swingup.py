@@ -95,8 +95,8 @@ def test_tables_hold_every_trial_beside_the_published_figures(write):
 @pytest.mark.parametrize(
     ("shares", "verdict"),
     [
-        ([0.0, 0.6, 0.85, 0.95], "**holds** (60.0 %, 85.0 %, 95.0 %, 30 seeds)"),
-        ([0.9, 0.9, 0.84, 1.0], "**does not hold**"),
+        ([0.0, 0.65, 0.88, 0.98], "**holds** (65.0 %, 88.0 %, 98.0 %, 30 seeds)"),
+        ([0.9, 0.9, 0.87, 1.0], "**does not hold**"),
         ([0.9, 0.9, 0.9], "**not measured yet**"),
     ],
 )
@@ -119,15 +119,6 @@ def test_later_setting_has_a_row_a_seed(write):
     assert "| 0 | 2 | no yes | 0.25 0.75 | 31 |\n" in text
     assert "| 1 | 1 | yes no | 0.25 0.75 | 31 |\n" in text
     assert "Solved within 2 trials, that is, a test rollout succeeds: 2 of 2 seeds" in text
-
-
-def test_a_longer_training_takes_the_place_of_one_that_solved_nothing(run, write):
-    short, longer = make_summary([0.0], seeds=2), make_summary([1.0] * 3, seeds=1)
-    short["by_seed"]["0"]["success"] = [False]
-    longer["by_seed"] = {"0": {**short["by_seed"]["0"], "success": [False, False, True]}}
-    text = write(**{"tro2022": short, "tro2022" + run.LONGER: longer})
-    assert "| 0 | 3 | no no yes |" in text
-    assert "Solved within 3 trials, that is, a test rollout succeeds: 2 of 2 seeds" in text
 
 
 def test_only_what_is_between_the_markers_is_rewritten(run, tmp_path, write):

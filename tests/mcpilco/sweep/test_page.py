@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import json
+
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines
+from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines, read_summaries
 from mcpilco.typing import InputError
 
 SPREAD = {"median": 30.0, "q1": 25.0, "q3": 35.04}
@@ -39,6 +41,24 @@ def test_page_without_both_lines_in_order_is_refused_and_kept(page, text):
     with pytest.raises(InputError, match="must hold the lines"):
         fill(page, ["one"])
     assert page.read_text() == text
+
+
+def test_a_page_begins_as_its_template_which_stays(page, tmp_path):
+    template, other = page.read_text(), tmp_path / "other.md"
+    fill(other, ["one"], template=page)
+    assert other.read_text() == template.replace("\nold\n", "\n\none\n\n")
+    assert page.read_text() == template
+    other.write_text(f"# Other\n{BEGIN}\n{END}\n")
+    fill(other, ["one"], template=page)
+    assert other.read_text().startswith("# Other\n")
+
+
+def test_only_sweeps_with_a_summary_are_read_in_the_order_of_their_names(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_text(json.dumps({"seeds": [name]}))
+    found = read_summaries(tmp_path, ("b", "missing", "a"))
+    assert list(found.items()) == [("b", {"seeds": ["b"]}), ("a", {"seeds": ["a"]})]
 
 
 def test_costs_are_medians_and_quartiles_of_each_preset():
