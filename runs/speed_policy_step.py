@@ -1,6 +1,7 @@
 """How long one policy step takes, against a plain implementation of the same work.
 
     python runs/speed_policy_step.py --particles 400 --samples 60 --steps 60 --yardstick PATH
+    python runs/speed_policy_step.py --all --yardstick PATH      # minutes: runs/speed/README.md
 
 PATH is a file with `make(samples, bases=)` and `policy_step(gps, policy, optimiser, particles,
 steps)`, one optimisation step written plainly in eager torch. Both run on one thread of one
@@ -10,47 +11,22 @@ the last line.
 
 from __future__ import annotations
 
-import functools
-import importlib.util
 import json
-import statistics
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import ModuleType
+from typing import Any, Literal
 
-import numpy as np
 import torch
 import tyro
-
-from mcpilco import fused
-from mcpilco.config import Phase, SearchConfig
-from mcpilco.costs import cart_pole_cost
-from mcpilco.dynamics import GPDynamics, speed_integration
-from mcpilco.features import AngleAugmentation
-from mcpilco.gp import GP
-from mcpilco.kernels import MPK, RBF
-from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Problem, rollout
-from mcpilco.search import PolicySearch
-from mcpilco.task import TaskSpec
-
-ENGINES = {
-    "fused": fused.rollout,
-    "float32": functools.partial(fused.rollout, single=True),
-    "eager": rollout,
-}
-BURST = 3
-"""timed steps in a row, before it is the other's turn"""
+from speed.step import Size
 
 
 @dataclass(frozen=True)
 class Arguments:
     """What is timed."""
 
-    yardstick: Path
-    """file with the plain implementation"""
+    yardstick: Path | None = None
+    """file with the plain implementation; ratios need it"""
     particles: int = 400
     samples: int = 60
     """N, training samples of each GP"""
@@ -58,100 +34,69 @@ class Arguments:
     """T, horizon"""
     bases: int = 200
     repeats: int = 15
-    engine: str = "fused"
-    """fused, float32 or eager"""
+    """turns of each"""
+    engine: Literal["fused", "float32", "eager"] = "fused"
+    measure: Literal["ratio", "memory", "first-call", "parts"] = "ratio"
+    """the time beside the yardstick's, or something else of the step alone"""
+    all: bool = False
+    """measure everything at all sizes, each in a fresh process, and write the tables"""
+    quick: bool = False
+    """with --all: a size that tells nothing, without what takes long; needs --out"""
+    out: Path | None = None
+    """with --all: folder of results.json and README.md, by default runs/speed"""
     json: bool = False
     """print one JSON object as the last line"""
 
 
-def make_step(arguments: Arguments) -> Callable[[], object]:
-    """Our step: particles, cost, backward and Adam, of random data."""
-    cost = cart_pole_cost(1.0, 3.0)
-    names = ("cart_position", "cart_velocity", "pole_angle", "pole_velocity")
-    pairs = ((0, 1), (2, 3))
-    task = TaskSpec(
-        names,
-        ("m", "m/s", "rad", "rad/s"),
-        ("force",),
-        ("N",),
-        0.05,
-        (2,),
-        pairs,
-        (0.0,) * 4,
-        (0.01,) * 4,
-        cost,
-    )
-    generator = torch.Generator().manual_seed(0)
-    X = torch.randn(arguments.samples, 6, generator=generator, dtype=torch.float64)
-    Y = 0.003 * torch.randn(arguments.samples, 2, generator=generator, dtype=torch.float64)
-    kernel = RBF(6, (2,)) + MPK(6, 2, (2,))
-    kernel.start_from(X, Y)
-    augmentation = AngleAugmentation(4, task.angles)
-    posterior = GP(kernel, noise_floor=0.001).condition(X, Y)
-    dynamics = GPDynamics(posterior, augmentation, speed_integration(task), np.full(2, 1e3))
-    policy = SumOfGaussians(augmentation, [-10.0], [10.0], arguments.bases)
-    span = torch.full((3,), torch.pi, dtype=torch.float64)
-    policy.randomise(span, torch.ones_like(span), 1.0, 5.0, generator)
-    start = torch.zeros(4, dtype=torch.float64)
-    problem = Problem(
-        dynamics, cost, start, start + 0.01, arguments.steps, 1.0, ENGINES[arguments.engine]
-    )
-    config = SearchConfig(
-        particles=arguments.particles, phases=(Phase(0.01, 0.25),), clip_norm=None
-    )
-    search = PolicySearch(config, generator)
-    optimiser = torch.optim.Adam(policy.parameters(), 0.01)
-    return lambda: search.step(problem, policy, optimiser, dropout=0.25)
-
-
-def load(path: Path) -> ModuleType:
-    """The yardstick, as a module."""
-    spec = importlib.util.spec_from_file_location("yardstick", path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise SystemExit(f"--yardstick must be a Python file, got {path}.")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def cpu_seconds(step: Callable[[], object]) -> float:
-    before = time.process_time()
-    step()
-    return time.process_time() - before
-
-
 def main() -> None:
-    arguments = tyro.cli(Arguments)
+    arguments = tyro.cli(Arguments, description=__doc__)
     torch.set_num_threads(1)
-    yardstick = load(arguments.yardstick)
-    gps, policy, _ = yardstick.make(arguments.samples, bases=arguments.bases)
-    optimiser = torch.optim.Adam(policy.parameters(), 0.01)
-    ours = make_step(arguments)
+    if arguments.all:
+        from speed.survey import survey
 
-    def theirs() -> None:
-        yardstick.policy_step(gps, policy, optimiser, arguments.particles, arguments.steps)
-
-    for step in (ours, theirs):
-        step()
-        step()
-    times: dict[Callable[[], object], list[float]] = {theirs: [], ours: []}
-    for _ in range(arguments.repeats):
-        for step, taken in times.items():
-            step()  # memory and caches are those of a search, not of the other's step
-            taken += [cpu_seconds(step) for _ in range(BURST)]
-    plain, fast = (statistics.median(taken) for taken in times.values())
-    sizes = {k: getattr(arguments, k) for k in ("particles", "samples", "steps", "bases", "engine")}
-    result = {
-        **sizes,
-        "yardstick_s": round(plain, 5),
-        "ours_s": round(fast, 5),
-        "ratio": round(plain / fast, 2),
-    }
-    for name, seconds in (("yardstick", plain), (arguments.engine, fast)):
-        print(f"{name:>10} {1e3 * seconds:9.2f} ms")
-    print(f"{'ratio':>10} {plain / fast:9.2f}")
+        if arguments.quick and arguments.out is None:
+            raise SystemExit("--quick would overwrite the tables of runs/speed; pass --out.")
+        survey(needed(arguments.yardstick), arguments.repeats, arguments.quick, arguments.out)
+        return
+    size = Size(arguments.particles, arguments.samples, arguments.steps, arguments.bases)
+    found = measure(arguments, size)
+    show(found, arguments.engine)
     if arguments.json:
-        print(json.dumps(result))
+        print(json.dumps({**asdict(size), "engine": arguments.engine, **found}))
+
+
+def measure(arguments: Arguments, size: Size) -> dict[str, Any]:
+    """What was asked for."""
+    from speed import measures
+
+    if arguments.measure == "memory":
+        return measures.memory(size, arguments.engine)
+    if arguments.measure == "first-call":
+        return measures.first_call(size, arguments.engine)
+    if arguments.measure == "parts":
+        from speed.parts import shares
+
+        if arguments.engine == "eager":
+            raise SystemExit("--measure parts looks into compiled loops; --engine eager has none.")
+        return shares(size, arguments.engine, arguments.repeats)
+    return measures.ratio(size, arguments.engine, needed(arguments.yardstick), arguments.repeats)
+
+
+def show(found: dict[str, Any], engine: str) -> None:
+    """Print it for the eye."""
+    if "ratio" not in found:
+        print("\n".join(f"{name}: {value}" for name, value in found.items()))
+        return
+    for name, seconds in (("yardstick", found["yardstick_s"]), (engine, found["ours_s"])):
+        print(f"{name:>10} {1e3 * seconds:9.2f} ms")
+    print(f"{'ratio':>10} {found['ratio']:9.2f}")
+
+
+def needed(yardstick: Path | None) -> Path:
+    """The yardstick's file."""
+    if yardstick is None:
+        raise SystemExit("A ratio needs --yardstick, a Python file; see the top of this file.")
+    return yardstick
 
 
 if __name__ == "__main__":

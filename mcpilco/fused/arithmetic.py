@@ -20,9 +20,12 @@ PLAIN = {
     "error_model": "numpy",
     # without numba's runtime a function allocates nothing; a slice costs no reference count
     "_nrt": False,
+    # to be called from compiled code only: an entrance for Python takes longer to compile than most
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
 }
 """For functions that others call."""
-OUTERMOST = {**PLAIN, "_nrt": True, "cache": True}
+OUTERMOST = {"fastmath": PLAIN["fastmath"], "error_model": "numpy", "cache": True}
 """For those that Python calls. They alone are kept on disk, with all that they call."""
 
 

@@ -11,8 +11,16 @@ from mcpilco.fused.tiles import add_product
 
 
 @njit(**PLAIN)
+def _copy(source, out):
+    # an assignment to a slice would say the same, and take a second longer to compile
+    for i in range(out.shape[0]):
+        for p in range(out.shape[1]):
+            out[i, p] = source[i, p]
+
+
+@njit(**PLAIN)
 def _through_model(jacobian, frozen, model, adjoint):
-    """From the next state to the state, z and the inputs; what is there is added to."""
+    """From the next state to z, and added to what is there, to the state and the inputs."""
     following, current, z, mu = adjoint.following, adjoint.current, adjoint.z, adjoint.mu
     A, B, delta = model.A, model.B, adjoint.delta
     for i in range(A.shape[0]):
@@ -20,6 +28,9 @@ def _through_model(jacobian, frozen, model, adjoint):
             same = 1.0 if i == j else 0.0
             for p in range(frozen.size):
                 current[j, p] += (same if frozen[p] else A[i, j]) * following[i, p]
+    for d in range(z.shape[0]):
+        for p in range(frozen.size):
+            z[d, p] = 0.0
     for e in range(B.shape[1]):
         for p in range(frozen.size):
             delta[e, p] = 0.0
@@ -99,15 +110,14 @@ def _compiled(sources: str):
         padded): sum_tp phi_tpb da_tpu [1, z, z^2].
         """
         sources  # noqa: B018
-        width, height = memory.slope.size, policy.centres.shape[2]
+        width = memory.slope.size
         for first in range(start, stop, width):
             last = first + width
-            adjoint.current[:] = gradient_states[len(gradient_inputs), :, first:last]
+            _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
             for t in range(len(gradient_inputs) - 1, -1, -1):
-                adjoint.following[:] = adjoint.current
-                adjoint.current[:] = gradient_states[t, :, first:last]
-                adjoint.mu[:] = gradient_inputs[t, :, first:last]
-                adjoint.z[:] = 0.0
+                _copy(adjoint.current, adjoint.following)
+                _copy(gradient_states[t, :, first:last], adjoint.current)
+                _copy(gradient_inputs[t, :, first:last], adjoint.mu)
                 activate(trace.states[t, :, first:last], first, t, mask, policy, memory)
                 jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
                 _through_model(jacobian[:, :, first:last], frozen, model, adjoint)
@@ -115,7 +125,7 @@ def _compiled(sources: str):
                 inputs, jacobian = inputs[:, first:last], jacobian[:, :, first:last]
                 _through_policy(inputs, jacobian, policy, memory.z, adjoint)
                 _through_augmentation(policy, memory.z, adjoint)
-                add_product(memory.phi, height, adjoint.columns, moments)
+                add_product(memory.phi, adjoint.columns, moments)
 
     return backward
 

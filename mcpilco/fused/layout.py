@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics
-from mcpilco.fused.tiles import pack, strip
+from mcpilco.fused.tiles import TALL, pack, strip
 from mcpilco.kernels.base import Term
 from mcpilco.policies import SumOfGaussians
 
@@ -282,7 +282,7 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     return PolicyArrays(
         plain=np.array(augmentation.plain, dtype=np.int64),
         angles=np.array(augmentation.angles, dtype=np.int64),
-        centres=pack(np.zeros((bases, z_width + 2), dtype)),
+        centres=pack(np.zeros((bases, z_width + 2), dtype), TALL),
         inv_scale=np.empty(z_width, dtype),
         pulling=pack(np.zeros((pulls, bases), dtype)),
         squash=torch.stack([squash.centre, squash.half_range, scale]).numpy().astype(dtype),

@@ -41,9 +41,11 @@ def differentiate(centres, log_scale, weights, moments, by_centres, by_log_scale
     dphi_b/dc_bd = 2 phi_b (z_d - c_bd) / l_d^2,   dphi_b/dlog l_d = 2 phi_b (z_d - c_bd)^2 / l_d^2
     """
     bases, width = centres.shape
-    by_log_scale[:] = 0.0
+    for d in range(width):
+        by_log_scale[d] = 0.0
     for b in range(bases):
-        by_centres[b] = 0.0
+        for d in range(width):
+            by_centres[b, d] = 0.0
         for j in range(weights.shape[1]):
             row = moments[b, j * (1 + 2 * width) : (j + 1) * (1 + 2 * width)]
             by_weights[b, j] = row[0]

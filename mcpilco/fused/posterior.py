@@ -142,7 +142,8 @@ def _prior(e, model, memory):
     v, c, s, ends = model.v[e], model.c[e], model.s[e], model.ends
     product = memory.term[0]
     _fill(prior, 0.0)
-    slope[:] = 0.0
+    for d in range(slope.shape[0]):
+        _fill(slope[d], 0.0)
     for f in range(c.size):
         _fill(squares[f], c[f])
         for d in range(slope.shape[0]):

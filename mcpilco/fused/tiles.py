@@ -38,8 +38,10 @@ _VECTOR_BYTES = _vector_bytes()
 _STRIP_VECTORS = 2
 STRIP_BYTES = _STRIP_VECTORS * _VECTOR_BYTES
 """width of a tile; the width of every product is a multiple of it"""
-HEIGHTS = (6, 4, 2) if _VECTOR_BYTES == 32 else (12, 8, 4)
-"""rows of a tile: its sums, two vectors each, fit into 16 registers, or into 32"""
+TALL, LOW = (6, 2) if _VECTOR_BYTES == 32 else (12, 4)
+"""rows of a tile: the sums of a tall one, two vectors each, fill 16 registers, or 32"""
+_LOW_COSTS = 1.15
+"""time of a row in a low tile, in parts of one in a tall tile: its sums wait for each other"""
 
 
 def strip(dtype: np.dtype) -> int:
@@ -48,14 +50,15 @@ def strip(dtype: np.dtype) -> int:
 
 
 def height_for(rows: int) -> int:
-    """The height of tiles that covers these rows with least waste; among equals the tallest."""
-    return min(HEIGHTS, key=lambda height: (-(-rows // height) * height, -height))
+    """The height of tiles that multiplies so many rows the fastest."""
+    tall, low = (-(-rows // height) * height for height in (TALL, LOW))
+    return TALL if tall <= _LOW_COSTS * low else LOW
 
 
-def pack(matrix: np.ndarray) -> np.ndarray:
+def pack(matrix: np.ndarray, height: int | None = None) -> np.ndarray:
     """The panels (*b, panels, K, height) of matrices (*b, M, K), zeros behind the last row."""
     *batch, rows, inner = matrix.shape
-    height = height_for(rows)
+    height = height or height_for(rows)
     panels = -(-rows // height)
     padded = np.zeros((*batch, panels * height, inner), dtype=matrix.dtype)
     padded[..., :rows, :] = matrix
@@ -124,25 +127,34 @@ def _tile(height: int, accumulate: bool):
     return tile
 
 
-_tall, _low, _flat = (_tile(height, accumulate=False) for height in HEIGHTS)
-_tall_more, _low_more, _flat_more = (_tile(height, accumulate=True) for height in HEIGHTS)
-_TALL, _LOW, _ = HEIGHTS
+_tall, _low = _tile(TALL, accumulate=False), _tile(LOW, accumulate=False)
+_tall_more = _tile(TALL, accumulate=True)
+
+
+@intrinsic
+def _stay_apart(typing_context):
+    """Keeps the function that calls it out of those that call that one: it is compiled once."""
+
+    def generate(context, builder, signature, args):
+        builder.function.attributes.add("noinline")
+        return context.get_dummy_value()
+
+    return types.void(), generate
 
 
 @njit(**PLAIN)
 def _panel(packed, panel, start, stop, right, out):
     """A panel's rows of the product, from the inner indices start to stop."""
+    _stay_apart()
     _, inner, height = packed.shape
     width = out.shape[1]
     a, c, n = (panel * inner + start) * height, panel * height * width, stop - start
     for column in range(0, width, STRIP_BYTES // packed.itemsize):
         b = start * width + column
-        if height == _TALL:
+        if height == TALL:
             _tall(packed, a, 1, height, right, b, width, out, c + column, width, n)
-        elif height == _LOW:
-            _low(packed, a, 1, height, right, b, width, out, c + column, width, n)
         else:
-            _flat(packed, a, 1, height, right, b, width, out, c + column, width, n)
+            _low(packed, a, 1, height, right, b, width, out, c + column, width, n)
 
 
 @njit(**PLAIN)
@@ -169,16 +181,14 @@ def multiply_upper(packed, right, out):
 
 
 @njit(**PLAIN)
-def add_product(left, height, right, out):
-    """Add to `out` (M, C) the product of left (M, K), which is not packed, and right (K, C)."""
+def add_product(left, right, out):
+    """Add to `out` (M, C) the product of left (M, K), which is not packed, and right (K, C).
+
+    M is a multiple of TALL.
+    """
     inner, width = right.shape
-    for first in range(0, out.shape[0], height):
+    for first in range(0, out.shape[0], TALL):
         a, c = first * inner, first * width
         for column in range(0, width, STRIP_BYTES // right.itemsize):
             at = c + column
-            if height == _TALL:
-                _tall_more(left, a, inner, 1, right, column, width, out, at, width, inner)
-            elif height == _LOW:
-                _low_more(left, a, inner, 1, right, column, width, out, at, width, inner)
-            else:
-                _flat_more(left, a, inner, 1, right, column, width, out, at, width, inner)
+            _tall_more(left, a, inner, 1, right, column, width, out, at, width, inner)

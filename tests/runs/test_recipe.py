@@ -107,6 +107,7 @@ def test_each_setting_is_the_default_with_one_change(run):
     }
     assert changed.pop("default") == set()
     assert changed.pop("path") == {"engine", "model.sampling"}
+    assert changed.pop("screened") == {"search.restarts", "search.screening"}
     assert all(len(names) == 1 for names in changed.values())
     assert differing(dataclasses.asdict(plain), dataclasses.asdict(path)) == {"model.sampling"}
     rates = [phase.dropout for phase in run.SETTINGS["dropout"].search.phases]
