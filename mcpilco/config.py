@@ -316,6 +316,7 @@ PRESETS: dict[str, Preset] = {
                 restarts=(0,),
                 evaluation_particles=400,
             ),
+            precision="float32",
         ),
         env_kwargs={
             "dt": 0.05,
