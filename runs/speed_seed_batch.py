@@ -14,41 +14,25 @@ import functools
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
 import torch
 import tyro
+from speed.step import TASK, Size, make_problem
 
 from mcpilco.config import PRESETS, Config, SearchConfig
 from mcpilco.costs import cart_pole_cost
-from mcpilco.dynamics import GPDynamics, speed_integration
 from mcpilco.engine import rollout_of
-from mcpilco.features import AngleAugmentation
-from mcpilco.gp import GP
-from mcpilco.kernels import MPK, RBF
 from mcpilco.learning import SearchRequest
 from mcpilco.lockstep import search_together
-from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Problem
+from mcpilco.rollout import rollout
 from mcpilco.search import PolicySearch
 from mcpilco.sweep.batch import device_name, usable_device
 from mcpilco.sweep.job import one_thread
-from mcpilco.task import TaskSpec
 
 TRIALS = 4
-TASK = TaskSpec(
-    state_names=("cart_position", "cart_velocity", "pole_angle", "pole_velocity"),
-    state_units=("m", "m/s", "rad", "rad/s"),
-    input_names=("force",),
-    input_units=("N",),
-    dt=0.1,
-    angles=(2,),
-    velocities=((0, 1), (2, 3)),
-    start_mean=(0.0,) * 4,
-    start_std=(0.1,) * 4,
-    cost=cart_pole_cost(),
-)
+SWING_UP = replace(TASK, dt=0.1, start_std=(0.1,) * 4, cost=cart_pole_cost())
+"""of the preset `default`"""
 
 
 @dataclass(frozen=True)
@@ -74,25 +58,9 @@ class Arguments:
 def make_request(arguments: Arguments, seed: int) -> SearchRequest:
     """A search of some steps, in a model of random data."""
     generator = torch.Generator().manual_seed(seed)
-    X = torch.randn(arguments.samples, 6, generator=generator, dtype=torch.float64)
-    Y = 0.003 * torch.randn(arguments.samples, 2, generator=generator, dtype=torch.float64)
-    kernel = RBF(6, (2,)) + MPK(6, 2, (2,))
-    kernel.start_from(X, Y)
-    augmentation = AngleAugmentation(4, TASK.angles)
-    posterior = GP(kernel, noise_floor=0.001).condition(X, Y)
-    dynamics = GPDynamics(posterior, augmentation, speed_integration(TASK), np.full(2, 1e3))
-    policy = SumOfGaussians(augmentation, [-10.0], [10.0], arguments.bases)
-    span = torch.full((3,), torch.pi, dtype=torch.float64)
-    policy.randomise(span, torch.ones_like(span), 1.0, 5.0, generator)
-    problem = Problem(
-        dynamics=dynamics,
-        cost=TASK.cost,
-        start_mean=torch.tensor(TASK.start_mean, dtype=torch.float64),
-        start_std=torch.tensor(TASK.start_std, dtype=torch.float64),
-        horizon=arguments.horizon,
-        reference_cost=1.0,
-        rollout=rollout_of(Config(), dynamics, policy),
-    )
+    size = Size(arguments.particles, arguments.samples, arguments.horizon, arguments.bases)
+    problem, policy = make_problem(size, SWING_UP, generator, rollout)
+    problem = replace(problem, rollout=rollout_of(Config(), problem.dynamics, policy))
     config = SearchConfig(
         particles=arguments.particles,
         steps=(arguments.steps,),

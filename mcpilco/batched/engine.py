@@ -14,24 +14,8 @@ from mcpilco.batched.policy import PolicyBatch, parameter_gradients
 from mcpilco.batched.sweeps import Trace, backward, forward
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
-from mcpilco.kernels.base import NoCanonicalFormError
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles
-from mcpilco.typing import Dynamics, Policy, UncertainDynamics
-
-
-def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
-    """Whether the batched arrays hold this model and policy; `mcpilco.rollout` knows them all."""
-    if not (type(dynamics) is GPDynamics and type(policy) is SumOfGaussians):
-        return False
-    seen, acted = dynamics.augmentation, policy.augmentation
-    if (seen.state_dim, seen.angles) != (acted.state_dim, acted.angles):
-        return False
-    try:
-        dynamics.posterior.kernel.terms()
-    except NoCanonicalFormError:
-        return False
-    return True
 
 
 def rollout(

@@ -1,5 +1,6 @@
 """Particles, fast: `mcpilco.rollout.rollout` with compiled loops and its own backward sweep."""
 
-from mcpilco.fused.engine import rollout, supports
+from mcpilco.canonical import supports
+from mcpilco.fused.engine import rollout
 
 __all__ = ["rollout", "supports"]

@@ -15,21 +15,8 @@ from mcpilco.fused import layout
 from mcpilco.fused.backward import backward
 from mcpilco.fused.forward import forward
 from mcpilco.fused.policy import differentiate, prepare
-from mcpilco.kernels.base import NoCanonicalFormError
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles
-from mcpilco.typing import Dynamics, Policy, UncertainDynamics
-
-
-def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
-    """Whether the compiled loops know this model and policy; `mcpilco.rollout` knows them all."""
-    if not (type(dynamics) is GPDynamics and type(policy) is SumOfGaussians):
-        return False
-    try:
-        dynamics.posterior.kernel.terms()
-    except NoCanonicalFormError:
-        return False
-    return True
 
 
 def rollout(

@@ -112,7 +112,7 @@ def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
         "format": FORMAT,
         "seed": seed,
         "trials": rows.trials,
-        "machine": {"cpu": _cpu(), "cores": os.cpu_count()},
+        "machine": machine(),
         "versions": versions(),
     }
 
@@ -171,6 +171,11 @@ def _row(result: TrialResult) -> dict[str, Any]:
 def _number(value: Any) -> float | None:
     """As JSON has it; None where the env does not tell, or it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def machine() -> dict[str, Any]:
+    """The processor that this runs on."""
+    return {"cpu": _cpu(), "cores": os.cpu_count()}
 
 
 def _cpu() -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +37,7 @@ from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
-from mcpilco.sweep.job import _cpu
+from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown
 from mcpilco.task import TaskSpec
@@ -188,11 +187,10 @@ def slope(sizes: Sequence[float], ms: Sequence[float]) -> float:
     return float(np.polyfit(np.log(sizes), np.log(ms), 1)[0])
 
 
-def machine() -> dict[str, str]:
+def machine() -> dict[str, Any]:
     """Where it was measured."""
     versions = {name: version(name) for name in ("torch", "numba", "numpy")}
-    told = {"cpu": _cpu(), "cores": str(os.cpu_count()), "python": platform.python_version()}
-    return told | versions
+    return {**job.machine(), "python": platform.python_version(), **versions}
 
 
 # The page -----------------------------------------------------------------------------------------

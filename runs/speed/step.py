@@ -18,7 +18,7 @@ from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Problem, rollout
+from mcpilco.rollout import Problem, RolloutFunction, rollout
 from mcpilco.search import PolicySearch
 from mcpilco.task import TaskSpec
 
@@ -58,23 +58,30 @@ class Size:
 def make_step(size: Size, engine: str) -> Callable[[], object]:
     """Our step, of random data."""
     generator = torch.Generator().manual_seed(0)
-    X = torch.randn(size.samples, 6, generator=generator, dtype=torch.float64)
-    Y = 0.003 * torch.randn(size.samples, 2, generator=generator, dtype=torch.float64)
-    kernel = RBF(6, (2,)) + MPK(6, 2, (2,))
-    kernel.start_from(X, Y)
-    augmentation = AngleAugmentation(4, TASK.angles)
-    posterior = GP(kernel, noise_floor=0.001).condition(X, Y)
-    dynamics = GPDynamics(posterior, augmentation, speed_integration(TASK), np.full(2, 1e3))
-    policy = SumOfGaussians(augmentation, [-10.0], [10.0], size.bases)
-    span = torch.full((3,), torch.pi, dtype=torch.float64)
-    policy.randomise(span, torch.ones_like(span), 1.0, 5.0, generator)
-    start, std = (torch.tensor(t, dtype=torch.float64) for t in (TASK.start_mean, TASK.start_std))
-    problem = Problem(dynamics, TASK.cost, start, std, size.steps, 1.0, ENGINES[engine])
+    problem, policy = make_problem(size, TASK, generator, ENGINES[engine])
     phases = (Phase(LEARNING_RATE, DROPOUT),)
     config = SearchConfig(particles=size.particles, phases=phases, clip_norm=None)
     search = PolicySearch(config, generator)
     optimiser = torch.optim.Adam(policy.parameters(), LEARNING_RATE)
     return lambda: search.step(problem, policy, optimiser, dropout=DROPOUT)
+
+
+def make_problem(
+    size: Size, task: TaskSpec, generator: torch.Generator, rollout: RolloutFunction
+) -> tuple[Problem, SumOfGaussians]:
+    """A cart-pole's search in a model of random data, and where it begins."""
+    X = torch.randn(size.samples, 6, generator=generator, dtype=torch.float64)
+    Y = 0.003 * torch.randn(size.samples, 2, generator=generator, dtype=torch.float64)
+    kernel = RBF(6, (2,)) + MPK(6, 2, (2,))
+    kernel.start_from(X, Y)
+    augmentation = AngleAugmentation(4, task.angles)
+    posterior = GP(kernel, noise_floor=0.001).condition(X, Y)
+    dynamics = GPDynamics(posterior, augmentation, speed_integration(task), np.full(2, 1e3))
+    policy = SumOfGaussians(augmentation, [-10.0], [10.0], size.bases)
+    span = torch.full((3,), torch.pi, dtype=torch.float64)
+    policy.randomise(span, torch.ones_like(span), 1.0, 5.0, generator)
+    start, std = (torch.tensor(t, dtype=torch.float64) for t in (task.start_mean, task.start_std))
+    return Problem(dynamics, task.cost, start, std, size.steps, 1.0, rollout), policy
 
 
 def cpu_seconds(step: Callable[[], object]) -> float:

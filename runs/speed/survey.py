@@ -17,7 +17,7 @@ from typing import Any
 from speed.step import ENGINES, Size
 
 from mcpilco.archive import write_bytes
-from mcpilco.sweep.job import _cpu
+from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown
 
@@ -91,14 +91,10 @@ def calls(size: Size, engine: str) -> dict[str, Any]:
     return {"engine": engine, "first": first, "later": later}
 
 
-def machine() -> dict[str, str]:
+def machine() -> dict[str, Any]:
     """Where it was measured."""
     versions = {name: version(name) for name in ("torch", "numba", "numpy")}
-    return {
-        "cpu": _cpu(),
-        "cores": str(os.cpu_count()),
-        "python": platform.python_version(),
-    } | versions
+    return {**job.machine(), "python": platform.python_version(), **versions}
 
 
 # The page -----------------------------------------------------------------------------------------

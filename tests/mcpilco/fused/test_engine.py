@@ -12,7 +12,9 @@ from mcpilco import fused
 from mcpilco.costs import QuadraticCost, cart_pole_cost
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import full_state, speed_integration
+from mcpilco.features import AngleAugmentation
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
+from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import rollout
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
@@ -171,3 +173,5 @@ def test_refuses_what_it_does_not_know(task: TaskSpec) -> None:
     dynamics = make_dynamics(task)
     assert fused.supports(dynamics, make_policy(task))
     assert not fused.supports(dynamics, lambda states, dropout=None, step=0: states[..., :1])
+    blind = SumOfGaussians(AngleAugmentation(4, ()), [-1.0], [1.0])
+    assert not fused.supports(dynamics, blind)
