@@ -6,8 +6,8 @@ from numba import njit
 
 from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
 from mcpilco.fused.policy import activate
-from mcpilco.fused.sources import digest
 from mcpilco.fused.tiles import add_product
+from mcpilco.sources import digest
 
 
 @njit(**PLAIN)
@@ -130,4 +130,4 @@ def _compiled(sources: str):
     return backward
 
 
-backward = _compiled(digest())
+backward = _compiled(digest("fused"))

@@ -11,7 +11,7 @@ from numba import njit
 from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
 from mcpilco.fused.policy import act, activate
 from mcpilco.fused.posterior import change
-from mcpilco.fused.sources import digest
+from mcpilco.sources import digest
 
 
 @njit(**PLAIN)
@@ -78,4 +78,4 @@ def _compiled(sources: str):
     return forward
 
 
-forward = _compiled(digest())
+forward = _compiled(digest("fused"))

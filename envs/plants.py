@@ -1,0 +1,167 @@
+"""The equations of the envs as plants, whose missing effects can be found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+from mcpilco.effects import CATALOGUE
+from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
+from mcpilco.plant import Active, Base, Parameter, Plant
+from mcpilco.simulation import Layout
+
+ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
+"""axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
+VISCOUS, GAIN = CATALOGUE["viscous_friction"], CATALOGUE["actuator_gain"]
+
+
+def cart_pole() -> Plant:
+    """The cart-pole of `envs.cartpole_dynamics`."""
+
+    def build(p: Mapping[str, float]) -> Chain:
+        cart = Body(name="cart", joint="cart", kind=SLIDE, axis=ALONG, mass=p["cart_mass"])
+        pole = rod("pole", 0, p["pole_mass"], p["pole_length"])
+        return Chain((cart, pole), (0.0, 0.0, -p["gravity"]))
+
+    layout = Layout(
+        joints=("cart", "pole"),
+        slides=(True, False),
+        bodies=("cart", "pole"),
+        states=("cart_position", "cart_velocity", "pole_angle", "pole_velocity"),
+        inputs=("force",),
+        drives=(0,),
+    )
+    return Plant(
+        name="mcpilco/CartPoleSwingUp-v0",
+        layout=layout,
+        parameters=(
+            Parameter("cart_mass", 0.5, "kg", low=1e-6),
+            Parameter("pole_mass", 0.5, "kg", low=1e-6),
+            Parameter("pole_length", 0.5, "m", low=1e-6),
+            Parameter("cart_friction", 0.1, "N s/m"),
+            Parameter("force_gain", 1.0, "-"),
+            Parameter("gravity", 9.82, "m/s^2", uncertain=False),
+        ),
+        build=build,
+        base=(
+            Base(Active(VISCOUS, "cart"), ("cart_friction",)),
+            Base(Active(GAIN, "actuator"), ("force_gain",)),
+        ),
+        angles=(2,),
+    )
+
+
+def pendulum() -> Plant:
+    """The pendulum of `envs.pendulum_dynamics`: m l^2 q'' = tau - b q' - m g l sin q."""
+
+    def build(p: Mapping[str, float]) -> Chain:
+        body = Body(
+            name="pendulum",
+            joint="pendulum",
+            kind=HINGE,
+            axis=ABOUT,
+            mass=p["mass"],
+            center=(0.0, 0.0, -p["length"]),
+        )
+        return Chain((body,), (0.0, 0.0, -p["gravity"]))
+
+    layout = Layout(
+        joints=("pendulum",),
+        slides=(False,),
+        bodies=("pendulum",),
+        states=("angle", "velocity"),
+        inputs=("torque",),
+        drives=(0,),
+    )
+    return Plant(
+        name="mcpilco/Pendulum-v0",
+        layout=layout,
+        parameters=(
+            Parameter("mass", 0.6, "kg", low=1e-6),
+            Parameter("length", 0.5, "m", low=1e-6),
+            Parameter("friction", 0.05, "N m s/rad"),
+            Parameter("torque_gain", 1.0, "-"),
+            Parameter("gravity", 9.82, "m/s^2", uncertain=False),
+        ),
+        build=build,
+        base=(
+            Base(Active(VISCOUS, "pendulum"), ("friction",)),
+            Base(Active(GAIN, "actuator"), ("torque_gain",)),
+        ),
+        angles=(0,),
+    )
+
+
+def double_pendulum() -> Plant:
+    """Two uniform rods, a motor in each hinge; the second angle is relative to the first rod."""
+
+    def build(p: Mapping[str, float]) -> Chain:
+        upper = rod("upper", -1, p["upper_mass"], p["upper_length"], joint="shoulder")
+        lower = rod(
+            "lower", 0, p["lower_mass"], p["lower_length"], (0.0, 0.0, -p["upper_length"]), "elbow"
+        )
+        return Chain((upper, lower), (0.0, 0.0, -p["gravity"]))
+
+    layout = Layout(
+        joints=("shoulder", "elbow"),
+        slides=(False, False),
+        bodies=("upper", "lower"),
+        states=("shoulder_angle", "shoulder_velocity", "elbow_angle", "elbow_velocity"),
+        inputs=("shoulder_torque", "elbow_torque"),
+        drives=(0, 1),
+    )
+    return Plant(
+        name="mcpilco/DoublePendulum-v0",
+        layout=layout,
+        parameters=(
+            Parameter("upper_mass", 0.6, "kg", low=1e-6),
+            Parameter("upper_length", 0.3, "m", low=1e-6),
+            Parameter("lower_mass", 0.4, "kg", low=1e-6),
+            Parameter("lower_length", 0.3, "m", low=1e-6),
+            Parameter("shoulder_friction", 0.01, "N m s/rad"),
+            Parameter("elbow_friction", 0.01, "N m s/rad"),
+            Parameter("shoulder_gain", 1.0, "-"),
+            Parameter("elbow_gain", 1.0, "-"),
+            Parameter("gravity", 9.82, "m/s^2", uncertain=False),
+        ),
+        build=build,
+        base=(
+            Base(Active(VISCOUS, "shoulder"), ("shoulder_friction",)),
+            Base(Active(VISCOUS, "elbow"), ("elbow_friction",)),
+            Base(Active(GAIN, "shoulder_torque"), ("shoulder_gain",)),
+            Base(Active(GAIN, "elbow_torque"), ("elbow_gain",)),
+        ),
+        angles=(0, 2),
+    )
+
+
+def rod(
+    name: str,
+    parent: int,
+    mass: float,
+    length: float,
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    joint: str | None = None,
+) -> Body:
+    """A uniform rod that hangs from its hinge."""
+    across = mass * length**2 / 12.0
+    inertia = ((across, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, 0.0))
+    return Body(
+        name=name,
+        joint=joint or name,
+        kind=HINGE,
+        axis=ABOUT,
+        mass=mass,
+        parent=parent,
+        origin=origin,
+        center=(0.0, 0.0, -0.5 * length),
+        inertia=inertia,
+    )
+
+
+PLANTS = {
+    "mcpilco/CartPoleSwingUp-v0": cart_pole,
+    "mcpilco/Pendulum-v0": pendulum,
+    "mcpilco/DoublePendulum-v0": double_pendulum,
+}
+"""by the id of their env"""

@@ -1,0 +1,87 @@
+"""Masses that are not what the drawing says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
+from mcpilco.simulation import Layout, Tables
+
+
+class BodyMass(Effect):
+    """A body is m_d heavier, its shape and density distribution the same: its inertia scales."""
+
+    name = "body_mass"
+    place = "body"
+    symbols = (Symbol("m_d", "kg"),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        return layout.bodies
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        chains = tables.chains
+        factor = max(1.0 + values[0] / chains.mass[system, at], 0.01)
+        chains.mass[system, at] *= factor
+        chains.inertia[system, at] *= factor
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(0.02 * scale.mass)]
+
+
+class CenterOfMass(Effect):
+    """A body's center of mass is c_d further from its joint, its inertia about it the same."""
+
+    name = "center_of_mass"
+    place = "body"
+    symbols = (Symbol("c_d", "m"),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        pairs = zip(layout.bodies, layout.slides, strict=True)
+        return tuple(body for body, slides in pairs if not slides)
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        center = tables.chains.center[system, at]
+        length = np.linalg.norm(center)
+        if length > 0.0:
+            center *= 1.0 + values[0] / length
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(0.02 * scale.length)] if scale.length > 0.0 else []
+
+
+class BodyInertia(Effect):
+    """A body's inertia about its joint's axis is I_d larger, its mass and center the same."""
+
+    name = "body_inertia"
+    place = "body"
+    symbols = (Symbol("I_d", "kg m^2"),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        pairs = zip(layout.bodies, layout.slides, strict=True)
+        return tuple(body for body, slides in pairs if not slides)
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        axis = tables.chains.axis[at]
+        tables.chains.inertia[system, at] += values[0] * np.outer(axis, axis)
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(0.02 * scale.inertia)]
+
+
+class Armature(Effect):
+    """A motor's inertia I_a, felt at the joint."""
+
+    name = "armature"
+    place = "joint"
+    symbols = (Symbol("I_a", "{f} s^2/{q}", low=0.0),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        return layout.joints
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.chains.armature[system, at] += values[0]
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(0.02 * scale.inertia)]

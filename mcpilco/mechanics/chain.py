@@ -1,0 +1,122 @@
+"""What an open chain of rigid bodies is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.typing import InputError
+
+HINGE: Literal["hinge"] = "hinge"
+SLIDE: Literal["slide"] = "slide"
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+NOT_TURNED: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A rigid body and the joint that holds it to its parent.
+
+    The body's frame lies in the joint and moves with the body.
+    """
+
+    name: str
+    """of the body"""
+    joint: str
+    """name of its joint"""
+    kind: Literal["hinge", "slide"]
+    """of its joint"""
+    axis: Vector
+    """of the joint, a unit vector in the body's frame [-]"""
+    mass: float
+    """[kg]"""
+    parent: int = -1
+    """which body it is held to, one that comes before it; -1 is the world"""
+    origin: Vector = (0.0, 0.0, 0.0)
+    """of the body's frame where the joint is at 0, in the parent's [m]"""
+    rotation: Matrix = NOT_TURNED
+    """R_pb where the joint is at 0: takes the body's frame to the parent's [-]"""
+    center: Vector = (0.0, 0.0, 0.0)
+    """center of mass, in the body's frame [m]"""
+    inertia: Matrix = ((0.0, 0.0, 0.0),) * 3
+    """about the center of mass, along the axes of the body's frame [kg m^2]"""
+    armature: float = 0.0
+    """inertia of the motor, felt at the joint [kg m^2, or kg at a slide]"""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """J bodies, each on one joint; branches are allowed, loops are not."""
+
+    bodies: tuple[Body, ...]
+    """parents first"""
+    gravity: Vector = (0.0, 0.0, -9.82)
+    """[m/s^2]"""
+
+    def __post_init__(self) -> None:
+        for number, body in enumerate(self.bodies):
+            if not -1 <= body.parent < number:
+                raise InputError(
+                    f"body {body.name!r} must come after its parent, got parent {body.parent} "
+                    f"for body {number}; put parents first."
+                )
+            if not np.isclose(np.linalg.norm(body.axis), 1.0):
+                raise InputError(
+                    f"the axis of joint {body.joint!r} must have length 1, got {body.axis}."
+                )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, in the order of q."""
+        return tuple(body.joint for body in self.bodies)
+
+
+class Chains(NamedTuple):
+    """S chains of one shape as arrays, for the compiled loops: [units as in `Body`]."""
+
+    parent: Int[np.ndarray, " J"]
+    slides: Int[np.ndarray, " J"]
+    """1 where the joint is a slide"""
+    axis: Float[np.ndarray, "J 3"]
+    rotation: Float[np.ndarray, "J 3 3"]
+    origin: Float[np.ndarray, "S J 3"]
+    mass: Float[np.ndarray, "S J"]
+    center: Float[np.ndarray, "S J 3"]
+    inertia: Float[np.ndarray, "S J 3 3"]
+    armature: Float[np.ndarray, "S J"]
+    gravity: Float[np.ndarray, "S 3"]
+
+
+def stack(chains: Sequence[Chain]) -> Chains:
+    """Chains that differ in numbers only, one behind the other.
+
+    Raises:
+        InputError: they differ in their joints.
+    """
+    first = chains[0].bodies
+    shape = [(body.parent, body.kind, body.axis, body.rotation) for body in first]
+    for chain in chains[1:]:
+        if [(b.parent, b.kind, b.axis, b.rotation) for b in chain.bodies] != shape:
+            raise InputError("chains can be stacked where their joints are equal; these differ.")
+
+    def each(name: str) -> np.ndarray:
+        return np.array([[getattr(b, name) for b in chain.bodies] for chain in chains], float)
+
+    return Chains(
+        parent=np.array([body.parent for body in first]),
+        slides=np.array([int(body.kind == SLIDE) for body in first]),
+        axis=np.array([body.axis for body in first], float),
+        rotation=np.array([body.rotation for body in first], float),
+        origin=each("origin"),
+        mass=each("mass"),
+        center=each("center"),
+        inertia=each("inertia"),
+        armature=each("armature"),
+        gravity=np.array([chain.gravity for chain in chains], float),
+    )

@@ -1,0 +1,58 @@
+"""Forward and inverse dynamics of a chain, for batches."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numba import njit
+
+from mcpilco.mechanics import compiled
+from mcpilco.mechanics.chain import Chain, Chains, stack
+
+
+def accelerations(
+    chain: Chain,
+    q: Float[np.ndarray, "N J"],
+    dq: Float[np.ndarray, "N J"],
+    tau: Float[np.ndarray, "N J"],
+) -> Float[np.ndarray, "N J"]:
+    """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2].
+
+    Args:
+        chain: whose.
+        q: joint positions [m or rad].
+        dq: joint velocities [m/s or rad/s].
+        tau: forces at the joints [N or N m].
+    """
+    arrays = (np.ascontiguousarray(array, float) for array in (q, dq, tau))
+    return _accelerations(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
+
+
+def generalised_forces(
+    chain: Chain,
+    q: Float[np.ndarray, "N J"],
+    dq: Float[np.ndarray, "N J"],
+    ddq: Float[np.ndarray, "N J"],
+) -> Float[np.ndarray, "N J"]:
+    """tau = M(q) q'' + bias(q, q') [N or N m]: inverse dynamics, see `accelerations`."""
+    arrays = (np.ascontiguousarray(array, float) for array in (q, dq, ddq))
+    return _generalised_forces(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
+
+
+@njit(cache=True, error_model="numpy")
+def _accelerations(chains: Chains, w, q, dq, tau):
+    ddq = tau.copy()
+    for n in range(len(q)):
+        compiled.linearise(chains, 0, q[n], dq[n], w)
+        ddq[n] -= w.bias
+        compiled.solve(w, ddq[n])
+    return ddq
+
+
+@njit(cache=True, error_model="numpy")
+def _generalised_forces(chains: Chains, w, q, dq, ddq):
+    tau = np.empty_like(q)
+    for n in range(len(q)):
+        compiled.place(chains, 0, q[n], w)
+        compiled.forces(chains, 0, dq[n], ddq[n], w, tau[n])
+    return tau

@@ -1,0 +1,185 @@
+"""A plant: what an env simulates, and what recordings are compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.effects import CATALOGUE, Effect
+from mcpilco.mechanics import Chain, stack
+from mcpilco.simulation import Layout, Tables, simulate
+from mcpilco.simulation.tables import IDEAL_ACTUATOR, IDEAL_SENSOR
+from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of a plant."""
+
+    name: str
+    """as `--set name=value` takes it"""
+    value: float
+    """nominal, in its unit"""
+    unit: str
+    """for example kg"""
+    uncertain: bool = True
+    """whether a nominal value is never exact: masses, lengths, friction, gains; not gravity"""
+    low: float = 0.0
+    """least value that makes sense"""
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect at its target."""
+
+    effect: Effect
+    target: str
+    """a joint, body, actuator or state, as the effect's place has it"""
+
+    def __str__(self) -> str:
+        return f"{self.effect.name} ({self.target})"
+
+
+@dataclass(frozen=True)
+class Base:
+    """An effect that belongs to the nominal plant; its values may be named parameters."""
+
+    active: Active
+    values: tuple[float | str, ...]
+    """one for each symbol: a number, or the name of a parameter"""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Bodies on joints, behind actuators and in front of sensors, with what is known of them."""
+
+    name: str
+    """as reports call it"""
+    layout: Layout
+    """names of what moves"""
+    parameters: tuple[Parameter, ...]
+    """physical parameters"""
+    build: Callable[[Mapping[str, float]], Chain]
+    """the bodies, of values of the parameters"""
+    base: tuple[Base, ...] = ()
+    """effects of the nominal plant"""
+    added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
+    """effects that were found, with their values"""
+    angles: tuple[int, ...] = field(default=())
+    """which states are angles [rad]"""
+
+    def where(self, **values: float) -> Plant:
+        """This plant with other values of some parameters.
+
+        Raises:
+            InputError: a name that it does not have, or a value that makes no sense.
+        """
+        names = [parameter.name for parameter in self.parameters]
+        for name, value in values.items():
+            if name not in names:
+                raise InputError(
+                    f"{self.name} has no parameter {name!r}; it has {', '.join(names)}."
+                )
+            low = self.parameters[names.index(name)].low
+            if not (np.isfinite(value) and value >= low):
+                raise InputError(f"{name} must be finite and at least {low:g}, got {value:g}.")
+        changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
+        return replace(self, parameters=tuple(changed))
+
+    def having(self, effects: Sequence[tuple[Active, Sequence[float]]]) -> Plant:
+        """This plant with some effects more."""
+        more = tuple((active, tuple(map(float, values))) for active, values in effects)
+        return replace(self, added=self.added + more)
+
+    @property
+    def nominal(self) -> Float[np.ndarray, " P"]:
+        """Values of the parameters, each in its unit."""
+        return np.array([parameter.value for parameter in self.parameters])
+
+    def candidates(self) -> list[Active]:
+        """Every effect of the catalogue at every target that it can have here."""
+        return [
+            Active(effect, target)
+            for effect in CATALOGUE.values()
+            for target in effect.targets(self.layout)
+        ]
+
+    def tables(
+        self,
+        parameters: Float[np.ndarray, "S P"],
+        actives: Sequence[Active] = (),
+        values: Sequence[Float[np.ndarray, "S symbols"]] = (),
+    ) -> Tables:
+        """S systems, for a simulation.
+
+        Args:
+            parameters: of each system, in the order of `Plant.parameters`.
+            actives: further effects.
+            values: for each of them, its values in each system.
+        """
+        S, layout = len(parameters), self.layout
+        names = [parameter.name for parameter in self.parameters]
+        everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
+        forces = [active for active in everything if active.effect.law is not None]
+        tables = Tables(
+            chains=stack([self.build(dict(zip(names, row, strict=True))) for row in parameters]),
+            law=np.array([active.effect.law for active in forces], dtype=np.int64),
+            joint=np.array([layout.joints.index(a.target) for a in forces], dtype=np.int64),
+            constants=np.zeros((S, len(forces), 4)),
+            drives=np.array(layout.drives),
+            actuators=np.tile(np.array(IDEAL_ACTUATOR), (S, len(layout.drives), 1)),
+            sensors=np.tile(np.array(IDEAL_SENSOR), (S, len(layout.states), 1)),
+        )
+        rows = iter(range(len(forces)))
+        places = [self._at(active, rows) for active in everything]
+        for s, row in enumerate(parameters):
+            known = dict(zip(names, row, strict=True))
+            told = [
+                *([known[v] if isinstance(v, str) else v for v in base.values] for base in self.base),
+                *(added for _, added in self.added),
+                *(value[s] for value in values),
+            ]
+            for active, at, numbers in zip(everything, places, told, strict=True):
+                active.effect.install(tables, s, at, numbers)
+        return tables
+
+    def _at(self, active: Active, rows: Sequence[int]) -> int:
+        """Where an effect writes: its row among the forces, or the number of its target."""
+        if active.effect.law is not None:
+            return next(rows)
+        layout = self.layout
+        names = {
+            "joint": layout.joints,
+            "body": layout.bodies,
+            "actuator": layout.actuators,
+            "sensor": layout.states,
+        }[active.effect.place]
+        return names.index(active.target)
+
+    def simulate(
+        self,
+        start: Float[np.ndarray, "B X"],
+        inputs: Float[np.ndarray, "B T U"],
+        dt: float,
+        parameters: Mapping[str, Float[np.ndarray, " B"]] | None = None,
+    ) -> Float[np.ndarray, "B T_plus_1 X"]:
+        """What is measured of B motions, NaN from where one runs away.
+
+        Args:
+            start: states, in the order of `layout.states`.
+            inputs: commands, each held for dt.
+            dt: sampling time [s].
+            parameters: values that differ from the nominal ones, for each motion.
+        """
+        rows = np.tile(self.nominal, (len(start), 1))
+        names = [parameter.name for parameter in self.parameters]
+        for name, values in (parameters or {}).items():
+            rows[:, names.index(name)] = values
+        each = np.arange(len(start))
+        last = inputs[:, -1:] if inputs.shape[1] else inputs
+        commands = np.ascontiguousarray(np.concatenate([inputs, last], axis=1), dtype=float)
+        y = simulate(self.tables(rows), each, np.asarray(start, float), each, commands, 0, dt)
+        return y.transpose(0, 2, 1)

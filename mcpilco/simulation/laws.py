@@ -1,0 +1,35 @@
+"""Forces in a joint, for compiled callers: one formula a law."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from mcpilco.mechanics.compiled import INNER
+
+VISCOUS, COULOMB, STRIBECK, QUADRATIC, ASYMMETRIC, SPRING, HARDENING, CONSTANT, RIPPLE = range(9)
+"""what the effects of `mcpilco.effects.joint` are here; their docstrings give the parameters a to d"""
+
+
+@njit(**INNER)
+def joint_force(law, q, v, a, b, c, d):
+    """Force of a law on its joint [N or N m], at position q and velocity v."""
+    if law == VISCOUS:
+        return -a * v
+    if law == COULOMB:
+        return -a * math.tanh(v / b)
+    if law == STRIBECK:
+        return -(a + b * math.exp(-((v / c) ** 2))) * math.tanh(v / d)
+    if law == QUADRATIC:
+        return -a * v * abs(v)
+    if law == ASYMMETRIC:
+        sign = math.tanh(v / c)
+        return -0.5 * ((a + b) * sign + (a - b) * abs(sign))
+    if law == SPRING:
+        return -a * q
+    if law == HARDENING:
+        return -a * q * q * q
+    if law == CONSTANT:
+        return a
+    return a * math.sin(c * q) + b * math.cos(c * q)

@@ -1,0 +1,20 @@
+"""What compiled code was made of.
+
+numba keeps compiled functions on disk and looks only at the file of the function it is asked for,
+not at the files of the functions that it calls. A digest of their folders, closed over by the
+outermost function, makes any change there compile it anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+
+def digest(*packages: str) -> str:
+    """A hash of all source files of some packages of mcpilco, such as `fused`."""
+    total = hashlib.sha256()
+    for package in packages:
+        for path in sorted((Path(__file__).parent / package).glob("*.py")):
+            total.update(path.read_bytes())
+    return total.hexdigest()
