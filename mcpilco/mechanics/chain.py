@@ -83,6 +83,8 @@ class Chains(NamedTuple):
     parent: Int[np.ndarray, " J"]
     slides: Int[np.ndarray, " J"]
     """1 where the joint is a slide"""
+    planar: Int[np.ndarray, " 1"]
+    """1 where all bodies stay in the plane of x and z"""
     axis: Float[np.ndarray, "J 3"]
     rotation: Float[np.ndarray, "J 3 3"]
     origin: Float[np.ndarray, "S J 3"]
@@ -111,6 +113,7 @@ def stack(chains: Sequence[Chain]) -> Chains:
     return Chains(
         parent=np.array([body.parent for body in first]),
         slides=np.array([int(body.kind == SLIDE) for body in first]),
+        planar=np.array([int(all(map(_planar, first)))]),
         axis=np.array([body.axis for body in first], float),
         rotation=np.array([body.rotation for body in first], float),
         origin=each("origin"),
@@ -120,3 +123,11 @@ def stack(chains: Sequence[Chain]) -> Chains:
         armature=each("armature"),
         gravity=np.array([chain.gravity for chain in chains], float),
     )
+
+
+def _planar(body: Body) -> bool:
+    """Whether a body turns about y only, or slides across it."""
+    R = np.array(body.rotation)
+    turned_about_y = R[1, 1] == 1.0 and not R[1, [0, 2]].any() and not R[[0, 2], 1].any()
+    about = abs(body.axis[1])
+    return bool(turned_about_y) and about == (0.0 if body.kind == SLIDE else 1.0)

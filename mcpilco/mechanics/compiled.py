@@ -52,7 +52,7 @@ class Scratch(NamedTuple):
     F: np.ndarray
     """(J, 6), force through the joint"""
     M: np.ndarray
-    """(J, J), mass matrix; its Cholesky factor after `linearise`"""
+    """(J, J), mass matrix; its Cholesky factor after `factorise`"""
     bias: np.ndarray
     """(J,), forces that keep the joints' velocities constant [N or N m]"""
     zero: np.ndarray
@@ -245,12 +245,16 @@ def mass_matrix(chains, s, w):
 
 @njit(**INNER)
 def linearise(chains, s, q, dq, w):
-    """M(q) and bias(q, dq) of M q'' + bias = tau, with the Cholesky factor of M in its place."""
-    J = len(q)
+    """M(q) and bias(q, dq) of M q'' + bias = tau."""
     place(chains, s, q, w)
     forces(chains, s, dq, w.zero, w, w.bias)
     mass_matrix(chains, s, w)
-    for j in range(J):  # M = L L^T
+
+
+@njit(**INNER)
+def factorise(w):
+    """Puts the Cholesky factor of M in its place."""
+    for j in range(len(w.m)):  # M = L L^T
         for k in range(j + 1):
             total = w.M[j, k]
             for i in range(k):
@@ -260,7 +264,7 @@ def linearise(chains, s, q, dq, w):
 
 @njit(**INNER)
 def solve(w, x):
-    """Replaces x by M^-1 x, after `linearise`."""
+    """Replaces x by M^-1 x, after `factorise`."""
     J = len(x)
     for j in range(J):
         for k in range(j):

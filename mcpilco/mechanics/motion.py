@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numba import njit
 
 from mcpilco.mechanics import compiled
+from mcpilco.mechanics.planar import linearise_in_plane
 from mcpilco.mechanics.chain import Chain, Chains, stack
 
 
@@ -43,7 +44,11 @@ def generalised_forces(
 def _accelerations(chains: Chains, w, q, dq, tau):
     ddq = tau.copy()
     for n in range(len(q)):
-        compiled.linearise(chains, 0, q[n], dq[n], w)
+        if chains.planar[0]:
+            linearise_in_plane(chains, 0, q[n], dq[n], w)
+        else:
+            compiled.linearise(chains, 0, q[n], dq[n], w)
+        compiled.factorise(w)
         ddq[n] -= w.bias
         compiled.solve(w, ddq[n])
     return ddq

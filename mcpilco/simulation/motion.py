@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from mcpilco.mechanics.compiled import INNER, linearise, scratch, solve
+from mcpilco.mechanics.compiled import INNER, factorise, linearise, scratch, solve
+from mcpilco.mechanics.planar import linearise_in_plane
 from mcpilco.simulation.laws import joint_force
 from mcpilco.simulation.tables import (
     DEAD_ZONE,
@@ -84,7 +85,11 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
     actuated[u] holds the force that input u is at, and the one that it lags behind.
     """
     J = len(q)
-    linearise(tables.chains, s, q, v, w)
+    if tables.chains.planar[0]:
+        linearise_in_plane(tables.chains, s, q, v, w)
+    else:
+        linearise(tables.chains, s, q, v, w)
+    factorise(w)
     for j in range(J):
         w.x[j] = -w.bias[j]
     for u in range(len(tables.drives)):

@@ -1,0 +1,172 @@
+"""A plant with some effects as a function of a vector of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.effects import Scale
+from mcpilco.gap.windows import Windows
+from mcpilco.plant import Active, Plant
+from mcpilco.simulation import Tables
+
+
+@dataclass(frozen=True)
+class Model:
+    """A plant, effects that are added to it, and what is not known exactly.
+
+    Its vector theta holds the uncertain nominal parameters, each relative to its nominal value, and
+    then the values of the effects. Symbols that are positive and far from 0 enter as logarithms.
+    """
+
+    plant: Plant
+    actives: tuple[Active, ...]
+    """effects that are added"""
+    priors: Mapping[str, float]
+    """uncertain parameters of the plant, with the relative prior std of each; inf frees one"""
+    scales: Mapping[str, Scale]
+    """by target"""
+
+    def having(self, *actives: Active) -> Model:
+        """This model with some effects more."""
+        return Model(self.plant, self.actives + actives, self.priors, self.scales)
+
+    def without(self, number: int) -> Model:
+        """This model without one of its effects."""
+        rest = self.actives[:number] + self.actives[number + 1 :]
+        return Model(self.plant, rest, self.priors, self.scales)
+
+    @property
+    def nuisances(self) -> int:
+        """How many uncertain parameters stand first in theta."""
+        return len(self.priors)
+
+    def spans(self) -> list[slice]:
+        """Where in theta the values of each effect are."""
+        spans, first = [], self.nuisances
+        for active in self.actives:
+            spans.append(slice(first, first + len(active.effect.symbols)))
+            first = spans[-1].stop
+        return spans
+
+    @cached_property
+    def logarithmic(self) -> np.ndarray:
+        """Which entries of theta are logarithms."""
+        symbols = [s for active in self.actives for s in active.effect.symbols]
+        return np.array([False] * self.nuisances + [_positive(s) for s in symbols])
+
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest theta that make physical sense."""
+        symbols = [s for active in self.actives for s in active.effect.symbols]
+        low = [-0.95] * self.nuisances
+        low += [np.log(s.low) if _positive(s) else s.low for s in symbols]
+        high = [np.inf] * self.nuisances
+        high += [np.log(s.high) if _positive(s) else s.high for s in symbols]
+        return np.array(low), np.array(high)
+
+    @cached_property
+    def precision(self) -> np.ndarray:
+        """Prior precision of theta; 0 where nothing is known."""
+        precision = np.zeros(len(self.logarithmic))
+        precision[: self.nuisances] = [std**-2 for std in self.priors.values()]
+        return precision
+
+    def encode(self, effects: Sequence[Sequence[float]]) -> Float[np.ndarray, " n"]:
+        """theta of values of the effects, the plant's parameters nominal."""
+        theta = np.concatenate([np.zeros(self.nuisances), *map(np.asarray, effects)])
+        theta[self.logarithmic] = np.log(theta[self.logarithmic])
+        return np.clip(theta, *self.bounds)
+
+    def decode(
+        self, theta: Float[np.ndarray, "S n"]
+    ) -> tuple[Float[np.ndarray, "S P"], list[Float[np.ndarray, "S symbols"]]]:
+        """Parameters of the plant, and values of each effect."""
+        plain = np.where(self.logarithmic, np.exp(np.where(self.logarithmic, theta, 0.0)), theta)
+        names = [parameter.name for parameter in self.plant.parameters]
+        parameters = np.tile(self.plant.nominal, (len(theta), 1))
+        for column, name in enumerate(self.priors):
+            parameters[:, names.index(name)] *= 1.0 + theta[:, column]
+        return parameters, [plain[:, span] for span in self.spans()]
+
+    def tables(self, theta: Float[np.ndarray, "S n"]) -> Tables:
+        """S systems, for a simulation."""
+        parameters, values = self.decode(theta)
+        return self.plant.tables(parameters, self.actives, values)
+
+    def steps(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Steps for finite differences: felt above rounding, and too small to bend."""
+        steps = [np.full(self.nuisances, 1e-3)]
+        for active in self.actives:
+            probes = active.effect.probes(self.scales[active.target])
+            sizes = np.concatenate([probe.values for probe in probes]) - active.effect.neutral
+            sizes[~np.isfinite(sizes)] = 0.0
+            usual = 0.1 * np.abs(sizes).max(axis=0)
+            usual[usual == 0.0] = 1e-2
+            steps.append(usual)
+        found = np.concatenate(steps)
+        found[self.logarithmic] = 0.03
+        found[self.nuisances :] = np.where(
+            self.logarithmic[self.nuisances :],
+            found[self.nuisances :],
+            np.minimum(found[self.nuisances :], np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :])),
+        )
+        high = self.bounds[1]
+        return np.where(theta + found > high, -found, found)
+
+
+def _positive(symbol) -> bool:
+    return symbol.low > 0.0
+
+
+def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
+    """What is usual at each target of a plant in some recordings."""
+    layout = plant.layout
+    chain = plant.build({p.name: p.value for p in plant.parameters})
+    J = len(layout.joints)
+    found = {}
+    y = windows.y.copy()
+    for j in range(J):  # velocities that were not measured
+        v = np.gradient(y[:, 2 * j], windows.dt, axis=-1)
+        y[:, 2 * j + 1] = np.where(np.isfinite(y[:, 2 * j + 1]), y[:, 2 * j + 1], v)
+    q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
+    fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    q, v = q[fine], v[fine]
+    from mcpilco.mechanics import generalised_forces
+
+    rest = np.zeros_like(q)
+    inertias = [
+        generalised_forces(chain, q[:200], rest[:200], rest[:200] + np.eye(J)[j])[:, j]
+        - generalised_forces(chain, q[:200], rest[:200], rest[:200])[:, j]
+        for j in range(J)
+    ]
+    weights = generalised_forces(chain, q, rest, rest)
+    commands = np.abs(windows.commands).reshape(-1, windows.commands.shape[-1])
+    targets = {*layout.joints, *layout.bodies, *layout.actuators, *layout.states}
+    for target in targets:
+        j = layout.joint_of(target)
+        body = chain.bodies[j]
+        inputs = [u for u, joint in enumerate(layout.drives) if joint == j] or [0]
+        u = layout.actuators.index(target) if target in layout.actuators else inputs[0]
+        gain = commands[:, u].std() + commands[:, u].mean()
+        driven = gain if j in layout.drives else 0.0
+        velocity = np.sqrt(np.mean(v[:, j] ** 2))
+        signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
+        inertia = float(np.mean(inertias[j]))
+        force = max(driven, np.sqrt(np.mean(weights[:, j] ** 2)), 0.1 * inertia * velocity / 0.1)
+        found[target] = Scale(
+            position=float(np.abs(q[:, j]).max()) + 1e-9,
+            velocity=float(velocity) + 1e-9,
+            force=float(force) + 1e-12,
+            command=float(commands[:, u].max()) + 1e-12,
+            signal=float(np.sqrt(np.nanmean(signal**2))) + 1e-9,
+            inertia=inertia,
+            mass=body.mass,
+            length=float(np.linalg.norm(body.center)),
+            dt=windows.dt,
+        )
+    return found

@@ -1,0 +1,123 @@
+"""Short windows of recordings, each of which is simulated from a start state of its own.
+
+Over half a second to a second an effect that is missing shows far above the noise, and a swinging
+pole has not yet forgotten where it started.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mcpilco.typing import InputError
+
+SECONDS = 1.06
+"""length of a window [s]"""
+PAST_S = 0.4
+"""before a window, for what actuators remember [s]"""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of T samples each."""
+
+    y: Float[np.ndarray, "W X T"]
+    """measured states; NaN where there is no measurement"""
+    commands: Float[np.ndarray, "W T_all U"]
+    """held for dt each; `lead` samples of the past come first"""
+    lead: int
+    """samples before the start"""
+    dt: float
+    """sampling time [s]"""
+    std: Float[np.ndarray, " X"]
+    """noise of each state's measurement, in its unit"""
+    guess: Float[np.ndarray, "W X"]
+    """states at the starts, roughly"""
+    recording: Int[np.ndarray, " W"]
+    """which recording each is from"""
+    start_s: Float[np.ndarray, " W"]
+    """when each starts in its recording [s]"""
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"]) -> Windows:
+        """Some of the windows."""
+        return Windows(
+            self.y[chosen],
+            self.commands[chosen],
+            self.lead,
+            self.dt,
+            self.std,
+            self.guess[chosen],
+            self.recording[chosen],
+            self.start_s[chosen],
+        )
+
+    @property
+    def measured(self) -> Bool[np.ndarray, "W X T"]:
+        """Where there is a measurement."""
+        return np.isfinite(self.y)
+
+
+def cut(
+    states: Sequence[Float[np.ndarray, "T_i X"]],
+    inputs: Sequence[Float[np.ndarray, "T_i U"]],
+    dt: float,
+    std: Float[np.ndarray, " X"],
+    seconds: float = SECONDS,
+) -> Windows:
+    """Windows side by side, of recordings with one sampling time.
+
+    Args:
+        states: measured, NaN where there is no measurement.
+        inputs: commands.
+        dt: sampling time [s].
+        std: noise of each state's measurement.
+        seconds: length of a window [s].
+
+    Raises:
+        InputError: the recordings are too short for one window.
+    """
+    length, lead = round(seconds / dt), round(PAST_S / dt)
+    parts = [
+        (number, first)
+        for number, recording in enumerate(states)
+        for first in range(lead, len(recording) - length + 1, length)
+        if np.isfinite(recording[first : first + length, 0::2]).mean() > 0.8
+        and np.isfinite(inputs[number][first - lead : first + length]).all()
+    ]
+    if not parts:
+        raise InputError(
+            f"the recordings must hold at least {seconds + PAST_S:.2f} s without a gap, "
+            f"got {max(map(len, states)) * dt:.2f} s at most; record longer."
+        )
+    y = np.stack([states[n][first : first + length].T for n, first in parts])
+    return Windows(
+        y=y,
+        commands=np.stack([inputs[n][first - lead : first + length] for n, first in parts]),
+        lead=lead,
+        dt=dt,
+        std=std,
+        guess=np.stack([_start(window, dt, std) for window in y]),
+        recording=np.array([n for n, _ in parts]),
+        start_s=np.array([first * dt for _, first in parts]),
+    )
+
+
+def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
+    """State at the first sample: a cubic through the first samples of each joint."""
+    t = dt * np.arange(min(y.shape[1], max(7, round(0.16 / dt))))
+    powers = np.stack([t**0, t, t**2, t**3], axis=1)
+    slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
+    start = np.zeros(len(y))
+    for j in range(len(y) // 2):
+        q, v = y[2 * j, : len(t)], y[2 * j + 1, : len(t)]
+        seen, moving = np.isfinite(q), np.isfinite(v)
+        rows = np.concatenate([powers[seen] / std[2 * j], slopes[moving] / std[2 * j + 1]])
+        goal = np.concatenate([q[seen] / std[2 * j], v[moving] / std[2 * j + 1]])
+        start[2 * j : 2 * j + 2] = np.linalg.lstsq(rows, goal, rcond=None)[0][:2]
+    return start

@@ -1,0 +1,120 @@
+"""Plants with hidden effects, simulated by other means than mcpilco's: fixed Runge-Kutta steps of
+0.25 ms, equations in closed form, and a friction that turns over as v / sqrt(v^2 + w^2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+STEP = 2.5e-4
+CART_POLE, PENDULUM, DOUBLE_PENDULUM = range(3)
+# per joint: viscous, coulomb, stribeck extra, stribeck speed, drag, plus, minus, spring, cubic, constant, sin, cos, n, armature
+VISCOUS, COULOMB, EXTRA, SPEED, DRAG, PLUS, MINUS, SPRING, CUBIC, CONSTANT, SIN, COS, WAVES, ARMATURE = range(14)
+# outside the catalogue: detent (magnet), feeding energy, patch, coupling
+DETENT, FEED, PATCH, COUPLING = range(14, 18)
+NUMBERS = 18
+# per actuator: gain, dead zone, limit, delay, lag, play
+# per body: mass, moment, inertia about the joint
+
+
+@njit(cache=True)
+def joint_force(q, v, p, width):
+    sign = v / math.sqrt(v * v + width * width)
+    force = -p[VISCOUS] * v - p[DRAG] * v * abs(v) - p[SPRING] * q - p[CUBIC] * q**3 + p[CONSTANT]
+    dry = p[COULOMB]
+    if p[SPEED] > 0.0:
+        dry += p[EXTRA] * math.exp(-((v / p[SPEED]) ** 2))
+    dry += p[PLUS] if v > 0.0 else p[MINUS]
+    if p[PATCH] > 0.0 and 0.3 < q < 0.8:
+        dry += p[PATCH]
+    force -= dry * sign
+    force += p[SIN] * math.sin(p[WAVES] * q) + p[COS] * math.cos(p[WAVES] * q)
+    if p[DETENT] != 0.0:
+        force -= p[DETENT] * (q - 0.4) * math.exp(-(((q - 0.4) / 0.1) ** 2)) / 0.1
+    if p[FEED] != 0.0:
+        force += p[FEED] * v / (1.0 + v * v)
+    return force
+
+
+@njit(cache=True)
+def acceleration(kind, q, v, tau, body, joint, g, width, out):
+    t0 = tau[0] + joint_force(q[0], v[0], joint[0], width)
+    if kind == PENDULUM:
+        out[0] = (t0 - body[0, 1] * g * math.sin(q[0])) / (body[0, 2] + joint[0, ARMATURE])
+        return
+    t1 = tau[1] + joint_force(q[1], v[1], joint[1], width)
+    coupling = joint[0, COUPLING] * math.sin(q[1]) * q[0]
+    t0 -= joint[0, COUPLING] * math.sin(2.0 * q[1])
+    t1 -= joint[0, COUPLING] * math.cos(2.0 * q[1]) * q[0]
+    if kind == CART_POLE:
+        h = body[1, 1]
+        m11, m22 = body[0, 0] + body[1, 0] + joint[0, ARMATURE], body[1, 2] + joint[1, ARMATURE]
+        m12 = h * math.cos(q[1])
+        f0 = t0 + h * math.sin(q[1]) * v[1] ** 2
+        f1 = t1 - h * g * math.sin(q[1])
+    else:
+        length = body[0, 3]
+        h2, c2, s2 = body[1, 1], math.cos(q[1]), math.sin(q[1])
+        m22 = body[1, 2]
+        m12 = m22 + length * h2 * c2
+        m11 = body[0, 2] + m22 + body[1, 0] * length**2 + 2.0 * length * h2 * c2
+        c = length * h2 * s2
+        f0 = t0 + c * (2.0 * v[0] * v[1] + v[1] ** 2)
+        f1 = t1 - c * v[0] ** 2
+        f0 -= g * ((body[0, 1] + body[1, 0] * length) * math.sin(q[0]) + h2 * math.sin(q[0] + q[1]))
+        f1 -= g * h2 * math.sin(q[0] + q[1])
+        m11 += joint[0, ARMATURE]
+        m22 += joint[1, ARMATURE]
+    det = m11 * m22 - m12 * m12
+    out[0] = (m22 * f0 - m12 * f1) / det
+    out[1] = (m11 * f1 - m12 * f0) / det
+
+
+@njit(cache=True)
+def simulate(kind, start, commands, dt, body, joint, actuator, drives, g, width):
+    """States (T, 2 J) at the samples."""
+    J, T, U = len(start) // 2, len(commands), commands.shape[1]
+    n = round(dt / STEP)
+    shaped = np.empty_like(commands)
+    for u in range(U):
+        last = actuator[u, 0] * commands[0, u]
+        for k in range(T):
+            x = actuator[u, 0] * commands[k, u]
+            d = actuator[u, 1]
+            x = max(x - d, 0.0) + min(x + d, 0.0)
+            x = min(max(x, -actuator[u, 2]), actuator[u, 2])
+            p = actuator[u, 5]
+            if p > 0.0:
+                x = min(max(last, x - p), x + p)
+            last = x
+            shaped[k, u] = x
+    q, v = start[0::2].copy(), start[1::2].copy()
+    level = shaped[0].copy()
+    out = np.empty((T, 2 * J))
+    tau = np.zeros(J)
+    a1, a2, a3, a4 = np.zeros(J), np.zeros(J), np.zeros(J), np.zeros(J)
+    for k in range(T):
+        for j in range(J):
+            out[k, 2 * j], out[k, 2 * j + 1] = q[j], v[j]
+        for i in range(n):
+            t = k * dt + (i + 0.5) * STEP
+            tau[:] = 0.0
+            for u in range(U):
+                at = int(math.floor((t - actuator[u, 3]) / dt))
+                goal = shaped[max(at, 0), u]
+                if actuator[u, 4] > 0.0:
+                    decay = math.exp(-STEP / actuator[u, 4])
+                    middle = goal + (level[u] - goal) * math.exp(-0.5 * STEP / actuator[u, 4])
+                    level[u] = goal + (level[u] - goal) * decay
+                    tau[drives[u]] += middle
+                else:
+                    tau[drives[u]] += goal
+            acceleration(kind, q, v, tau, body, joint, g, width, a1)
+            acceleration(kind, q + 0.5 * STEP * v, v + 0.5 * STEP * a1, tau, body, joint, g, width, a2)
+            acceleration(kind, q + 0.5 * STEP * (v + 0.5 * STEP * a1), v + 0.5 * STEP * a2, tau, body, joint, g, width, a3)
+            acceleration(kind, q + STEP * (v + 0.5 * STEP * a2), v + STEP * a3, tau, body, joint, g, width, a4)
+            q = q + STEP * v + STEP**2 / 6.0 * (a1 + a2 + a3)
+            v = v + STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    return out
