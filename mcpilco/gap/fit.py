@@ -6,7 +6,7 @@ other parameters' columns is what no start state could have done.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,8 @@ from mcpilco.simulation import simulate
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
+TOLERATED = 9.0
+"""how many times the median misfit a window may have and still count in full"""
 START_STEPS = 1e-3, 1e-2
 """of finite differences over the start state: positions [m or rad], velocities [m/s or rad/s]"""
 
@@ -92,40 +94,64 @@ def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.nd
 
 
 def linearise(
-    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
+    model: Model,
+    windows: Windows,
+    theta: Float[np.ndarray, " p"],
+    starts: Float[np.ndarray, "W X"],
+    over_theta: bool = True,
 ) -> Linear:
-    """The model's residuals at theta and the start states, and their finite differences."""
-    X, p = starts.shape[1], len(theta)
-    nudges = np.diag(np.tile(START_STEPS, X // 2))
-    steps = model.steps(theta)
-    thetas = np.concatenate([np.tile(theta, (1 + X, 1)), theta + np.diag(steps)])
-    moved = np.concatenate(
-        [starts[None], starts + nudges[:, None, :], np.tile(starts, (p, 1, 1))]
-    )
+    """The model's residuals at theta and the start states, and their central differences.
+
+    Differences to one side only are not enough: where masses and gains grow together nothing
+    moves, and their columns must cancel.
+    """
+    X, p = starts.shape[1], len(theta) if over_theta else 0
+    nudges = np.tile(START_STEPS, X // 2)
+    steps = model.steps(theta)[:p]
+    thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
+    moved = np.tile(starts, (1 + 2 * X + 2 * p, 1, 1))
+    for sign, first in ((1.0, 1), (-1.0, 1 + X)):
+        moved[first : first + X] += sign * np.diag(nudges)[:, None]
+    for sign, first in ((1.0, 1 + 2 * X), (-1.0, 1 + 2 * X + p)):
+        thetas[first : first + p] += sign * np.eye(p, len(theta)) * steps[:, None]
+    low, high = model.bounds
+    thetas = np.clip(thetas, low, high)
     r = residual(windows, run(model, windows, thetas, moved))
-    base = r[0]
-    with np.errstate(invalid="ignore"):
-        Jx = (base - r[1 : 1 + X]) / np.diag(nudges)[:, None, None]
-        Jp = (base - r[1 + X :]) / steps[:, None, None]
-    lost = np.abs(base) >= LOST
+    ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
+    spans = np.diag(ups - downs) if p else np.zeros(0)
+    Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
+    Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
+    lost = (np.abs(r) >= LOST).any(axis=0)
     Jx[:, lost], Jp[:, lost] = 0.0, 0.0
-    return Linear(base, Jx.transpose(1, 2, 0), Jp.transpose(1, 2, 0))
+    return Linear(r[0], Jx.transpose(1, 2, 0), Jp.transpose(1, 2, 0))
 
 
-def cost(
-    model: Model, theta: np.ndarray, r: Float[np.ndarray, "W n"], temper: float
-) -> tuple[float, np.ndarray]:
-    """chi^2 with the tempered prior's share, and that of each window without."""
-    by_window = np.einsum("wn,wn->w", r, r)
-    return float(by_window.sum() + temper * (model.precision * theta**2).sum()), by_window
+def weights(by_window: Float[np.ndarray, " W"], windows: Windows) -> Float[np.ndarray, " W"]:
+    """How much each window counts: less where it fits far worse than most.
+
+    Such a window has not found its start yet, or holds an event; the others must not follow it.
+    """
+    typical = by_window / np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    limit = TOLERATED * max(1.0, float(np.median(typical)))
+    return np.minimum(1.0, limit / np.maximum(typical, 1e-12))
 
 
-def settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Start states fitted window by window, theta as it is: each with a damping of its own."""
-    W, X = starts.shape
-    damping = np.full(W, 1e-3)
-    for _ in range(12):
-        lin = linearise_starts(model, windows, theta, starts)
+def settle(
+    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
+) -> Float[np.ndarray, "W X"]:
+    """Start states fitted window by window, first to its beginning and then to all of it."""
+    T = windows.y.shape[2]
+    for part in (T // 3, T):
+        y = windows.y.copy()
+        y[:, :, part:] = np.nan
+        starts = _settle(model, replace(windows, y=y), theta, starts)
+    return starts
+
+
+def _settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    damping = np.full(len(starts), 1e-3)
+    for _ in range(10):
+        lin = linearise(model, windows, theta, starts, over_theta=False)
         now = np.einsum("wn,wn->w", lin.r, lin.r)
         step = _start_step(lin, lin.r, damping)
         r = residual(windows, run(model, windows, theta[None], (starts + step)[None]))[0]
@@ -133,20 +159,9 @@ def settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray
         better = then < now
         starts = np.where(better[:, None], starts + step, starts)
         damping = np.where(better, np.maximum(0.1 * damping, 1e-9), 10.0 * damping)
-        if np.all((now - then < 1e-3 * now) | (now - then < 0.1)) and better.any():
+        if np.all((now - then < 1e-2 * now) & (better | (damping > 1e3))):
             break
     return starts
-
-
-def linearise_starts(model, windows, theta, starts) -> Linear:
-    """`linearise` over the start states only."""
-    X = starts.shape[1]
-    nudges = np.diag(np.tile(START_STEPS, X // 2))
-    moved = np.concatenate([starts[None], starts + nudges[:, None, :]])
-    r = residual(windows, run(model, windows, np.tile(theta, (1 + X, 1)), moved))
-    Jx = (r[0] - r[1:]) / np.diag(nudges)[:, None, None]
-    Jx[:, np.abs(r[0]) >= LOST] = 0.0
-    return Linear(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)))
 
 
 def _start_step(lin: Linear, goal: Float[np.ndarray, "W n"], damping) -> Float[np.ndarray, "W X"]:
@@ -183,15 +198,18 @@ def fit(
     for _ in range(iterations):
         if lin is None:
             lin = linearise(model, windows, theta, starts)
-        temper = misfit(windows, lin.r)
-        now, by_window = cost(model, theta, lin.r, temper)
+        by_window = np.einsum("wn,wn->w", lin.r, lin.r)
+        weight = weights(by_window, windows)
+        temper = misfit(windows, by_window, weight)
+        now = _cost(model, theta, by_window, weight, temper)
         for _ in range(6):
-            step = _step(model, lin, theta, damping, temper)
+            step = _step(model, lin, theta, damping, weight, temper)
             there = np.clip(theta + step, low, high)
             left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
             moved = starts + _start_step(lin, left, damping)
             r = residual(windows, run(model, windows, there[None], moved[None]))[0]
-            then, after = cost(model, there, r, temper)
+            after = np.einsum("wn,wn->w", r, r)
+            then = _cost(model, there, after, weight, temper)
             if then < now:
                 break
             damping = max(10.0 * damping, 1e-4)
@@ -205,22 +223,32 @@ def fit(
     return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)
 
 
-def misfit(windows: Windows, r: Float[np.ndarray, "W n"]) -> float:
+def _cost(
+    model: Model, theta: np.ndarray, by_window: np.ndarray, weight: np.ndarray, temper: float
+) -> float:
+    return float(weight @ by_window + temper * (model.precision * theta**2).sum())
+
+
+def misfit(
+    windows: Windows, by_window: Float[np.ndarray, " W"], weight: Float[np.ndarray, " W"]
+) -> float:
     """chi^2 of a sample, at least 1: by how much a misfit exceeds the noise.
 
     While a model misses an effect, its residuals are no noise, and the nominal parameters must not
     be bent for their sake: the prior holds against them as if the noise were that much larger.
     """
-    return max(1.0, float(np.einsum("wn,wn->", r, r)) / max(int(windows.measured.sum()), 1))
+    samples = windows.measured.sum(axis=(1, 2))
+    return max(1.0, float(weight @ by_window) / max(float(weight @ samples), 1.0))
 
 
 def _step(
-    model: Model, lin: Linear, theta: np.ndarray, damping: float, temper: float
+    model: Model, lin: Linear, theta: np.ndarray, damping: float, weight: np.ndarray, temper: float
 ) -> np.ndarray:
     """The damped Gauss-Newton step of theta, the start states eliminated, within its bounds."""
     P = lin.cleaned(lin.Jp)
-    H = np.einsum("wni,wnj->ij", P, P) + np.diag(temper * model.precision)
-    g = np.einsum("wni,wn->i", P, lin.r) - temper * model.precision * theta
+    WP = weight[:, None, None] * P
+    H = np.einsum("wni,wnj->ij", WP, P) + np.diag(temper * model.precision)
+    g = np.einsum("wni,wn->i", WP, lin.r) - temper * model.precision * theta
     low, high = model.bounds
     free = ~((theta <= low) & (g < 0.0)) & ~((theta >= high) & (g > 0.0)) & (np.diag(H) > 0.0)
     step = np.zeros_like(theta)
@@ -230,3 +258,22 @@ def _step(
         Hf = Hf / size[:, None] / size
         step[free] = np.linalg.solve(Hf + damping * np.eye(len(Hf)), g[free] / size) / size
     return step
+
+
+MEMORY = 20.0
+"""growth of a start state's error beyond which a window is cut off"""
+
+
+def remembered(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> Windows:
+    """The windows, cut off where a motion has forgotten its start.
+
+    Beyond, an error of the start, or of anything else, has grown so much that no fit can follow it.
+    """
+    lin = linearise(model, windows, theta, starts, over_theta=False)
+    W, X, T = windows.y.shape
+    felt = lin.Jx.reshape(W, X, T, X) * (windows.std[:, None, None] / windows.std)
+    growth = np.sqrt(np.einsum("wxtk,wxtk->wt", felt, felt) / X)
+    first = growth[:, : max(3, round(0.1 / windows.dt))].mean(axis=1)
+    forgotten = np.maximum.accumulate(growth > MEMORY * first[:, None], axis=1)
+    forgotten |= first[:, None] == 0.0
+    return replace(windows, y=np.where(forgotten[:, None], np.nan, windows.y))

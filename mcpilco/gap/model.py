@@ -115,8 +115,7 @@ class Model:
             found[self.nuisances :],
             np.minimum(found[self.nuisances :], np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :])),
         )
-        high = self.bounds[1]
-        return np.where(theta + found > high, -found, found)
+        return found
 
 
 def _positive(symbol) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Probe
-from mcpilco.gap.fit import Fit, Linear, misfit, residual, run
+from mcpilco.gap.fit import Fit, Linear, misfit, residual, run, weights
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
@@ -42,10 +42,13 @@ def screen(
         candidates: effects that the model does not have.
         per_effect: how many probes of each may be scored.
     """
+    by_window = np.einsum("wn,wn->w", lin.r, lin.r)
+    weight = weights(by_window, windows)
+    precision = misfit(windows, by_window, weight) * fit.model.precision
     P = lin.cleaned(lin.Jp)
-    precision = misfit(windows, lin.r) * fit.model.precision
-    H = np.einsum("wni,wnj->ij", P, P) + np.diag(precision + 1e-9)
-    g = np.einsum("wni,wn->i", P, lin.r) - precision * fit.theta
+    WP = weight[:, None, None] * P
+    H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision + 1e-9)
+    g = np.einsum("wni,wn->i", WP, lin.r) - precision * fit.theta
     found: list[Score] = []
     for active in candidates:
         probes = active.effect.probes(fit.model.scales[active.target])
@@ -54,9 +57,10 @@ def screen(
         own = []
         for probe, columns in zip(probes, signatures(fit, windows, active, probes), strict=True):
             Q = lin.cleaned(columns)
-            HPQ = np.einsum("wni,wnj->ij", P, Q)
-            S = np.einsum("wni,wnj->ij", Q, Q) - HPQ.T @ np.linalg.solve(H, HPQ)
-            b = np.einsum("wni,wn->i", Q, lin.r) - HPQ.T @ np.linalg.solve(H, g)
+            HPQ = np.einsum("wni,wnj->ij", WP, Q)
+            WQ = weight[:, None, None] * Q
+            S = np.einsum("wni,wnj->ij", WQ, Q) - HPQ.T @ np.linalg.solve(H, HPQ)
+            b = np.einsum("wni,wn->i", WQ, lin.r) - HPQ.T @ np.linalg.solve(H, g)
             mix, gain = _best_mix(S, b, one_sided=_one_sided(active, probe))
             own.append(Score(active, gain, _values(active, probe, mix)))
         found += sorted(own, key=lambda score: -score.gain)[:per_effect]
