@@ -22,7 +22,9 @@ FEWEST = 10
 """rows that a recording must have"""
 _DISORDER = 0.05  # share of rows whose stamps may be out of order
 _LONGEST_STEP_S = 1.0  # median; a longer one is milliseconds, unless dt is given
+_LATEST = 1e19  # nanoseconds since 1970 are 2e18
 _SPARSE = 20  # samples of the grid a row, beyond which the stamps are wrong
+_PAUSE = 10_000  # samples that a pause of the log may take besides
 
 Pairs = Sequence[tuple[int, int]]
 
@@ -173,31 +175,15 @@ def _in_order(
     table: Table, column: str, dt: float | None
 ) -> tuple[Float[np.ndarray, " N"], np.ndarray, list[str]]:
     """The time from 0 [s], the rows that are in its order, and remarks on the others."""
-    stamps = table.numbers(column, largest=np.finfo(float).max)
+    stamps = table.numbers(column, largest=_LATEST)
     known = np.flatnonzero(np.isfinite(stamps))
     _require_rows(table, len(known))
     kept = known[increasing(stamps[known])]
-    remarks = []
-    if len(known) < len(stamps):
-        row = table.rows[np.flatnonzero(~np.isfinite(stamps))[0]]
-        count = _count(len(stamps) - len(known), "row")
-        remarks.append(f"{count} without a time stamp left out, the first of them row {row}.")
-    if len(kept) < len(known):
-        first = np.setdiff1d(known, kept)[0]
-        remarks.append(
-            f"{_count(len(known) - len(kept), 'row')} left out, whose time stamps repeat or run "
-            f"backwards, the first of them row {table.rows[first]}."
-        )
-        if len(known) - len(kept) > max(1, _DISORDER * len(known)):
-            raise table.error(
-                column,
-                first,
-                "time to increase from row to row",
-                f"{stamps[first]:g} s and {len(known) - len(kept)} rows like it, that repeat or "
-                "run backwards",
-            )
+    remarks = list(_about_order(table, column, stamps, known, kept))
     _require_rows(table, len(kept))
     time = stamps[kept] - stamps[kept[0]]
+    if not np.all(np.diff(time) > 0):  # the difference was rounded
+        raise table.error(column, kept[0], "a stamp near the others", f"{stamps[kept[0]]:g}")
     step = float(np.median(np.diff(time)))
     if dt is None and step >= _LONGEST_STEP_S:
         raise RecordingError(
@@ -205,6 +191,25 @@ def _in_order(
             "which looks like milliseconds or less; convert the column to seconds, or give dt."
         )
     return time, kept, remarks
+
+
+def _about_order(
+    table: Table, column: str, stamps: np.ndarray, known: np.ndarray, kept: np.ndarray
+) -> Iterator[str]:
+    """Remarks on the rows without a stamp (not `known`) and out of order (not `kept`)."""
+    if len(known) < len(stamps):
+        row = table.rows[np.flatnonzero(~np.isfinite(stamps))[0]]
+        count = _count(len(stamps) - len(known), "row")
+        yield f"{count} without a time stamp left out, the first of them row {row}."
+    lost = np.setdiff1d(known, kept)
+    if len(lost) > max(1, _DISORDER * len(known)):
+        got = f"{stamps[lost[0]]:g} s and {len(lost)} rows like it, that repeat or run backwards"
+        raise table.error(column, lost[0], "time to increase from row to row", got)
+    if len(lost):
+        yield (
+            f"{_count(len(lost), 'row')} left out, whose time stamps repeat or run backwards, "
+            f"the first of them row {table.rows[lost[0]]}."
+        )
 
 
 def _require_rows(table: Table, count: int) -> None:
@@ -245,7 +250,7 @@ def _require_grid(table: Table, kept: np.ndarray, log: Log, dt: float) -> None:
             "leave it out to keep the log's own."
         )
     count = log.time[-1] / dt
-    if count > _SPARSE * len(log.time):
+    if count > _SPARSE * len(log.time) + _PAUSE:
         worst = int(steps.argmax())
         raise RecordingError(
             f"{table.path}, row {table.rows[kept[worst + 1]]}: expected time stamps about "

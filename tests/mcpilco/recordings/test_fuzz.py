@@ -66,8 +66,8 @@ def drop_a_column(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def scale_a_column(content: bytes, rng: np.random.Generator) -> bytes:
-    """By 1e6 to 1e18, or to a hundredth of its digits."""
-    place, factor = rng.integers(6), 10.0 ** rng.integers(-12, 18)
+    """By 1e-12 to 1e17: units, overflow, digits that are lost."""
+    place, factor = rng.integers(6), float(10.0 ** rng.integers(-12, 18))
     rows = [line.split(b",") for line in content.split(b"\n")]
     for row in rows[1:]:
         if len(row) > place:

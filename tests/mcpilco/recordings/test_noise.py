@@ -84,3 +84,18 @@ def test_what_was_not_measured_has_no_noise() -> None:
     short = recording(states[:8, 0], forces[:8, 0])
     assert np.isnan(noise_std(recording(blind, forces[:, 0]))[1])
     assert np.isnan(noise_std(short)).all()
+
+
+def test_of_correlated_noise_only_the_quick_part_is_seen() -> None:
+    states, forces = swings()
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((12, 500, 4))
+    for k in range(1, 500):
+        noise[:, k] = 0.6 * noise[:, k - 1] + 0.8 * noise[:, k]
+    found = [
+        noise_std(recording(states[:, k] + NOISE * noise[k], forces[:, k])) / NOISE
+        for k in range(12)
+    ]
+    seen = np.median(found, axis=0)[[0, 2]]
+    assert (seen > 0.5).all()
+    assert (seen < 0.65).all()

@@ -215,6 +215,8 @@ def test_one_wild_stamp_costs_one_row(tmp_path: Path) -> None:
             20.0 * np.arange(200),
             "expected seconds, got a median step of 20, which looks like milli",
         ),
+        (np.append(-1e19, 0.02 * np.arange(199)), "row 2, column 'time': expected a stamp near"),
+        (np.append(-1e6, 0.02 * np.arange(199)), "row 3: expected time stamps about 0.02 s apart"),
         (np.append(0.02 * np.arange(199), 1e9), "row 201: expected time stamps about 0.02 s apart"),
     ],
 )
