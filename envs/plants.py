@@ -48,6 +48,7 @@ def cart_pole() -> Plant:
             Base(Active(GAIN, "actuator"), ("force_gain",)),
         ),
         angles=(2,),
+        masses={"cart": "cart_mass", "pole": "pole_mass"},
     )
 
 
@@ -89,6 +90,7 @@ def pendulum() -> Plant:
             Base(Active(GAIN, "actuator"), ("torque_gain",)),
         ),
         angles=(0,),
+        masses={"pendulum": "mass"},
     )
 
 
@@ -132,6 +134,7 @@ def double_pendulum() -> Plant:
             Base(Active(GAIN, "elbow_torque"), ("elbow_gain",)),
         ),
         angles=(0, 2),
+        masses={"upper": "upper_mass", "lower": "lower_mass"},
     )
 
 

@@ -61,6 +61,7 @@ def plant_of(path: str | Path) -> Plant:
         parameters=parameters,
         build=build,
         base=base,
+        masses={body: f"{body}_mass" for body in layout.bodies if masses[body] > 0.0},
         angles=tuple(2 * j for j, slides in enumerate(layout.slides) if not slides),
     )
 

@@ -68,8 +68,10 @@ class Plant:
     """effects of the nominal plant"""
     added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
     """effects that were found, with their values"""
-    angles: tuple[int, ...] = field(default=())
+    angles: tuple[int, ...] = ()
     """which states are angles [rad]"""
+    masses: Mapping[str, str] = field(default_factory=dict)
+    """the parameter that is a body's mass, by body"""
 
     def where(self, **values: float) -> Plant:
         """This plant with other values of some parameters.
@@ -98,6 +100,14 @@ class Plant:
     def nominal(self) -> Float[np.ndarray, " P"]:
         """Values of the parameters, each in its unit."""
         return np.array([parameter.value for parameter in self.parameters])
+
+    def parameter_of(self, active: Active) -> str | None:
+        """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
+        if active.effect.name == "body_mass":
+            return self.masses.get(active.target)
+        named = {base.active: base.values[0] for base in self.base if len(base.values) == 1}
+        parameter = named.get(active)
+        return parameter if isinstance(parameter, str) else None
 
     def candidates(self) -> list[Active]:
         """Every effect of the catalogue at every target that it can have here."""
