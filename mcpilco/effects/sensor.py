@@ -58,7 +58,7 @@ class SensorDelay(SensorEffect):
     """The state of d seconds ago."""
 
     name = "sensor_delay"
-    symbols = (Symbol("d", "s", low=0.0, high=0.1),)
+    symbols = (Symbol("d", "s", low=0.0, high=0.06),)
     column = LATENCY
 
     def probes(self, scale: Scale) -> list[Probe]:

@@ -125,7 +125,7 @@ def bic(found: Fit, windows: Windows, reference: Fit) -> float:
     typical = float(np.median(reference.by_window / np.maximum(samples, 1)))
     misfit = np.minimum(found.by_window, CAP * max(1.0, typical) * samples).sum()
     prior = float((found.model.precision * found.theta**2).sum())
-    parameters = len(found.theta) - found.model.nuisances
+    parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
     return float(misfit) + prior + parameters * math.log(samples.sum())
 
 

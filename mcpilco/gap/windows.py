@@ -6,6 +6,7 @@ pole has not yet forgotten where it started.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,8 @@ SECONDS = 1.06
 """length of a window [s]"""
 PAST_S = 0.4
 """before a window, for what actuators remember [s]"""
+LATENCY_S = 0.06
+"""at the start of a window that is not compared: a sensor that lags sees what was before [s]"""
 LEAST_MEASURED = 0.8
 """part of the positions that a window must have"""
 
@@ -99,6 +102,8 @@ def cut(
             f"got {max(len(r) * dt for r in recordings):.2f} s; record longer."
         )
     y = np.stack([recordings[n].states[first : first + length].T for n, first in parts])
+    guess = np.stack([_start(window, dt, std) for window in y])
+    y[:, :, : math.ceil(LATENCY_S / dt)] = np.nan
     commands = [recordings[n].inputs[first - lead : first + length] for n, first in parts]
     return Windows(
         y=y,
@@ -106,7 +111,7 @@ def cut(
         lead=lead,
         dt=dt,
         std=std,
-        guess=np.stack([_start(window, dt, std) for window in y]),
+        guess=guess,
         recording=np.array([n for n, _ in parts]),
         start_s=np.array([first * dt for _, first in parts]),
     )
