@@ -83,7 +83,11 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         gain = bic(best, windows, best) - bic(grown[0], windows, best)
         if gain < needed:
             break
-        best = _without_superfluous(grown[0], windows, seen, model.priors)
+        leaner = _without_superfluous(grown[0], windows, seen, model.priors, needed)
+        if leaner is best or set(leaner.model.named) == set(best.model.named):
+            best = leaner
+            break
+        best = leaner
         beam = [best, *(f for f in grown[1:BEAM])]
     order = {id(f): bic(f, windows, best) for f in seen.values()}
     rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
@@ -98,20 +102,18 @@ def _grow(known: Fit, score: Score, windows: Windows) -> Fit:
 
 
 def _without_superfluous(
-    best: Fit, windows: Windows, seen: dict[frozenset[Active], Fit], priors: Mapping[str, float]
+    best: Fit, windows: Windows, seen: dict[frozenset[Active], Fit], priors: Mapping[str, float],
+    needed: float,
 ) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
-    newest = best.model.named[-1] if best.model.actives else None
-    for active in best.model.named:
-        if active == newest or len(best.model.named) == 1:
-            continue
+    for active in best.model.named if len(best.model.named) > 1 else ():
         parameter = best.model.plant.parameter_of(active)
         model, theta = best.model.shrunk(best.theta, active, priors.get(parameter, np.inf))
         key = frozenset(model.named)
         smaller = fit(model, windows, theta, best.starts, iterations=12)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
-        if bic(seen[key], windows, best) - bic(best, windows, best) < ENOUGH:
+        if bic(seen[key], windows, best) - bic(best, windows, best) < needed:
             return seen[key]
     return best
 
