@@ -19,7 +19,9 @@ from mcpilco.typing import InputError
 SECONDS = 1.06
 """length of a window [s]"""
 PAST_S = 0.4
-"""before a window, for what actuators remember [s]"""
+"""at least before the first window, for what actuators remember [s]"""
+MEMORY_S = 3.0
+"""before a window where a recording has it: play remembers its last turn [s]"""
 LATENCY_S = 0.06
 """at the start of a window that is not compared: a sensor that lags sees what was before [s]"""
 LEAST_MEASURED = 0.8
@@ -88,12 +90,13 @@ def cut(
             f"the recordings must have one sampling time, got {sorted(dts)} s; read them with dt."
         )
     dt = recordings[0].dt
-    length, lead = max(8, round(seconds / dt)), max(1, round(PAST_S / dt))
+    length, past = max(8, round(seconds / dt)), max(1, round(PAST_S / dt))
+    lead = round(MEMORY_S / dt)
     parts = [
-        (number, first)
+        (number, part.start, first)
         for number, recording in enumerate(recordings)
         for part in recording.segments()
-        for first in range(part.start + lead, part.stop - length + 1, length)
+        for first in range(part.start + past, part.stop - length + 1, length)
         if np.isfinite(recording.states[first : first + length, 0::2]).mean() > LEAST_MEASURED
     ]
     if not parts:
@@ -101,10 +104,13 @@ def cut(
             f"the recordings must hold at least {seconds + PAST_S:.2f} s without a gap, "
             f"got {max(len(r) * dt for r in recordings):.2f} s; record longer."
         )
-    y = np.stack([recordings[n].states[first : first + length].T for n, first in parts])
+    y = np.stack([recordings[n].states[first : first + length].T for n, _, first in parts])
     guess = np.stack([_start(window, dt, std) for window in y])
     y[:, :, : math.ceil(LATENCY_S / dt)] = np.nan
-    commands = [recordings[n].inputs[first - lead : first + length] for n, first in parts]
+    commands = [
+        recordings[n].inputs[np.maximum(np.arange(first - lead, first + length), begin)]
+        for n, begin, first in parts
+    ]
     return Windows(
         y=y,
         commands=np.stack(commands),
@@ -112,8 +118,8 @@ def cut(
         dt=dt,
         std=std,
         guess=guess,
-        recording=np.array([n for n, _ in parts]),
-        start_s=np.array([first * dt for _, first in parts]),
+        recording=np.array([n for n, _, _ in parts]),
+        start_s=np.array([first * dt for _, _, first in parts]),
     )
 
 
