@@ -27,6 +27,8 @@ STRUCTURED = 50.0
 """whiteness of residuals beyond which something is still missing"""
 FEWEST = 6
 """windows without which nothing is named"""
+EVERY_S = 0.3
+"""between the starts of two held-out windows [s]"""
 SEARCHED = 28
 """windows that a search looks at; the rest joins for the last fit"""
 
@@ -113,8 +115,8 @@ def investigate(
         verdict=verdict,
         named=named,
         corrected=corrected,
-        where=locate(null, windows),
-        comparison=compare(model, null, best, everything[np.isin(everything.recording, held_out)]),
+        where=locate(best if verdict == "unknown" else null, windows),
+        comparison=compare(model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
         events=spans,
         experiments=(),
         train=names[0],

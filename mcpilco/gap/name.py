@@ -79,7 +79,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         if not grown:
             break
         grown = sorted(grown, key=lambda found: bic(found, windows, best))
-        needed = max(ENOUGH, FRACTION * (null.chi2 - null.by_window.size))
+        needed = max(ENOUGH, FRACTION * (null.chi2 - float(windows.measured.sum())))
         gain = bic(best, windows, best) - bic(grown[0], windows, best)
         if gain < needed:
             break

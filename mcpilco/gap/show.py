@@ -13,8 +13,8 @@ from mcpilco.gap.windows import Windows
 
 KNOWN_S = 0.3
 """of each window from which its start is estimated [s]"""
-RESAMPLES = 1000
-"""of the bootstrap over windows"""
+RESAMPLES, BLOCK = 500, 8
+"""of the bootstrap over blocks of neighbouring windows, which overlap"""
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Com
         }
         for j in range(len(states) // 2)
     }
-    with np.errstate(invalid="ignore"):
-        over_time = {
-            name: np.sqrt(np.nanmean(np.square(e[:, positions]), axis=(0, 1)))
-            for name, e in errors.items()
-        }
+    seen = windows.measured[:, positions].any(axis=(0, 1))
+    over_time = {
+        name: np.sqrt(np.nanmean(np.square(e[:, positions][:, :, seen]), axis=(0, 1)))
+        for name, e in errors.items()
+    }
     return Comparison(
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
@@ -116,9 +116,10 @@ def _rms(parts: Float[np.ndarray, "W J"]) -> float:
 
 
 def _closed(by_window: dict[str, Float[np.ndarray, "W J"]]) -> Closed:
-    """The part of the gap that is closed, with an interval by the bootstrap over windows."""
+    """The part of the gap that is closed, with an interval by the block bootstrap."""
     W = len(by_window["nominal"])
     rng = np.random.default_rng(0)
+    blocks = [np.arange(first, min(first + BLOCK, W)) for first in range(0, W, BLOCK)]
 
     def share(chosen: np.ndarray) -> float:
         rms = {name: _rms(parts[chosen]) for name, parts in by_window.items()}
@@ -126,6 +127,9 @@ def _closed(by_window: dict[str, Float[np.ndarray, "W J"]]) -> Closed:
         gap = before - rms["noise_floor"]
         return (before - rms["corrected"]) / gap if gap > 0.0 else 0.0
 
-    draws = [share(rng.integers(W, size=W)) for _ in range(RESAMPLES)]
+    draws = [
+        share(np.concatenate([blocks[n] for n in rng.integers(len(blocks), size=len(blocks))]))
+        for _ in range(RESAMPLES)
+    ]
     low, high = np.percentile(draws, [2.5, 97.5])
     return Closed(share(np.arange(W)), float(low), float(high))

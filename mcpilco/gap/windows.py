@@ -72,14 +72,18 @@ class Windows:
 
 
 def cut(
-    recordings: Sequence[Recording], std: Float[np.ndarray, " X"], seconds: float = SECONDS
+    recordings: Sequence[Recording],
+    std: Float[np.ndarray, " X"],
+    seconds: float = SECONDS,
+    every: float | None = None,
 ) -> Windows:
-    """Windows side by side, of recordings with one sampling time.
+    """Windows of recordings with one sampling time.
 
     Args:
         recordings: of one plant.
         std: noise of each state's measurement, in its unit.
         seconds: length of a window [s].
+        every: from the start of one to that of the next [s]; None: they lie side by side.
 
     Raises:
         InputError: the recordings differ in their sampling time, or are too short for one window.
@@ -91,12 +95,12 @@ def cut(
         )
     dt = recordings[0].dt
     length, past = max(8, round(seconds / dt)), max(1, round(PAST_S / dt))
-    lead = round(MEMORY_S / dt)
+    lead, stride = round(MEMORY_S / dt), length if every is None else max(1, round(every / dt))
     parts = [
         (number, part.start, first)
         for number, recording in enumerate(recordings)
         for part in recording.segments()
-        for first in range(part.start + past, part.stop - length + 1, length)
+        for first in range(part.start + past, part.stop - length + 1, stride)
         if np.isfinite(recording.states[first : first + length, 0::2]).mean() > LEAST_MEASURED
     ]
     if not parts:
