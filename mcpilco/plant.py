@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -79,20 +79,31 @@ class Plant:
         Raises:
             InputError: a name that it does not have, or a value that makes no sense.
         """
-        names = [parameter.name for parameter in self.parameters]
         for name, value in values.items():
-            if name not in names:
-                raise InputError(
-                    f"{self.name} has no parameter {name!r}; it has {', '.join(names)}."
-                )
-            low = self.parameters[names.index(name)].low
+            low = self.parameters[self._column(name)].low
             if not (np.isfinite(value) and value >= low):
                 raise InputError(f"{name} must be finite and at least {low:g}, got {value:g}.")
         changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=tuple(changed))
 
     def having(self, effects: Sequence[tuple[Active, Sequence[float]]]) -> Plant:
-        """This plant with some effects more."""
+        """This plant with some effects more, each with a value for each of its symbols.
+
+        Raises:
+            InputError: an effect where it cannot act, or another number of values.
+        """
+        for active, numbers in effects:
+            targets, symbols = active.effect.targets(self.layout), active.effect.symbols
+            if active.target not in targets:
+                raise InputError(
+                    f"{active.effect.name} cannot act at {active.target!r} of {self.name}; "
+                    f"its targets are {', '.join(targets)}."
+                )
+            if len(numbers) != len(symbols):
+                raise InputError(
+                    f"{active} must have values for {', '.join(s.name for s in symbols)}, "
+                    f"got {len(numbers)}."
+                )
         more = tuple((active, tuple(map(float, values))) for active, values in effects)
         return replace(self, added=self.added + more)
 
@@ -121,7 +132,7 @@ class Plant:
         self,
         parameters: Float[np.ndarray, "S P"],
         actives: Sequence[Active] = (),
-        values: Sequence[Float[np.ndarray, "S symbols"]] = (),
+        values: Sequence[Float[np.ndarray, "S _"]] = (),
     ) -> Tables:
         """S systems, for a simulation.
 
@@ -148,7 +159,10 @@ class Plant:
         for s, row in enumerate(parameters):
             known = dict(zip(names, row, strict=True))
             told = [
-                *([known[v] if isinstance(v, str) else v for v in base.values] for base in self.base),
+                *(
+                    [known[v] if isinstance(v, str) else v for v in base.values]
+                    for base in self.base
+                ),
                 *(added for _, added in self.added),
                 *(value[s] for value in values),
             ]
@@ -156,7 +170,7 @@ class Plant:
                 active.effect.install(tables, s, at, numbers)
         return tables
 
-    def _at(self, active: Active, rows: Sequence[int]) -> int:
+    def _at(self, active: Active, rows: Iterator[int]) -> int:
         """Where an effect writes: its row among the forces, or the number of its target."""
         if active.effect.law is not None:
             return next(rows)
@@ -183,13 +197,21 @@ class Plant:
             inputs: commands, each held for dt.
             dt: sampling time [s].
             parameters: values that differ from the nominal ones, for each motion.
+
+        Raises:
+            InputError: a name of a parameter that it does not have.
         """
         rows = np.tile(self.nominal, (len(start), 1))
-        names = [parameter.name for parameter in self.parameters]
         for name, values in (parameters or {}).items():
-            rows[:, names.index(name)] = values
+            rows[:, self._column(name)] = values
         each = np.arange(len(start))
-        last = inputs[:, -1:] if inputs.shape[1] else inputs
-        commands = np.ascontiguousarray(np.concatenate([inputs, last], axis=1), dtype=float)
-        y = simulate(self.tables(rows), each, np.asarray(start, float), each, commands, 0, dt)
+        commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
+        y = simulate(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
+
+    def _column(self, name: str) -> int:
+        """Which parameter has a name."""
+        names = [parameter.name for parameter in self.parameters]
+        if name not in names:
+            raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")
+        return names.index(name)

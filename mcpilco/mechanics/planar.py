@@ -16,7 +16,7 @@ from mcpilco.mechanics.compiled import INNER
 
 @njit(**INNER)
 def place_in_plane(chains, s, q, w):
-    """Where the bodies are: R[j] holds sine and cosine of the angle about y; o, S, m, h and I[j, 1]."""
+    """Where the bodies are: o, S, m, h, I[j, 1]; R holds cosine and sine of their angle about y."""
     for j in range(len(q)):
         p = chains.parent[j]
         ox, oz = chains.origin[s, j, 0], chains.origin[s, j, 2]

@@ -9,7 +9,19 @@ from numba import njit
 from mcpilco.mechanics.compiled import INNER
 
 VISCOUS, COULOMB, STRIBECK, QUADRATIC, ASYMMETRIC, SPRING, HARDENING, CONSTANT, RIPPLE = range(9)
-"""what the effects of `mcpilco.effects.joint` are here; their docstrings give the parameters a to d"""
+"""the effects of `mcpilco.effects.joint`; their symbols, in order, are the constants a to d"""
+
+
+@njit(**INNER)
+def turn_over(law, a, b, c, d):
+    """Velocity over which a law's dry friction turns over [m/s or rad/s]; 0 if there is none."""
+    if law == COULOMB and a != 0.0:
+        return b
+    if law == STRIBECK and (a != 0.0 or b != 0.0):
+        return d
+    if law == ASYMMETRIC and (a != 0.0 or b != 0.0):
+        return c
+    return 0.0
 
 
 @njit(**INNER)
