@@ -40,7 +40,7 @@ def plant_of(path: str | Path) -> Plant:
     Raises:
         InputError: the file is missing or no MJCF, or holds what such a chain cannot say: loops,
             tendons, free and ball joints, actuators that are no motors, a fluid, limits that are
-            not symmetric about 0; the message names it.
+            not symmetric about 0, one name for several things; the message names it.
     """
     path = Path(path)
     if not path.is_file():
@@ -52,6 +52,7 @@ def plant_of(path: str | Path) -> Plant:
     _require_chain(model, path)
     chain = _chain(model)
     layout = _layout(model, chain)
+    _require_names(layout, path)
     parameters, base = _nominal(model, layout)
     masses = {body.name: body.mass for body in chain.bodies}
 
@@ -203,6 +204,25 @@ def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
         inputs=tuple(model.actuator(u).name or f"actuator{u}" for u in range(model.nu)),
         drives=tuple(int(model.actuator_trnid[u, 0]) for u in range(model.nu)),
     )
+
+
+def _require_names(layout: Layout, path: Path) -> None:
+    """Raises InputError where a name stands for things at several joints, or for two columns."""
+    joints = range(len(layout.joints))
+    owners = [
+        *zip(layout.joints, joints, strict=True),
+        *zip(layout.bodies, joints, strict=True),
+        *zip(layout.actuators, layout.drives, strict=True),
+        *((state, x // 2) for x, state in enumerate(layout.states)),
+    ]
+    names = sorted({name for name, _ in owners})
+    doubtful = [name for name in names if len({at for own, at in owners if own == name}) > 1]
+    doubtful += [name for name in layout.inputs if name in layout.states]
+    if doubtful:
+        raise InputError(
+            f"{path} must give a body, its joint and its motor names that no other joint's have, "
+            f"got {', '.join(doubtful)} at several; rename them."
+        )
 
 
 def _nominal(

@@ -194,6 +194,8 @@ def test_effects_at_a_body_without_mass_are_finite(plant_from, effect):
             {"actuator": '<general joint="j" dyntype="filter" dynprm=".1"/>'},
             "actuators with states",
         ),
+        ({"actuator": '<motor joint="j" delay="0.01" nsample="5"/>'}, "1 actuators with a delay"),
+        ({"actuator": '<damper joint="j" kv="1" ctrlrange="0 1"/>'}, "with a gain that varies"),
         ({"actuator": '<motor joint="j" ctrlrange="0 1"/>'}, "not symmetric about 0"),
         ({"actuator": '<motor joint="j" forcerange="-1 2"/>'}, "not symmetric about 0"),
         ({"joint": HINGE + '<site name="s"/>', "actuator": '<motor site="s"/>'}, "without a joint"),
@@ -219,6 +221,44 @@ def test_what_a_plant_cannot_be_is_named(plant_from, change, said):
     parts = {"option": "", "joint": HINGE, "more": "", "actuator": MOTOR}
     with pytest.raises(InputError, match=said):
         plant_from(SIMPLE.format(**parts | change))
+
+
+@pytest.mark.parametrize(
+    ("body", "joint", "motor", "said"),
+    [
+        ("a", "b", "b", None),
+        ("a", "a", "a", None),
+        ("k", "j", "m", "got k at several"),
+        ("b", "c", "m", "got c at several"),
+        ("b", "j", "k_position", "got k_position at several"),
+    ],
+)
+def test_a_name_stands_for_one_joint(plant_from, body, joint, motor, said):
+    text = SIMPLE.format(
+        option="",
+        joint=f'<joint name="{joint}"/>',
+        more="",
+        actuator=f'<motor name="{motor}" joint="{joint}"/>',
+    ).replace('<body name="b">', f'<body name="{body}">')
+    text = text.replace('name="c"', 'name="d"') if body == "k" else text
+    if said is None:
+        assert plant_from(text).layout.joint_of(joint) == 0
+    else:
+        with pytest.raises(InputError, match=said):
+            plant_from(text)
+
+
+def test_contacts_and_limits_of_joints_are_passed_over(plant_from):
+    """As the documentation says: the motion goes on as if nothing were in its way."""
+    slide = '<joint name="j" type="slide" axis="0 0 1" {}/>'
+    free = {"option": "", "joint": slide.format(""), "more": "", "actuator": MOTOR}
+    limited = free | {"joint": slide.format('range="-0.01 1"')}
+    floor = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 -0.1"/>'
+    start, inputs = np.zeros((1, 4)), np.zeros((1, 20, 1))
+    expected = plant_from(SIMPLE.format(**free)).simulate(start, inputs, 0.02)
+    text = SIMPLE.format(**limited).replace("<worldbody>", floor)
+    np.testing.assert_array_equal(plant_from(text).simulate(start, inputs, 0.02), expected)
+    assert expected[0, -1, 0] < -0.5
 
 
 def test_a_missing_file_is_named(tmp_path):
