@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from mcpilco.mechanics.compiled import INNER, factorise, linearise, scratch, solve
+from mcpilco.mechanics.compiled import INLINED, factorise, linearise, scratch, solve
 from mcpilco.mechanics.planar import linearise_in_plane
 from mcpilco.simulation.laws import joint_force, turn_over
 from mcpilco.simulation.tables import (
@@ -67,7 +67,7 @@ ERROR = np.array(
 """fifth-order solution minus the fourth-order one"""
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def shaped(actuators, s, u, command, previous):
     """The command of input u behind range, gain, dead zone, limit and play.
 
@@ -84,7 +84,7 @@ def shaped(actuators, s, u, command, previous):
     return x
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def derivative(tables, s, q, v, actuated, since, w, kv, row):
     """Accelerations at positions q and velocities v, `since` seconds into a segment, into kv[row].
 
@@ -113,7 +113,7 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
         kv[row, j] = w.x[j]
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def turning(tables, s, v, tv, kv, h):
     """The part of a step h that ends where dry friction begins to turn over; 1 if it may be whole.
 
@@ -133,7 +133,7 @@ def turning(tables, s, v, tv, kv, h):
     return part
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
     """Follows a motion through a segment; returns the step that suits its end, or -1 if lost.
 
@@ -179,7 +179,7 @@ def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
     return step
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def next_event(tables, s, now, dt):
     """When an input jumps or a sensor looks next after `now`, in an interval of dt; dt if never."""
     event = dt
@@ -194,7 +194,7 @@ def next_event(tables, s, now, dt):
     return event
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def look(tables, s, q, v, k, now, dt, y):
     """Enters what the sensors see `now` seconds after sample k, for those that look now."""
     for x in range(y.shape[0]):
@@ -206,7 +206,7 @@ def look(tables, s, q, v, k, now, dt, y):
                 y[x, row] = tables.sensors[s, x, OFFSET] + tables.sensors[s, x, SCALE] * truth
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def prepare(tables, s, commands, n, lead, dt, forces, actuated):
     """The shaped commands of window n, and where the actuators are at sample `lead`."""
     for u in range(len(tables.drives)):
@@ -224,7 +224,7 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
             now = event
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def switch(tables, s, forces, i, now, dt, actuated):
     """What the actuators are driven to, `now` seconds after sample i."""
     for u in range(len(tables.drives)):
@@ -235,7 +235,7 @@ def switch(tables, s, forces, i, now, dt, actuated):
         actuated[u, 1] = forces[max(i - late, 0), u]
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def settle(tables, s, duration, actuated):
     """Where the actuators are after so long a time."""
     for u in range(len(tables.drives)):
