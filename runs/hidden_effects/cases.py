@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.signal import lfilter
 from truth import (
     ARMATURE,
     CART_POLE,
@@ -119,30 +121,31 @@ class Case:
 
 
 def joint_effects(system: System, rng: np.random.Generator, size: float):
-    """An effect in a joint."""
+    """A joint, and for each effect in it its symbols: where they go, and how large."""
     j = int(rng.integers(len(system.joints)))
     f, v = size * system.force[j], system.speed[j]
     reach = 1.0 if system.slides[j] else 2.0
     part = rng.uniform(0.05, 0.15)
+    inertia = system.body[j][0] if system.slides[j] else system.body[j][2]
     forms = {
-        "viscous_friction": {VISCOUS: part * f / v},
-        "coulomb_friction": {COULOMB: part * f},
+        "viscous_friction": {"b": (VISCOUS, part * f / v)},
+        "coulomb_friction": {"f_c": (COULOMB, part * f)},
         "stribeck_friction": {
-            COULOMB: part * f,
-            EXTRA: rng.uniform(0.5, 1.0) * part * f,
-            SPEED: rng.uniform(0.03, 0.1) * v,
+            "f_c": (COULOMB, part * f),
+            "f_d": (EXTRA, rng.uniform(0.5, 1.0) * part * f),
+            "v_s": (SPEED, rng.uniform(0.03, 0.1) * v),
         },
-        "quadratic_drag": {DRAG: part * f / v**2},
-        "asymmetric_friction": {PLUS: 1.5 * part * f, MINUS: 0.5 * part * f},
-        "spring": {SPRING: part * f / reach},
-        "hardening_spring": {CUBIC: part * f / reach**3},
-        "constant_force": {CONSTANT: rng.choice([-1, 1]) * part * f},
+        "quadratic_drag": {"c": (DRAG, part * f / v**2)},
+        "asymmetric_friction": {"f_p": (PLUS, 1.5 * part * f), "f_n": (MINUS, 0.5 * part * f)},
+        "spring": {"k": (SPRING, part * f / reach)},
+        "hardening_spring": {"k_3": (CUBIC, part * f / reach**3)},
+        "constant_force": {"f_0": (CONSTANT, rng.choice([-1, 1]) * part * f)},
         "position_ripple": {
-            SIN: part * f,
-            COS: part * f * rng.uniform(-1, 1),
-            WAVES: rng.uniform(4, 20) / reach,
+            "s": (SIN, part * f),
+            "c": (COS, part * f * rng.uniform(-1, 1)),
+            "n": (WAVES, rng.uniform(4, 20) / reach),
         },
-        "armature": {ARMATURE: rng.uniform(0.1, 0.3) * size * (system.body[j][0] if system.slides[j] else system.body[j][2])},
+        "armature": {"I_a": (ARMATURE, rng.uniform(0.1, 0.3) * size * inertia)},
     }
     return j, forms
 
@@ -154,40 +157,99 @@ JOINT = (
 BODY = ("body_mass", "center_of_mass", "body_inertia")
 ACTUATOR = ("actuator_gain", "actuator_dead_zone", "actuator_saturation", "actuator_delay", "actuator_lag", "backlash")
 SENSOR = ("sensor_offset", "sensor_scale", "sensor_delay")
+SYMBOL = {
+    "body_mass": "m_d",
+    "center_of_mass": "c_d",
+    "body_inertia": "I_d",
+    "actuator_gain": "k",
+    "actuator_dead_zone": "d",
+    "actuator_saturation": "u_m",
+    "actuator_delay": "d",
+    "actuator_lag": "T",
+    "backlash": "p",
+    "sensor_offset": "o",
+    "sensor_scale": "k",
+    "sensor_delay": "d",
+}
 OUTSIDE = {"detent": DETENT, "feed": FEED, "patch": PATCH, "coupling": COUPLING}
 
 
-def draw(seed: int, *, plant: str | None = None, count: int = 1, size: float = 1.0, names=None, outside: bool = False) -> Case:
-    """The case of a seed."""
-    rng = np.random.default_rng(seed)
+@dataclass(frozen=True)
+class Tier:
+    """A kind of case."""
+
+    effects: int
+    """hidden effects of the catalogue"""
+    size: tuple[float, float] = (1.0, 1.0)
+    """range of their size; 1 is ordinary"""
+    outside: bool = False
+    """whether one is hidden that is not in the catalogue"""
+    laboratory: bool = False
+    """nominal parameters off by 1 to 3 %, noise correlated, stamps that jitter, outliers, feedback"""
+
+
+TIERS = {
+    "one": Tier(1),
+    "weak": Tier(1, (1 / 30, 1 / 10)),
+    "two": Tier(2),
+    "three": Tier(3),
+    "none": Tier(0),
+    "outside": Tier(0, outside=True),
+    "laboratory-one": Tier(1, laboratory=True),
+    "laboratory-none": Tier(0, laboratory=True),
+}
+
+
+def draw(seed: int, tier: Tier, plant: str | None = None) -> Case:
+    """The case of a seed; one whose motion runs away is drawn anew."""
+    while True:
+        case = attempt(np.random.default_rng(seed), seed, tier, plant)
+        if case is not None:
+            return case
+        seed += 1_000_000
+
+
+def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) -> Case | None:
     plant = plant or str(rng.choice(list(SYSTEMS)))
     system = SYSTEMS[plant]
     J, U = len(system.joints), len(system.inputs)
-    body = np.array(system.body)
-    joint = np.zeros((J, NUMBERS))
+    body, joint = np.array(system.body), np.zeros((J, NUMBERS))
     joint[:, VISCOUS] = system.viscous
+    if tier.laboratory:
+        part = 1.0 + rng.uniform(0.01, 0.03, (J, 1)) * rng.choice([-1, 1], (J, 1))
+        body[:, :3] *= part
+        joint[:, VISCOUS] *= part[:, 0]
     actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
-    sensor = {}
-    chosen = []
-    pool = list(names or (*JOINT, *BODY, *ACTUATOR, *SENSOR))
-    for name in rng.choice(pool, size=min(count, len(pool)), replace=False):
-        chosen.append(hide(str(name), system, rng, size, body, joint, actuator, sensor))
-    if outside:
-        kinds = [k for k in OUTSIDE if not (k == "coupling" and J == 1)]
+    sensor: dict[int, tuple[str, float]] = {}
+    pool = (*JOINT, *BODY, *ACTUATOR, *SENSOR)
+    size = float(np.exp(rng.uniform(*np.log(tier.size))))
+    chosen = [
+        hide(str(name), system, rng, size, body, joint, actuator, sensor)
+        for name in rng.choice(pool, size=tier.effects, replace=False)
+    ]
+    if tier.outside:
+        kinds = [kind for kind in OUTSIDE if not (kind == "coupling" and J == 1)]
         kind = str(rng.choice(kinds))
         j = 0 if kind == "coupling" else int(rng.integers(J))
         joint[j, OUTSIDE[kind]] = rng.uniform(0.15, 0.4) * system.force[j]
         chosen.append({"name": "outside", "kind": kind, "target": system.joints[j]})
-    velocities = bool(rng.integers(2))
-    width = float(rng.uniform(1e-3, 4e-3))
+    velocities, width = bool(rng.integers(2)), float(rng.uniform(1e-3, 4e-3))
     recordings = []
     for number in range(RECORDINGS):
         commands = np.stack([excitation(rng, system.limit[u], number) for u in range(U)], axis=1)
         start = np.array([rng.normal(0, 0.1 if k % 2 == 0 else 0.3) for k in range(2 * J)])
-        states = simulate(system.kind, start, commands, DT, body, joint, actuator, np.array(system.drives), GRAVITY, width)
+        feedback = np.zeros((U, 2 * J))
+        if tier.laboratory and number % 2:
+            for u, j in enumerate(system.drives):
+                feedback[u, 2 * j : 2 * j + 2] = 0.2 * system.limit[u], 0.05 * system.limit[u]
+        drives = np.array(system.drives)
+        states = simulate(
+            system.kind, start, commands, feedback, DT, body, joint, actuator, drives, GRAVITY, width
+        )
         if not np.isfinite(states).all() or np.abs(states).max() > 1e3:
-            return draw(seed + 100000, plant=plant, count=count, size=size, names=names, outside=outside)
-        recordings.append(measure(system, states, commands, sensor, velocities, rng, simulate, start, body, joint, actuator, width))
+            return None
+        columns = measure(system, states, commands, sensor, velocities, rng, tier.laboratory)
+        recordings.append(columns)
     return Case(seed, plant, tuple(chosen), velocities, tuple(recordings))
 
 
@@ -195,9 +257,10 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
     """Puts an effect into the arrays; says what it is."""
     if name in JOINT:
         j, forms = joint_effects(system, rng, size)
-        for number, value in forms[name].items():
+        for number, value in forms[name].values():
             joint[j, number] += value
-        return {"name": name, "target": system.joints[j], "parameters": {str(k): float(v) for k, v in forms[name].items()}}
+        told = {symbol: float(value) for symbol, (_, value) in forms[name].items()}
+        return {"name": name, "target": system.joints[j], "parameters": told}
     if name in BODY:
         hinges = [j for j in range(len(system.bodies)) if not system.slides[j]]
         j = int(rng.integers(len(system.bodies))) if name == "body_mass" else int(rng.choice(hinges))
@@ -214,7 +277,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         else:
             value = abs(part) * body[j, 2]
             body[j, 2] += value
-        return {"name": name, "target": system.bodies[j], "parameters": {"value": float(value)}}
+        return {"name": name, "target": system.bodies[j], "parameters": {SYMBOL[name]: float(value)}}
     if name in ACTUATOR:
         u = int(rng.integers(len(system.inputs)))
         limit = system.limit[u]
@@ -229,7 +292,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         }[name]
         actuator[u, ACTUATOR.index(name)] = value
         target = "actuator" if len(system.inputs) == 1 else system.inputs[u]
-        return {"name": name, "target": target, "parameters": {"value": float(value)}}
+        return {"name": name, "target": target, "parameters": {SYMBOL[name]: float(value)}}
     positions = [k for k in range(0, len(system.states), 2)]
     if name == "sensor_offset":  # the zero of a cart's position can be seen by nothing
         positions = [k for k in positions if not system.slides[k // 2]]
@@ -240,32 +303,46 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         "sensor_delay": rng.uniform(0.01, 0.05) * size,
     }[name]
     sensor[k] = (name, value)
-    return {"name": name, "target": system.states[k], "parameters": {"value": float(value)}}
+    return {"name": name, "target": system.states[k], "parameters": {SYMBOL[name]: float(value)}}
 
 
-def measure(system, states, commands, sensor, velocities, rng, simulate, start, body, joint, actuator, width) -> dict[str, np.ndarray]:
+def measure(
+    system: System,
+    states: np.ndarray,
+    commands: np.ndarray,
+    sensor: dict[int, tuple[str, float]],
+    velocities: bool,
+    rng: np.random.Generator,
+    laboratory: bool,
+) -> dict[str, np.ndarray]:
     """The columns of a recording."""
     T = len(states)
     t = DT * np.arange(T)
-    columns = {"time": t}
-    y = states.copy()
-    for k, (name, value) in sensor.items():
-        if name == "sensor_offset":
-            y[:, k] += value
-        elif name == "sensor_scale":
-            y[:, k] *= value
-        else:
-            q, v = states[:, k], states[:, k + 1]
-            from scipy.interpolate import CubicHermiteSpline
-
-            y[:, k] = CubicHermiteSpline(t, q, v)(np.maximum(t - value, 0.0))
+    stamps = t + rng.uniform(-2e-3, 2e-3, T) * (t > 0) if laboratory else t
+    columns = {"time": stamps}
     for k, name in enumerate(system.states):
-        noise = NOISE["m" if system.slides[k // 2] else "rad"] * (1.0 if k % 2 == 0 else 10.0)
-        if k % 2 == 0 or velocities:
-            columns[name] = y[:, k] + noise * rng.standard_normal(T)
-    for u, name in enumerate(system.inputs):
-        columns[name] = commands[:, u]
-    return columns
+        if k % 2 and not velocities:
+            continue
+        kind, value = sensor.get(k, ("", 0.0))
+        late = stamps - value if kind == "sensor_delay" else stamps
+        y = at(states, k, np.maximum(late, 0.0))
+        y = y + value if kind == "sensor_offset" else y * value if kind == "sensor_scale" else y
+        noise = rng.standard_normal(T)
+        if laboratory:  # correlated over two samples, and now and then far off
+            noise = lfilter([math.sqrt(1.0 - 0.5**2)], [1.0, -0.5], noise)
+            noise += 40.0 * (rng.random(T) < 0.003) * rng.choice([-1, 1], T)
+        std = NOISE["m" if system.slides[k // 2] else "rad"] * (10.0 if k % 2 else 1.0)
+        columns[name] = y + std * noise
+    return columns | {name: commands[:, u] for u, name in enumerate(system.inputs)}
+
+
+def at(states: np.ndarray, k: int, t: np.ndarray) -> np.ndarray:
+    """State k between the samples."""
+    own = DT * np.arange(len(states))
+    if np.array_equal(t, own):
+        return states[:, k]
+    spline = CubicHermiteSpline(own, states[:, k - k % 2], states[:, k - k % 2 + 1])
+    return spline.derivative()(t) if k % 2 else spline(t)
 
 
 def excitation(rng: np.random.Generator, limit: float, number: int) -> np.ndarray:

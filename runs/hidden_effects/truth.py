@@ -45,7 +45,6 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
         out[0] = (t0 - body[0, 1] * g * math.sin(q[0])) / (body[0, 2] + joint[0, ARMATURE])
         return
     t1 = tau[1] + joint_force(q[1], v[1], joint[1], width)
-    coupling = joint[0, COUPLING] * math.sin(q[1]) * q[0]
     t0 -= joint[0, COUPLING] * math.sin(2.0 * q[1])
     t1 -= joint[0, COUPLING] * math.cos(2.0 * q[1]) * q[0]
     if kind == CART_POLE:
@@ -73,31 +72,34 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
 
 
 @njit(cache=True)
-def simulate(kind, start, commands, dt, body, joint, actuator, drives, g, width):
-    """States (T, 2 J) at the samples."""
+def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives, g, width):
+    """States (T, 2 J) at the samples; what is fed back of them, (U, 2 J), joins the commands."""
     J, T, U = len(start) // 2, len(commands), commands.shape[1]
     n = round(dt / STEP)
     shaped = np.empty_like(commands)
-    for u in range(U):
-        last = actuator[u, 0] * commands[0, u]
-        for k in range(T):
-            x = actuator[u, 0] * commands[k, u]
-            d = actuator[u, 1]
-            x = max(x - d, 0.0) + min(x + d, 0.0)
-            x = min(max(x, -actuator[u, 2]), actuator[u, 2])
-            p = actuator[u, 5]
-            if p > 0.0:
-                x = min(max(last, x - p), x + p)
-            last = x
-            shaped[k, u] = x
     q, v = start[0::2].copy(), start[1::2].copy()
-    level = shaped[0].copy()
+    last = np.zeros(U)
+    level = np.zeros(U)
     out = np.empty((T, 2 * J))
     tau = np.zeros(J)
     a1, a2, a3, a4 = np.zeros(J), np.zeros(J), np.zeros(J), np.zeros(J)
     for k in range(T):
         for j in range(J):
             out[k, 2 * j], out[k, 2 * j + 1] = q[j], v[j]
+        for u in range(U):
+            for x in range(2 * J):
+                commands[k, u] -= feedback[u, x] * out[k, x]
+            x = actuator[u, 0] * commands[k, u]
+            d = actuator[u, 1]
+            x = max(x - d, 0.0) + min(x + d, 0.0)
+            x = min(max(x, -actuator[u, 2]), actuator[u, 2])
+            p = actuator[u, 5]
+            if k == 0:
+                last[u] = level[u] = x
+            if p > 0.0:
+                x = min(max(last[u], x - p), x + p)
+            last[u] = x
+            shaped[k, u] = x
         for i in range(n):
             t = k * dt + (i + 0.5) * STEP
             tau[:] = 0.0

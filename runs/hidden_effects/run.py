@@ -1,0 +1,244 @@
+"""How often `mcpilco gap` names an effect that a seed has hidden in recordings.
+
+python runs/hidden_effects/run.py                            # all tiers, 40 cases each
+python runs/hidden_effects/run.py --tiers one --seeds 0:100
+
+Each case is simulated by other means than ours (truth.py), written as CSV files, and investigated
+with the nominal plant alone. Results are kept in results/<tier>/, a file a seed; the same command
+goes on where it was stopped, and rewrites README.md between its marked lines.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from cases import TIERS, Case, draw
+
+from mcpilco.archive import write_bytes
+from mcpilco.cli.sweep import parse_seeds
+from mcpilco.sweep import job
+from mcpilco.sweep.page import fill
+from mcpilco.sweep.summary import markdown, rate_cell
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Hide effects, look for them, and write the tables."""
+
+    seeds: str = "0:40"
+    """`0:40` are 0 to 39"""
+    tiers: tuple[Literal[*TIERS], ...] = tuple(TIERS)
+    """kinds of cases"""
+    workers: int = 2
+    """processes at a time"""
+    out: Path = HERE
+    """folder of results/ and README.md"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    results = arguments.out / "results"
+    todo = [
+        (tier, seed, results / tier / f"{seed:04d}.json")
+        for seed in parse_seeds(arguments.seeds)
+        for tier in arguments.tiers
+        if not (results / tier / f"{seed:04d}.json").exists()
+    ]
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(arguments.workers, context) as pool:
+        waiting = {pool.submit(solve, tier, seed): path for tier, seed, path in todo}
+        for done in as_completed(waiting):
+            found, path = done.result(), waiting[done]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, json.dumps(found, indent=1).encode())
+            told = [(e["name"], e["target"]) for e in found["found"]]
+            truth = [(e["name"], e["target"]) for e in found["truth"]]
+            mark = "right" if right(found) else "wrong"
+            print(f"{path.parent.name} {found['seed']}: {mark}, {truth}: {found['verdict']} {told}")
+    write_readme(arguments.out)
+    print(f"Tables: {arguments.out / 'README.md'}")
+    return 0
+
+
+def solve(tier: str, seed: int) -> dict[str, Any]:
+    """What was hidden, and what was found in its recordings."""
+    job.one_thread()
+    from envs.plants import PLANTS
+    from mcpilco.gap.investigate import investigate
+    from mcpilco.gap.report import to_json
+    from mcpilco.recordings import read_recordings
+
+    case = draw(seed, TIERS[tier])
+    plant = PLANTS[case.plant]()
+    layout = plant.layout
+    with tempfile.TemporaryDirectory() as folder:
+        paths = write(case, Path(folder))
+        good, bad = read_recordings(
+            paths,
+            layout.states,
+            layout.inputs,
+            angles=plant.angles,
+            velocities=tuple((k, k + 1) for k in range(0, len(layout.states), 2)),
+            dt=0.02,
+        )
+    assert not bad, bad
+    spent = time.process_time()
+    uncertainty = 0.03 if TIERS[tier].laboratory else 0.01
+    told = to_json(investigate(plant, good, uncertainty=uncertainty))
+    spent = time.process_time() - spent
+    return {
+        "seed": seed,
+        "plant": case.plant,
+        "velocities": case.velocities,
+        "truth": list(case.effects),
+        "verdict": told["verdict"],
+        "found": told["effects"],
+        "error": told["error"],
+        "events": told["events"],
+        "cpu_s": spent,
+        "machine": job.machine(),
+    }
+
+
+def write(case: Case, folder: Path) -> list[Path]:
+    """The recordings of a case as CSV files."""
+    paths = []
+    for number, columns in enumerate(case.recordings):
+        paths.append(folder / f"recording_{number}.csv")
+        with paths[-1].open("w", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(columns)
+            rows.writerows(zip(*columns.values(), strict=True))
+    return paths
+
+
+# Verdicts -----------------------------------------------------------------------------------------
+
+
+def right(found: Mapping[str, Any]) -> bool:
+    """Whether name and target of all effects, or the verdict none or unknown, are right."""
+    if any(effect["name"] == "outside" for effect in found["truth"]):
+        return found["verdict"] == "unknown"
+    if not found["truth"]:
+        return found["verdict"] == "none"
+    truth = {(effect["name"], effect["target"]) for effect in found["truth"]}
+    told = {(effect["name"], effect["target"]) for effect in found["found"]}
+    return found["verdict"] == "named" and truth == told
+
+
+def in_family(found: Mapping[str, Any]) -> bool:
+    """Whether each hidden effect is in the family of one that was named."""
+    if right(found):
+        return True
+    families = [set(effect["family"]) for effect in found["found"]]
+    names = [effect["name"] for effect in found["truth"]]
+    fits = all(any(name in family for family in families) for name in names)
+    return found["verdict"] == "named" and len(names) == len(families) > 0 and fits
+
+
+def misnamed(found: Mapping[str, Any]) -> bool:
+    """Whether a wrong effect was named, and confidently."""
+    names = {effect["name"] for effect in found["truth"]}
+    wrong = [e for e in found["found"] if not names & set(e["family"]) and e["probability"] > 0.9]
+    return found["verdict"] == "named" and bool(wrong)
+
+
+# The page -----------------------------------------------------------------------------------------
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    found = {
+        tier: [json.loads(p.read_text()) for p in sorted((out / "results" / tier).glob("*.json"))]
+        for tier in TIERS
+    }
+    found = {tier: cases for tier, cases in found.items() if cases}
+    parts = [naming(found), numbers(found), missed(found)] if found else ["Not measured yet."]
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """How often the verdict is right."""
+    rows = [
+        (
+            tier,
+            str(len(cases)),
+            rate_cell(sum(map(right, cases)), len(cases)),
+            rate_cell(sum(map(in_family, cases)), len(cases)),
+            rate_cell(sum(map(misnamed, cases)), len(cases)),
+        )
+        for tier, cases in found.items()
+    ]
+    header = ("tier", "cases", "right [%]", "right, or in a family [%]", "wrong and sure [%]")
+    return markdown(header, rows)
+
+
+def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Errors and intervals of the parameters, the gap closed, and the time it takes."""
+    rows = []
+    for tier, cases in found.items():
+        errors, covered = accuracy([case for case in cases if right(case)])
+        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and c["found"]]
+        seconds = [case["cpu_s"] for case in cases]
+        rows.append(
+            (
+                tier,
+                f"{100 * np.median(errors):.2f}" if errors else "-",
+                f"{100 * np.mean(covered):.0f} (of {len(covered)})" if covered else "-",
+                f"{100 * np.median(closed):.1f}, {100 * np.percentile(closed, 10):.1f}"
+                if closed
+                else "-",
+                f"{np.median(seconds):.0f}, {max(seconds):.0f}",
+            )
+        )
+    header = ("tier", "median error of parameters [%]", "95 % intervals that hold the truth [%]")
+    header += ("gap closed: median, tenth percentile [%]", "CPU: median, worst [s]")
+    return markdown(header, rows)
+
+
+def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool]]:
+    """Relative errors of the parameters, and whether their intervals hold the truth."""
+    errors, covered = [], []
+    for case in cases:
+        told = {(e["name"], e["target"]): e["parameters"] for e in case["found"]}
+        for effect in case["truth"]:
+            estimates = told.get((effect["name"], effect["target"]), {})
+            for symbol, truth in effect.get("parameters", {}).items():
+                if symbol in estimates:
+                    estimate = estimates[symbol]
+                    errors.append(abs(estimate["value"] - truth) / max(abs(truth), 1e-12))
+                    covered.append(estimate["low"] <= truth <= estimate["high"])
+    return errors, covered
+
+
+def missed(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """The cases that are not right."""
+    lines = []
+    for tier, cases in found.items():
+        for case in cases:
+            if not right(case):
+                truth = ", ".join(f"{e['name']} at {e['target']}" for e in case["truth"]) or "none"
+                told = ", ".join(f"{e['name']} at {e['target']}" for e in case["found"]) or "-"
+                lines.append(
+                    f"- {tier}, seed {case['seed']}, {case['plant']}: hidden {truth}; "
+                    f"verdict {case['verdict']}, named {told}"
+                )
+    return "### Cases that are not right\n\n" + "\n".join(lines) if lines else ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
