@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-
 from mcpilco.effects import CATALOGUE
 from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
 from mcpilco.plant import Active, Base, Parameter, Plant

@@ -172,7 +172,7 @@ def look(tables, s, q, v, k, now, dt, y):
     for x in range(y.shape[0]):
         latency = tables.sensors[s, x, LATENCY]
         if -latency % dt == now:
-            row = k + math.ceil(latency / dt - 1e-9)
+            row = k + round((latency + now) / dt)  # a whole number but for rounding
             if row < y.shape[1]:
                 truth = v[x // 2] if x % 2 else q[x // 2]
                 y[x, row] = tables.sensors[s, x, OFFSET] + tables.sensors[s, x, SCALE] * truth
