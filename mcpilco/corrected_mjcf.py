@@ -16,15 +16,18 @@ from numpy.polynomial import Polynomial
 from mcpilco.archive import write_bytes
 from mcpilco.correction import Addition, Correction, corrected
 from mcpilco.effects import CATALOGUE
-from mcpilco.mjcf_inertials import Inertials
 from mcpilco.mjcf import plant_of
+from mcpilco.mjcf_inertials import Inertials
 from mcpilco.simulation import Layout
 from mcpilco.typing import InputError
 
 FAR = 1e6
-"""where a spring rests that pulls with a constant force [m or rad]; it errs by 1 / FAR at 1 m or rad"""
+"""where a spring rests that pulls with a constant force [m or rad]"""
 RIGID = (0.999, 0.9999, 0.001, 0.5, 2.0)
 """solimpfriction of a joint that gets dry friction: MuJoCo's own lets it creep far more [-]"""
+SUDDEN = (1e-4, 1.0)
+"""its solreffriction: MuJoCo's own lets go of a joint over 10 ms as it stops; two timesteps are the
+least that MuJoCo takes [s, -]"""
 OUTSIDE = {
     "actuator": "apply it to the command before that is written to ctrl",
     "joint": "add its force to qfrc_applied before each step",
@@ -34,9 +37,7 @@ OUTSIDE = {
 """what to do about an effect that MJCF cannot say, by its place"""
 
 
-def write_corrected_mjcf(
-    source: str | Path, correction: Correction, path: str | Path
-) -> list[str]:
+def write_corrected_mjcf(source: str | Path, correction: Correction, path: str | Path) -> list[str]:
     """Writes the model with its correction; plain MuJoCo loads it.
 
     MuJoCo's own writer saves it: with what the file included, without its comments, numbers to six
@@ -95,6 +96,7 @@ class _Model:
             name: _spring(compiled, number) for number, name in enumerate(layout.joints)
         }
         self._untouched = dict(self._springs)
+        self._has_stages = spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self._gravity = float(np.linalg.norm(spec.option.gravity))
         self._limits = [
             abs(self._gain(u)) * float(np.abs(compiled.actuator_ctrlrange[u]).max())
@@ -154,7 +156,7 @@ class _Model:
     def _coulomb_friction(self, joint: str, f_c: float, v_r: float) -> None:
         spec = self._joint(joint)
         if spec.frictionloss == 0.0 and f_c > 0.0:
-            spec.solimp_friction = RIGID
+            spec.solimp_friction, spec.solref_friction = RIGID, SUDDEN
         spec.frictionloss += f_c
 
     def _asymmetric_friction(self, joint: str, f_p: float, f_n: float, v_r: float) -> None:
@@ -197,16 +199,20 @@ class _Model:
     def _actuator_lag(self, target: str, lag: float) -> None:
         actuator = self._actuators[self._layout.actuators.index(target)]
         if lag > 0.0:
-            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            # its four stages follow the lag by themselves; other integrators hold it for a timestep
+            exact, plain = mujoco.mjtDyn.mjDYN_FILTEREXACT, mujoco.mjtDyn.mjDYN_FILTER
+            actuator.dyntype = plain if self._has_stages else exact
             actuator.dynprm[0] = lag
 
     def _actuator_delay(self, target: str, delay: float) -> str | None:
         actuator = self._actuators[self._layout.actuators.index(target)]
         step = self.spec.option.timestep
         if delay > 0.0:
-            actuator.delay = delay
-            actuator.nsample = math.ceil(delay / step) + 2
-            actuator.interp = 1  # linear: the mean over a time step is that of the delayed command
+            # interpolated linearly, a jump takes the timestep before it: its mean is right where
+            # the force is held for a timestep, and half a timestep early where it is not
+            actuator.delay = delay + (0.5 * step if self._has_stages else 0.0)
+            actuator.nsample = math.ceil(actuator.delay / step) + 2
+            actuator.interp = 1
         if 0.0 < delay < step:
             return f"MuJoCo delays by a timestep of {step:g} s at least; choose a shorter one."
         return None

@@ -6,6 +6,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+ROUNDING = 2e-5
+"""how far MuJoCo's writer, with its six digits, may change a sum of two numbers [-]"""
+
 
 class Inertials:
     """Of every body; what is welded to a body moves, and is changed, with it.
@@ -23,10 +26,8 @@ class Inertials:
         self._spec, self._model = spec, model
         self._mass = model.body_mass.copy()
         self._center = model.body_ipos.copy()
-        frames = map(_matrix, model.body_iquat)
-        self._inertia = np.array(
-            [R @ np.diag(I) @ R.T for R, I in zip(frames, model.body_inertia, strict=True)]
-        )
+        R = np.array([_matrix(quaternion) for quaternion in model.body_iquat])
+        self._inertia = (R * model.body_inertia[:, None]) @ R.transpose(0, 2, 1)
         self._before = (self._mass.copy(), self._center.copy(), self._inertia.copy())
         self._members: dict[str, dict[int, Float[np.ndarray, "3 3"]]] = {}
         """what moves with a named body: bodies, and the rotations that take them to its frame"""
@@ -117,6 +118,8 @@ class Inertials:
 
     def _write(self, body: mujoco.MjsBody) -> None:
         moments, R = np.linalg.eigh(self._inertia[body.id])
+        # a thin rod's are at the edge of what is physical, and must not be rounded over it
+        moments[0] = max(moments[0], (1.0 + ROUNDING) * moments[2] - moments[1])
         if np.linalg.det(R) < 0.0:
             R[:, 0] *= -1.0
         quaternion = np.empty(4)
@@ -125,13 +128,13 @@ class Inertials:
         body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         body.fullinertia = np.array([np.nan, *[0.0] * 5])
         body.mass, body.ipos = self._mass[body.id], self._center[body.id]
-        body.iquat, body.inertia = quaternion, np.maximum(moments, 0.0)
+        body.iquat, body.inertia = quaternion, moments
 
 
 def _is_physical(inertia: Float[np.ndarray, "3 3"]) -> bool:
     """Whether some distribution of masses has this inertia."""
     a, b, c = np.linalg.eigvalsh(inertia)
-    return bool(a >= 0.0 and a + b >= c)
+    return bool(a >= -ROUNDING * c and a + b >= (1.0 - ROUNDING) * c)
 
 
 def _matrix(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
