@@ -47,6 +47,7 @@ def cart_pole() -> Plant:
             Base(Active(GAIN, "actuator"), ("force_gain",)),
         ),
         angles=(2,),
+        masses={"cart": "cart_mass", "pole": "pole_mass"},
     )
 
 
@@ -88,6 +89,7 @@ def pendulum() -> Plant:
             Base(Active(GAIN, "actuator"), ("torque_gain",)),
         ),
         angles=(0,),
+        masses={"pendulum": "mass"},
     )
 
 
@@ -131,6 +133,7 @@ def double_pendulum() -> Plant:
             Base(Active(GAIN, "elbow_torque"), ("elbow_gain",)),
         ),
         angles=(0, 2),
+        masses={"upper": "upper_mass", "lower": "lower_mass"},
     )
 
 

@@ -98,12 +98,7 @@ class _Model:
         self._untouched = dict(self._springs)
         self._has_stages = spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self._gravity = float(np.linalg.norm(spec.option.gravity))
-        self._limits = [
-            abs(self._gain(u)) * float(np.abs(compiled.actuator_ctrlrange[u]).max())
-            if compiled.actuator_ctrllimited[u]
-            else math.inf
-            for u in self._actuators
-        ]
+        self._limits = dict.fromkeys(self._actuators, math.inf)
 
     def set(self, name: str, value: float) -> None:
         """Gives a parameter of the plant another value."""
@@ -224,7 +219,7 @@ class _Model:
         return float(self._actuators[u].gear[0] * self._actuators[u].gainprm[0])
 
     def _multiply(self, u: int, factor: float) -> None:
-        self._actuators[u].gear[0] *= factor
+        self._actuators[u].gainprm[0] *= factor  # a range of its force stays what it is
 
     def _write_spring(self, name: str, force: Polynomial) -> None:
         """Says a joint's force, a polynomial of its position, as a spring about where it is 0."""
@@ -238,9 +233,8 @@ class _Model:
 
 def _spring(model: mujoco.MjModel, joint: int) -> Polynomial:
     """The force of a joint's spring, a polynomial of its position."""
-    away = Polynomial([-float(model.qpos_spring[model.jnt_qposadr[joint]]), 1.0])
-    a, (b, c) = float(model.jnt_stiffness[joint]), model.jnt_stiffnesspoly[joint]
-    return -(a * away + float(b) * away**2 + float(c) * away**3)
+    rest = float(model.qpos_spring[model.jnt_qposadr[joint]])
+    return -float(model.jnt_stiffness[joint]) * Polynomial([-rest, 1.0])
 
 
 def _about_rest(force: Polynomial) -> tuple[float, Float[np.ndarray, " 3"]]:

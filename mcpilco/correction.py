@@ -94,13 +94,6 @@ def corrected(plant: Plant, correction: Correction) -> Plant:
             f"The correction is for the plant {correction.plant!r}, got {plant.name!r}; if they "
             'are the same system, change "plant" in the correction.'
         )
-    for effect in correction.effects:
-        targets = CATALOGUE[effect.name].targets(plant.layout)
-        if effect.target not in targets:
-            raise InputError(
-                f"{effect.name} cannot act on {effect.target!r} of {plant.name}; it can act on "
-                f"{', '.join(targets) or 'nothing there'}."
-            )
     return plant.where(**correction.parameters).having(
         [(Active(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
     )

@@ -1,8 +1,12 @@
-"""A MuJoCo model as a plant: the same equations, with names for recordings and nominal effects."""
+"""A MuJoCo model as a plant: the same equations, with names for recordings and nominal effects.
+
+Contacts and the limits of joints are not simulated: a recording in which the machine touches
+something, or runs into an end stop, is compared with a machine that does not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +14,20 @@ import mujoco
 import numpy as np
 
 from mcpilco.effects import CATALOGUE
+from mcpilco.effects.actuator import CommandRange
 from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
+from mcpilco.mechanics.chain import Matrix, Vector
 from mcpilco.plant import Active, Base, Parameter, Plant
 from mcpilco.simulation import Layout
 from mcpilco.typing import InputError
 
 TURN_OVER = 2e-3
 """velocity over which the model's dry friction turns over [m/s or rad/s]"""
+SWITCHES = sum(
+    int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0))
+    for name in ("GRAVITY", "SPRING", "DAMPER", "PASSIVE", "FRICTIONLOSS", "CLAMPCTRL", "ACTUATION")
+)
+"""options of a model that switch off what a plant has"""
 
 
 def plant_of(path: str | Path) -> Plant:
@@ -27,8 +38,9 @@ def plant_of(path: str | Path) -> Plant:
     `gravity`.
 
     Raises:
-        InputError: the file is missing or no MJCF, or holds what a chain cannot say: loops, tendons,
-            free and ball joints, actuators that are no motors.
+        InputError: the file is missing or no MJCF, or holds what such a chain cannot say: loops,
+            tendons, free and ball joints, actuators that are no motors, a fluid, limits that are
+            not symmetric about 0, one name for several things; the message names it.
     """
     path = Path(path)
     if not path.is_file():
@@ -40,6 +52,7 @@ def plant_of(path: str | Path) -> Plant:
     _require_chain(model, path)
     chain = _chain(model)
     layout = _layout(model, chain)
+    _require_names(layout, path)
     parameters, base = _nominal(model, layout)
     masses = {body.name: body.mass for body in chain.bodies}
 
@@ -48,12 +61,12 @@ def plant_of(path: str | Path) -> Plant:
         for body in chain.bodies:
             mass = p.get(f"{body.name}_mass", body.mass)
             factor = mass / masses[body.name] if masses[body.name] > 0.0 else 1.0
-            inertia = tuple(tuple(factor * x for x in row) for row in body.inertia)
+            inertia = _rows(factor * np.array(body.inertia))
             bodies.append(replace(body, mass=mass, inertia=inertia))
         down = np.array(model.opt.gravity)
         size = np.linalg.norm(down)
-        gravity = tuple(p["gravity"] * down / size) if size > 0.0 else (0.0, 0.0, 0.0)
-        return Chain(tuple(bodies), gravity)
+        gravity = p["gravity"] * down / size if size > 0.0 else down
+        return Chain(tuple(bodies), _vector(gravity))
 
     return Plant(
         name=path.stem,
@@ -61,19 +74,13 @@ def plant_of(path: str | Path) -> Plant:
         parameters=parameters,
         build=build,
         base=base,
+        masses={body: f"{body}_mass" for body in layout.bodies if masses[body] > 0.0},
         angles=tuple(2 * j for j, slides in enumerate(layout.slides) if not slides),
     )
 
 
 def _require_chain(model: mujoco.MjModel, path: Path) -> None:
-    faults = [
-        (model.neq, "equality constraints"),
-        (model.ntendon, "tendons"),
-        (int((model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).sum()), "free or ball joints"),
-        (int((model.actuator_trntype != int(mujoco.mjtTrn.mjTRN_JOINT)).sum()), "actuators without a joint"),
-        (int((model.actuator_biastype != int(mujoco.mjtBias.mjBIAS_NONE)).sum()), "servo actuators"),
-    ]
-    found = [f"{count} {name}" for count, name in faults if count]
+    found = [f"{count} {name}" for name, count in _faults(model).items() if count]
     if found:
         raise InputError(
             f"{path} must be an open chain of hinges and slides that motors move, got "
@@ -81,6 +88,56 @@ def _require_chain(model: mujoco.MjModel, path: Path) -> None:
         )
     if model.nv == 0 or model.nu == 0:
         raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")
+
+
+def _faults(model: mujoco.MjModel) -> dict[str, int]:
+    """How often the model has what a plant has not."""
+
+    def count(name: str, usual: int = 0) -> int:
+        """Rows of an array in which something is not as usual; older models lack some arrays."""
+        array = np.asarray(getattr(model, name, [])) != usual
+        return int(array.any(axis=tuple(range(1, array.ndim))).sum())
+
+    fluid = model.opt.density or model.opt.viscosity
+    return {
+        "equality constraints": model.neq,
+        "tendons": model.ntendon,
+        "flexible bodies": getattr(model, "nflex", 0),
+        "plugins": getattr(model, "nplugin", 0),
+        "free or ball joints": int((model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).sum()),
+        "joints with polynomial damping": count("dof_dampingpoly"),
+        "joints with polynomial stiffness": count("jnt_stiffnesspoly"),
+        "bodies without their weight (gravcomp)": count("body_gravcomp"),
+        "actuators without a joint": count("actuator_trntype", int(mujoco.mjtTrn.mjTRN_JOINT)),
+        "servo actuators": count("actuator_biastype", int(mujoco.mjtBias.mjBIAS_NONE)),
+        "actuators with states": count("actuator_dyntype", int(mujoco.mjtDyn.mjDYN_NONE)),
+        "actuators with a gain that varies": count(
+            "actuator_gaintype", int(mujoco.mjtGain.mjGAIN_FIXED)
+        ),
+        "actuators with damping": count("actuator_damping"),
+        "actuators with armature": count("actuator_armature"),
+        "actuators with a delay": count("actuator_delay"),
+        "ranges of actuators that are not symmetric about 0": sum(
+            int(abs(low + high) > 1e-9 * abs(high - low)) for _, (low, high) in _ranges(model)
+        ),
+        "joints that limit what several motors do together": sum(
+            int(model.jnt_actfrclimited[j] and (model.actuator_trnid[:, 0] == j).sum() > 1)
+            for j in range(model.njnt)
+        ),
+        "fluids": int(bool(fluid)),
+        "options that switch forces off": (model.opt.disableflags & SWITCHES).bit_count(),
+    }
+
+
+def _ranges(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
+    """The actuators that have limits, with each of these: of command, force, and joint's force."""
+    for u in range(model.nu):
+        if model.actuator_ctrllimited[u]:
+            yield u, model.actuator_ctrlrange[u]
+        if model.actuator_forcelimited[u]:
+            yield u, model.actuator_forcerange[u]
+        if model.jnt_actfrclimited[model.actuator_trnid[u, 0]]:
+            yield u, model.jnt_actfrcrange[model.actuator_trnid[u, 0]]
 
 
 def _chain(model: mujoco.MjModel) -> Chain:
@@ -105,11 +162,11 @@ def _chain(model: mujoco.MjModel) -> Chain:
                     name=name if last else f"{name}_{joint}",
                     joint=joint,
                     kind=SLIDE if slides else HINGE,
-                    axis=tuple(float(x) for x in model.jnt_axis[j]),
+                    axis=_vector(model.jnt_axis[j]),
                     mass=0.0,
                     parent=parent,
-                    origin=tuple(float(x) for x in origin + R @ anchor),
-                    rotation=tuple(tuple(float(x) for x in row) for row in R),
+                    origin=_vector(origin + R @ anchor),
+                    rotation=_rows(R),
                     armature=float(model.dof_armature[model.jnt_dofadr[j]]),
                 )
             )
@@ -127,17 +184,14 @@ def _loaded(body: Body, loads: list[tuple[float, np.ndarray, np.ndarray]]) -> Bo
     mass = sum(m for m, _, _ in loads)
     if mass == 0.0:
         return body
-    center = sum(m * c for m, c, _ in loads) / mass
-    inertia = sum(
-        I + m * ((c - center) @ (c - center) * np.eye(3) - np.outer(c - center, c - center))
-        for m, c, I in loads
-    )
-    return replace(
-        body,
-        mass=mass,
-        center=tuple(float(x) for x in center),
-        inertia=tuple(tuple(float(x) for x in row) for row in inertia),
-    )
+    center = np.sum([m * c for m, c, _ in loads], axis=0) / mass
+    inertia = np.sum([own + m * _about(c - center) for m, c, own in loads], axis=0)
+    return replace(body, mass=mass, center=_vector(center), inertia=_rows(inertia))
+
+
+def _about(d: np.ndarray) -> np.ndarray:
+    """Inertia of a unit of mass at d, about the origin [m^2]: Steiner's theorem."""
+    return d @ d * np.eye(3) - np.outer(d, d)
 
 
 def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
@@ -150,6 +204,25 @@ def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
         inputs=tuple(model.actuator(u).name or f"actuator{u}" for u in range(model.nu)),
         drives=tuple(int(model.actuator_trnid[u, 0]) for u in range(model.nu)),
     )
+
+
+def _require_names(layout: Layout, path: Path) -> None:
+    """Raises InputError where a name stands for things at several joints, or for two columns."""
+    joints = range(len(layout.joints))
+    owners = [
+        *zip(layout.joints, joints, strict=True),
+        *zip(layout.bodies, joints, strict=True),
+        *zip(layout.actuators, layout.drives, strict=True),
+        *((state, x // 2) for x, state in enumerate(layout.states)),
+    ]
+    names = sorted({name for name, _ in owners})
+    doubtful = [name for name in names if len({at for own, at in owners if own == name}) > 1]
+    doubtful += [name for name in layout.inputs if name in layout.states]
+    if doubtful:
+        raise InputError(
+            f"{path} must give a body, its joint and its motor names that no other joint's have, "
+            f"got {', '.join(doubtful)} at several; rename them."
+        )
 
 
 def _nominal(
@@ -185,12 +258,28 @@ def _nominal(
         gain = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
         parameters.append(Parameter(f"{name}_gain", gain, "-", low=-np.inf))
         if model.actuator_ctrllimited[u]:
-            limit = abs(gain) * float(np.abs(model.actuator_ctrlrange[u]).max())
-            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (limit,)))
+            most = float(model.actuator_ctrlrange[u, 1])
+            base.append(Base(Active(CommandRange(), target), (most,)))
+        if model.actuator_forcelimited[u]:
+            most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
+            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
+        if model.jnt_actfrclimited[layout.drives[u]]:
+            most = float(model.jnt_actfrcrange[layout.drives[u], 1])
+            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
         base.append(Base(Active(CATALOGUE["actuator_gain"], target), (f"{name}_gain",)))
     size = float(np.linalg.norm(model.opt.gravity))
     parameters.append(Parameter("gravity", size, "m/s^2", uncertain=False))
     return tuple(parameters), tuple(base)
+
+
+def _vector(array: np.ndarray) -> Vector:
+    x, y, z = map(float, array)
+    return x, y, z
+
+
+def _rows(array: np.ndarray) -> Matrix:
+    x, y, z = map(_vector, array)
+    return x, y, z
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:

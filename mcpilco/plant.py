@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -68,8 +68,10 @@ class Plant:
     """effects of the nominal plant"""
     added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
     """effects that were found, with their values"""
-    angles: tuple[int, ...] = field(default=())
+    angles: tuple[int, ...] = ()
     """which states are angles [rad]"""
+    masses: Mapping[str, str] = field(default_factory=dict)
+    """the parameter that is a body's mass, by body"""
 
     def where(self, **values: float) -> Plant:
         """This plant with other values of some parameters.
@@ -77,20 +79,31 @@ class Plant:
         Raises:
             InputError: a name that it does not have, or a value that makes no sense.
         """
-        names = [parameter.name for parameter in self.parameters]
         for name, value in values.items():
-            if name not in names:
-                raise InputError(
-                    f"{self.name} has no parameter {name!r}; it has {', '.join(names)}."
-                )
-            low = self.parameters[names.index(name)].low
+            low = self.parameters[self._column(name)].low
             if not (np.isfinite(value) and value >= low):
                 raise InputError(f"{name} must be finite and at least {low:g}, got {value:g}.")
         changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=tuple(changed))
 
     def having(self, effects: Sequence[tuple[Active, Sequence[float]]]) -> Plant:
-        """This plant with some effects more."""
+        """This plant with some effects more, each with a value for each of its symbols.
+
+        Raises:
+            InputError: an effect where it cannot act, or another number of values.
+        """
+        for active, numbers in effects:
+            targets, symbols = active.effect.targets(self.layout), active.effect.symbols
+            if active.target not in targets:
+                raise InputError(
+                    f"{active.effect.name} cannot act at {active.target!r} of {self.name}; "
+                    f"its targets are {', '.join(targets)}."
+                )
+            if len(numbers) != len(symbols):
+                raise InputError(
+                    f"{active} must have values for {', '.join(s.name for s in symbols)}, "
+                    f"got {len(numbers)}."
+                )
         more = tuple((active, tuple(map(float, values))) for active, values in effects)
         return replace(self, added=self.added + more)
 
@@ -98,6 +111,14 @@ class Plant:
     def nominal(self) -> Float[np.ndarray, " P"]:
         """Values of the parameters, each in its unit."""
         return np.array([parameter.value for parameter in self.parameters])
+
+    def parameter_of(self, active: Active) -> str | None:
+        """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
+        if active.effect.name == "body_mass":
+            return self.masses.get(active.target)
+        named = {base.active: base.values[0] for base in self.base if len(base.values) == 1}
+        parameter = named.get(active)
+        return parameter if isinstance(parameter, str) else None
 
     def candidates(self) -> list[Active]:
         """Every effect of the catalogue at every target that it can have here."""
@@ -111,7 +132,7 @@ class Plant:
         self,
         parameters: Float[np.ndarray, "S P"],
         actives: Sequence[Active] = (),
-        values: Sequence[Float[np.ndarray, "S symbols"]] = (),
+        values: Sequence[Float[np.ndarray, "S _"]] = (),
     ) -> Tables:
         """S systems, for a simulation.
 
@@ -138,7 +159,10 @@ class Plant:
         for s, row in enumerate(parameters):
             known = dict(zip(names, row, strict=True))
             told = [
-                *([known[v] if isinstance(v, str) else v for v in base.values] for base in self.base),
+                *(
+                    [known[v] if isinstance(v, str) else v for v in base.values]
+                    for base in self.base
+                ),
                 *(added for _, added in self.added),
                 *(value[s] for value in values),
             ]
@@ -146,7 +170,7 @@ class Plant:
                 active.effect.install(tables, s, at, numbers)
         return tables
 
-    def _at(self, active: Active, rows: Sequence[int]) -> int:
+    def _at(self, active: Active, rows: Iterator[int]) -> int:
         """Where an effect writes: its row among the forces, or the number of its target."""
         if active.effect.law is not None:
             return next(rows)
@@ -173,15 +197,16 @@ class Plant:
             inputs: commands, each held for dt.
             dt: sampling time [s].
             parameters: values that differ from the nominal ones, for each motion.
+
+        Raises:
+            InputError: a name of a parameter that it does not have.
         """
         rows = np.tile(self.nominal, (len(start), 1))
-        names = [parameter.name for parameter in self.parameters]
         for name, values in (parameters or {}).items():
-            rows[:, names.index(name)] = values
+            rows[:, self._column(name)] = values
         each = np.arange(len(start))
-        last = inputs[:, -1:] if inputs.shape[1] else inputs
-        commands = np.ascontiguousarray(np.concatenate([inputs, last], axis=1), dtype=float)
-        y = simulate(self.tables(rows), each, np.asarray(start, float), each, commands, 0, dt)
+        commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
+        y = simulate(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
 
     def stepper(self, dt: float, batch: int, samples: int = 1) -> Stepper:
@@ -193,3 +218,10 @@ class Plant:
             samples: how many states are told of one step.
         """
         return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
+
+    def _column(self, name: str) -> int:
+        """Which parameter has a name."""
+        names = [parameter.name for parameter in self.parameters]
+        if name not in names:
+            raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")
+        return names.index(name)

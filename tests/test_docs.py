@@ -24,7 +24,9 @@ import numpy as np
 import pytest
 
 import mcpilco.cli
+from envs.plants import PLANTS
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
+from mcpilco.effects import CATALOGUE, Effect
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -244,6 +246,31 @@ def test_the_table_of_presets_holds_their_numbers() -> None:
     table = {entry: tuple(values) for entry, *values in rows}
     presets = [dict(_entries(PRESETS[name].config)) for name in ("default", "thesis", "tro2022")]
     assert table == {entry: tuple(p[entry] for p in presets) for entry in presets[0]}
+
+
+def _row_of(effect: Effect) -> str:
+    """Its row in the table of effects, with the units at a hinge."""
+    formula = effect.__doc__.splitlines()[0].rstrip(".").replace("|", "\\|")
+    units = [symbol.unit.format(f="N m", q="rad", x="rad or rad/s") for symbol in effect.symbols]
+    symbols = [f"{s.name} [{unit}]" for s, unit in zip(effect.symbols, units, strict=True)]
+    return f"| `{effect.name}` | {effect.place} | {formula} | {', '.join(symbols)} |"
+
+
+def test_the_table_of_effects_is_the_catalogue() -> None:
+    lines = text(ROOT / "docs" / "plants.md").splitlines()
+    first = lines.index("| effect | acts at | what it does | symbols |") + 2
+    table = lines[first : lines.index("", first)]
+    assert table == [_row_of(effect) for effect in CATALOGUE.values()]
+
+
+def test_the_table_of_plants_holds_their_names() -> None:
+    page = text(ROOT / "docs" / "plants.md")
+    for name, make in PLANTS.items():
+        plant = make()
+        parameters = [parameter.name for parameter in plant.parameters]
+        columns = (plant.layout.states, plant.layout.inputs, parameters)
+        cells = [", ".join(f"`{name}`" for name in column) for column in columns]
+        assert f"| `{name}` | {' | '.join(cells)} |" in page
 
 
 def test_contributing_lists_the_layers_that_are_checked() -> None:

@@ -14,6 +14,7 @@ import tyro
 
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
+from mcpilco.cli.gap import Gap
 from mcpilco.cli.record import Record
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
@@ -34,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Sweep | Record | View | Doctor,
+            Train | Evaluate | Sweep | Record | View | Doctor | Gap,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

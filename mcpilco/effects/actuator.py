@@ -9,7 +9,7 @@ import numpy as np
 
 from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
 from mcpilco.simulation import Layout, Tables
-from mcpilco.simulation.tables import DEAD_ZONE, DELAY, GAIN, LAG, LIMIT, PLAY
+from mcpilco.simulation.tables import DEAD_ZONE, DELAY, GAIN, LAG, LIMIT, PLAY, RANGE
 
 
 class ActuatorEffect(Effect):
@@ -23,7 +23,7 @@ class ActuatorEffect(Effect):
         return layout.actuators
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
-        tables.actuators[system, at, self.column] = values[0]
+        tables.actuators[system, at, self.column] += values[0]
 
 
 class ActuatorGain(ActuatorEffect):
@@ -59,15 +59,23 @@ class ActuatorSaturation(ActuatorEffect):
     column = LIMIT
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
-        limits = tables.actuators[system, at]
-        limits[LIMIT] = min(limits[LIMIT], values[0])
+        numbers = tables.actuators[system, at]
+        numbers[self.column] = min(numbers[self.column], values[0])
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(part * scale.command) for part in (0.95, 0.8, 0.6, 0.4)]
 
 
+class CommandRange(ActuatorSaturation):
+    """No command beyond c_m, in either direction: known of a plant, so not in the catalogue."""
+
+    name = "command_range"
+    symbols = (Symbol("c_m", "command", np.inf, 0.0),)
+    column = RANGE
+
+
 class ActuatorDelay(ActuatorEffect):
-    """The command of d seconds ago."""
+    """The command d seconds ago."""
 
     name = "actuator_delay"
     symbols = (Symbol("d", "s", low=0.0, high=0.15),)

@@ -22,7 +22,7 @@ class Symbol:
     name: str
     """as reports and files write it"""
     unit: str
-    """with {q} for the unit of the position at its joint, m or rad, and {f} for that of the force"""
+    """{q} stands for the unit of the position at its joint, {f} for that of the force"""
     neutral: float = 0.0
     """value at which the effect changes nothing"""
     low: float = -np.inf

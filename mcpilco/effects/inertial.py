@@ -22,12 +22,16 @@ class BodyMass(Effect):
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         chains = tables.chains
-        factor = max(1.0 + values[0] / chains.mass[system, at], 0.01)
+        mass = chains.mass[system, at]
+        if mass == 0.0:  # between two joints of one body: a point mass, at its center
+            chains.mass[system, at] = max(values[0], 0.0)
+            return
+        factor = max(1.0 + values[0] / mass, 0.01)
         chains.mass[system, at] *= factor
         chains.inertia[system, at] *= factor
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.mass)]
+        return [sizes(0.02 * scale.mass)] if scale.mass > 0.0 else []
 
 
 class CenterOfMass(Effect):

@@ -62,15 +62,9 @@ class StribeckFriction(JointForce):
     law = laws.STRIBECK
 
     def probes(self, scale: Scale) -> list[Probe]:
-        small = 0.02 * scale.force
-        return [
-            Probe(
-                np.array(
-                    [[small, 0.0, part * scale.velocity, 2e-3], [0.0, small, part * scale.velocity, 2e-3]]
-                )
-            )
-            for part in (0.03, 0.1, 0.3)
-        ]
+        small, turn = 0.02 * scale.force, TURN.neutral
+        speeds = [part * scale.velocity for part in (0.03, 0.1, 0.3)]
+        return [Probe(np.array([[small, 0.0, v, turn], [0.0, small, v, turn]])) for v in speeds]
 
 
 class QuadraticDrag(JointForce):

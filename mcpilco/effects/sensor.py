@@ -23,7 +23,7 @@ class SensorEffect(Effect):
         return layout.states
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
-        tables.sensors[system, at, self.column] = values[0]
+        tables.sensors[system, at, self.column] += values[0]
 
     def units(self, layout: Layout, target: str) -> tuple[str, ...]:
         unit = layout.unit_of(target)[0]
@@ -50,15 +50,18 @@ class SensorScale(SensorEffect):
     symbols = (Symbol("k", "-", 1.0, 0.0),)
     column = SCALE
 
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.sensors[system, at, SCALE] *= values[0]
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(1.01)]
 
 
 class SensorDelay(SensorEffect):
-    """The state of d seconds ago."""
+    """The state d seconds ago."""
 
     name = "sensor_delay"
-    symbols = (Symbol("d", "s", low=0.0, high=0.1),)
+    symbols = (Symbol("d", "s", low=0.0, high=0.06),)
     column = LATENCY
 
     def probes(self, scale: Scale) -> list[Probe]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
@@ -38,6 +38,10 @@ class Linear:
     Jp: Float[np.ndarray, "W n p"]
     """with theta"""
 
+    def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linear:
+        """Some of the windows."""
+        return Linear(self.r[chosen], self.Jx[chosen], self.Jp[chosen])
+
     @cached_property
     def basis(self) -> Float[np.ndarray, "W n X"]:
         """Orthonormal columns that span those of Jx."""
@@ -61,10 +65,10 @@ class Fit:
     by_window: Float[np.ndarray, " W"]
     """the squared residuals of each"""
 
-    @property
-    def effects(self) -> list[Float[np.ndarray, " symbols"]]:
-        """Values of the model's effects."""
-        return [values[0] for values in self.model.decode(self.theta[None])[1]]
+    def at(self, chosen: Int[np.ndarray, " V"]) -> Fit:
+        """This fit, of some of the windows only."""
+        by_window = self.by_window[chosen]
+        return replace(self, starts=self.starts[chosen], by_window=by_window)
 
 
 def run(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,14 +31,66 @@ class Model:
     scales: Mapping[str, Scale]
     """by target"""
 
-    def having(self, *actives: Active) -> Model:
-        """This model with some effects more."""
-        return Model(self.plant, self.actives + actives, self.priors, self.scales)
+    freed: tuple[Active, ...] = ()
+    """effects that come down to an uncertain parameter, whose prior is lifted instead"""
 
-    def without(self, number: int) -> Model:
-        """This model without one of its effects."""
-        rest = self.actives[:number] + self.actives[number + 1 :]
-        return Model(self.plant, rest, self.priors, self.scales)
+    @property
+    def named(self) -> tuple[Active, ...]:
+        """All its effects."""
+        return self.freed + self.actives
+
+    def frees(self, active: Active) -> int | None:
+        """Which uncertain parameter an effect comes down to, of those that a prior holds."""
+        name = self.plant.parameter_of(active)
+        if name is None or not np.isfinite(self.priors.get(name, np.inf)):
+            return None
+        return list(self.priors).index(name)
+
+    def having(self, active: Active) -> Model:
+        """This model with one effect more."""
+        if self.frees(active) is None:
+            return replace(self, actives=(*self.actives, active))
+        freed = {self.plant.parameter_of(active): np.inf}
+        return replace(self, priors={**self.priors, **freed}, freed=(*self.freed, active))
+
+    def grown(
+        self, theta: Float[np.ndarray, " p"], active: Active, values: Sequence[float]
+    ) -> tuple[Model, Float[np.ndarray, " n"]]:
+        """The model with one effect more, and theta with its values."""
+        model = self.having(active)
+        if len(model.actives) == len(self.actives):
+            return model, theta
+        added = np.asarray(values, dtype=float)
+        logs = np.array([_positive(symbol) for symbol in active.effect.symbols])
+        added = np.where(logs, np.log(np.where(logs, added, 1.0)), added)
+        return model, np.clip(np.concatenate([theta, added]), *model.bounds)
+
+    def shrunk(
+        self, theta: Float[np.ndarray, " p"], active: Active, prior: float
+    ) -> tuple[Model, Float[np.ndarray, " n"]]:
+        """The model without one of its effects, and theta; `prior` is that of a parameter."""
+        if active in self.freed:
+            held = {self.plant.parameter_of(active): prior}
+            rest = tuple(other for other in self.freed if other != active)
+            return replace(self, priors={**self.priors, **held}, freed=rest), theta
+        span = self.spans()[self.actives.index(active)]
+        rest = tuple(other for other in self.actives if other != active)
+        return replace(self, actives=rest), np.delete(theta, np.arange(span.start, span.stop))
+
+    def told(
+        self, theta: Float[np.ndarray, "S p"]
+    ) -> list[tuple[Active, Float[np.ndarray, "S symbols"]]]:
+        """Values of all its effects, of S vectors."""
+        parameters, values = self.decode(theta)
+        names = [parameter.name for parameter in self.plant.parameters]
+        freed = []
+        for active in self.freed:
+            column = names.index(self.plant.parameter_of(active))
+            nominal = self.plant.nominal[column]
+            found = parameters[:, column : column + 1]
+            relative = active.effect.neutral[0] == 1.0  # a gain is told relative to the nominal one
+            freed.append((active, found / nominal if relative else found - nominal))
+        return freed + list(zip(self.actives, values, strict=True))
 
     @property
     def nuisances(self) -> int:
@@ -75,12 +127,6 @@ class Model:
         precision = np.zeros(len(self.logarithmic))
         precision[: self.nuisances] = [std**-2 for std in self.priors.values()]
         return precision
-
-    def encode(self, effects: Sequence[Sequence[float]]) -> Float[np.ndarray, " n"]:
-        """theta of values of the effects, the plant's parameters nominal."""
-        theta = np.concatenate([np.zeros(self.nuisances), *map(np.asarray, effects)])
-        theta[self.logarithmic] = np.log(theta[self.logarithmic])
-        return np.clip(theta, *self.bounds)
 
     def decode(
         self, theta: Float[np.ndarray, "S n"]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from scipy import stats
 
 from mcpilco.gap.fit import Fit, fit, linearise, remembered, settle
 from mcpilco.gap.model import Model
@@ -39,8 +39,8 @@ class Found:
     """of the smallest BIC that its gains justify"""
     null: Fit
     """of no effect"""
-    others: tuple[Fit, ...]
-    """all other fits, best first"""
+    ranked: tuple[tuple[Fit, float], ...]
+    """all fits with their BIC, the best first"""
     scores: tuple[Score, ...]
     """of the effects that the best does not have"""
 
@@ -66,50 +66,54 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         grown: list[Fit] = []
         for number, known in enumerate(beam):
             lin = linearise(known.model, windows, known.theta, known.starts)
-            new = [c for c in candidates if c not in known.model.actives]
+            new = [c for c in candidates if c not in known.model.named]
             listed = screen(known, lin, windows, new)
             if number == 0:
                 scores = listed
             limit = SHORTLIST[min(level, 1)]
             for score in listed[:limit]:
-                key = frozenset({*known.model.actives, score.active})
+                key = frozenset({*known.model.named, score.active})
                 if score.gain > PROMISING and key not in seen:
                     seen[key] = _grow(known, score, windows)
                     grown.append(seen[key])
         if not grown:
             break
         grown = sorted(grown, key=lambda found: bic(found, windows, best))
-        needed = max(ENOUGH, FRACTION * (null.chi2 - null.by_window.size))
+        needed = max(ENOUGH, FRACTION * (null.chi2 - float(windows.measured.sum())))
         gain = bic(best, windows, best) - bic(grown[0], windows, best)
         if gain < needed:
             break
-        best = _without_superfluous(grown[0], windows, seen)
+        leaner = _without_superfluous(grown[0], windows, seen, model.priors, needed)
+        if leaner is best or set(leaner.model.named) == set(best.model.named):
+            best = leaner
+            break
+        best = leaner
         beam = [best, *(f for f in grown[1:BEAM])]
-    others = sorted(
-        (f for f in seen.values() if f is not best), key=lambda found: bic(found, windows, best)
-    )
-    return Found(best, null, tuple(others), tuple(scores))
+    order = {id(f): bic(f, windows, best) for f in seen.values()}
+    rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
+    ranked = tuple((f, order[id(f)]) for f in (best, *rest))
+    return Found(best, null, ranked, tuple(scores))
 
 
 def _grow(known: Fit, score: Score, windows: Windows) -> Fit:
     """The fit of a model with one effect more, from where the score would begin."""
-    model = known.model.having(score.active)
-    added = model.encode([*known.effects, score.start])
-    theta = np.concatenate([known.theta, added[len(known.theta) :]])
+    model, theta = known.model.grown(known.theta, score.active, score.start)
     return fit(model, windows, theta, known.starts, iterations=12)
 
 
-def _without_superfluous(best: Fit, windows: Windows, seen: dict) -> Fit:
+def _without_superfluous(
+    best: Fit, windows: Windows, seen: dict[frozenset[Active], Fit], priors: Mapping[str, float],
+    needed: float,
+) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
-    for number in range(len(best.model.actives) - 1):
-        model = best.model.without(number)
-        key = frozenset(model.actives)
-        span = best.model.spans()[number]
-        theta = np.delete(best.theta, np.arange(span.start, span.stop))
+    for active in best.model.named if len(best.model.named) > 1 else ():
+        parameter = best.model.plant.parameter_of(active)
+        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter, np.inf))
+        key = frozenset(model.named)
         smaller = fit(model, windows, theta, best.starts, iterations=12)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
-        if bic(seen[key], windows, best) - bic(best, windows, best) < ENOUGH:
+        if bic(seen[key], windows, best) - bic(best, windows, best) < needed:
             return seen[key]
     return best
 
@@ -123,17 +127,110 @@ def bic(found: Fit, windows: Windows, reference: Fit) -> float:
     typical = float(np.median(reference.by_window / np.maximum(samples, 1)))
     misfit = np.minimum(found.by_window, CAP * max(1.0, typical) * samples).sum()
     prior = float((found.model.precision * found.theta**2).sum())
-    parameters = len(found.theta) - found.model.nuisances
+    parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
     return float(misfit) + prior + parameters * math.log(samples.sum())
 
 
-def whiteness(found: Fit, residuals: Float[np.ndarray, "W X T"], lags: int = 8) -> float:
-    """Mean over lags of N rho^2, pooled over windows and channels: about 1 for white residuals."""
-    r = residuals - 0.0
-    size = np.einsum("wxt,wxt->", r, r)
-    count = np.count_nonzero(r)
-    total = 0.0
-    for lag in range(1, lags + 1):
-        rho = np.einsum("wxt,wxt->", r[:, :, lag:], r[:, :, :-lag]) / size
-        total += count * rho**2
-    return total / lags
+# What is told -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter of a named effect."""
+
+    value: float
+    """best one"""
+    low: float
+    """lower end of the 95 % interval"""
+    high: float
+    """upper end"""
+    unit: str
+    """of all three"""
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that is missing in the plant."""
+
+    name: str
+    """of the effect"""
+    target: str
+    """where it acts"""
+    parameters: dict[str, Estimate]
+    """by symbol"""
+    probability: float
+    """that it belongs to the set of missing effects [-]"""
+    family: tuple[str, ...]
+    """effects, itself first, that these recordings cannot tell from it"""
+
+
+TIED = 20.0
+"""difference in BIC below which sets of effects cannot be told apart"""
+
+
+def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
+    """The effects of the best model with their intervals, probabilities and families.
+
+    Args:
+        found: the search.
+        best: its best model, fitted to all windows.
+        windows: these.
+    """
+    layout = best.model.plant.layout
+    ours = set(best.model.named)
+    rivals = [(set(f.model.named), b) for f, b in found.ranked if set(f.model.named) != ours]
+    own = found.ranked[0][1]
+    low, high = (best.model.told(end[None]) for end in intervals(best, windows))
+    named = []
+    for (active, values), (_, lows), (_, highs) in zip(
+        best.model.told(best.theta[None]), low, high, strict=True
+    ):
+        units = active.effect.units(layout, active.target)
+        estimates = {
+            symbol.name: Estimate(*(float(x) for x in ends), unit)
+            for symbol, *ends, unit in zip(
+                active.effect.symbols, values[0], lows[0], highs[0], units, strict=True
+            )
+            if symbol.told
+        }
+        instead = [
+            (next(iter(theirs - ours)), b)
+            for theirs, b in rivals
+            if active not in theirs and len(theirs - ours) == 1 and len(theirs) == len(ours)
+        ]
+        against = sum(math.exp(-0.5 * min(max(b - own, 0.0), 700.0)) for _, b in instead)
+        family = [active.effect.name]
+        family += [other.effect.name for other, b in instead if b - own < TIED]
+        named.append(
+            Named(
+                active.effect.name,
+                active.target,
+                estimates,
+                1.0 / (1.0 + against),
+                tuple(dict.fromkeys(family)),
+            )
+        )
+    return tuple(named)
+
+
+def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the 95 % intervals of theta; windows, not samples, count as independent.
+
+    Reference: White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982),
+        with windows as clusters.
+    """
+    model = best.model
+    lin = linearise(model, windows, best.theta, best.starts)
+    P = lin.cleaned(lin.Jp)
+    H = np.einsum("wni,wnj->ij", P, P) + np.diag(model.precision)
+    g = np.einsum("wni,wn->wi", P, lin.r)
+    dead = np.diag(H) <= 0.0
+    H[dead, dead] = 1.0
+    inverse = np.linalg.pinv(H)
+    spread = g.T @ g * len(windows) / max(len(windows) - 1, 1) + np.diag(model.precision)
+    std = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
+    factor = float(stats.t.ppf(0.975, max(len(windows) - 1, 1)))
+    low, high = model.bounds
+    ends = np.stack([best.theta - factor * std, best.theta + factor * std])
+    ends = np.clip(ends, low, high)
+    return ends[0], ends[1]

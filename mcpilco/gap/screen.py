@@ -14,6 +14,9 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
 
+MANY, THINNED = 10, 3
+"""effects with more probes than this are scored on every third window"""
+
 
 @dataclass(frozen=True)
 class Score:
@@ -42,45 +45,88 @@ def screen(
         candidates: effects that the model does not have.
         per_effect: how many probes of each may be scored.
     """
-    by_window = np.einsum("wn,wn->w", lin.r, lin.r)
-    weight = weights(by_window, windows)
-    precision = misfit(windows, by_window, weight) * fit.model.precision
-    P = lin.cleaned(lin.Jp)
-    WP = weight[:, None, None] * P
-    H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision + 1e-9)
-    g = np.einsum("wni,wn->i", WP, lin.r) - precision * fit.theta
+    whole = _Projection.of(fit, lin, windows)
+    thinned = whole
+    if len(windows) > MANY:
+        some = np.arange(0, len(windows), THINNED)
+        thinned = _Projection.of(fit.at(some), lin[some], windows[some])
     found: list[Score] = []
     for active in candidates:
-        probes = active.effect.probes(fit.model.scales[active.target])
-        if not probes:
+        parameter = fit.model.frees(active)
+        if parameter is not None:
+            found.append(Score(active, whole.gain_of_freeing(parameter), active.effect.neutral))
             continue
+        probes = active.effect.probes(fit.model.scales[active.target])
+        view = thinned if len(probes) > MANY else whole
         own = []
-        for probe, columns in zip(probes, signatures(fit, windows, active, probes), strict=True):
-            Q = lin.cleaned(columns)
-            HPQ = np.einsum("wni,wnj->ij", WP, Q)
-            WQ = weight[:, None, None] * Q
-            S = np.einsum("wni,wnj->ij", WQ, Q) - HPQ.T @ np.linalg.solve(H, HPQ)
-            b = np.einsum("wni,wn->i", WQ, lin.r) - HPQ.T @ np.linalg.solve(H, g)
-            mix, gain = _best_mix(S, b, one_sided=_one_sided(active, probe))
+        for probe, columns in zip(probes, signatures(view, active, probes), strict=True):
+            mix, gain = _best_mix(*view.normal_equations(columns), _one_sided(active, probe))
+            gain *= len(windows) / len(view.windows)
             own.append(Score(active, gain, _values(active, probe, mix)))
         found += sorted(own, key=lambda score: -score.gain)[:per_effect]
     return sorted(found, key=lambda score: -score.gain)
 
 
+@dataclass(frozen=True)
+class _Projection:
+    """A fit, and what is needed to project signatures off its own columns."""
+
+    fit: Fit
+    lin: Linear
+    windows: Windows
+    weight: Float[np.ndarray, " W"]
+    P: Float[np.ndarray, "W n p"]
+    """columns of theta that no start state can have made"""
+    H: Float[np.ndarray, "p p"]
+    g: Float[np.ndarray, " p"]
+    precision: Float[np.ndarray, " p"]
+    """of the prior, tempered"""
+
+    def gain_of_freeing(self, number: int) -> float:
+        """By how much chi^2 would fall without the prior of one parameter."""
+        H, g, held = self.H.copy(), self.g.copy(), self.precision[number]
+        H[number, number] -= held
+        g[number] += held * self.fit.theta[number]
+        before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)
+        return float(g @ np.linalg.solve(H, g) - before + 2.0 * held * self.fit.theta[number] ** 2)
+
+    @classmethod
+    def of(cls, fit: Fit, lin: Linear, windows: Windows) -> _Projection:
+        by_window = np.einsum("wn,wn->w", lin.r, lin.r)
+        weight = weights(by_window, windows)
+        precision = misfit(windows, by_window, weight) * fit.model.precision
+        precision += 1e-9  # of what is free and unfelt
+        P = lin.cleaned(lin.Jp)
+        WP = weight[:, None, None] * P
+        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
+        g = np.einsum("wni,wn->i", WP, lin.r) - precision * fit.theta
+        return cls(fit, lin, windows, weight, P, H, g, precision)
+
+    def normal_equations(
+        self, columns: Float[np.ndarray, "W n k"]
+    ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
+        """S and b of the best mix of signatures, everything else free to give way."""
+        Q = self.lin.cleaned(columns)
+        WQ = self.weight[:, None, None] * Q
+        HPQ = np.einsum("wni,wnj->ij", WQ, self.P).T
+        S = np.einsum("wni,wnj->ij", WQ, Q) - HPQ.T @ np.linalg.solve(self.H, HPQ)
+        b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ np.linalg.solve(self.H, self.g)
+        return S, b
+
+
 def signatures(
-    fit: Fit, windows: Windows, active: Active, probes: Sequence[Probe]
+    view: _Projection, active: Active, probes: Sequence[Probe]
 ) -> list[Float[np.ndarray, "W n k"]]:
     """How the simulation changes with an effect of each size of each probe, in noise std."""
+    if not probes:
+        return []
+    fit, windows = view.fit, view.windows
     model = fit.model.having(active)
     sizes = np.concatenate([probe.values for probe in probes])
-    known = fit.effects
-    thetas = np.stack([model.encode([*known, size]) for size in sizes])
-    thetas[:, : model.nuisances] = fit.theta[: model.nuisances]
+    thetas = np.stack([fit.model.grown(fit.theta, active, size)[1] for size in sizes])
     starts = np.tile(fit.starts, (len(thetas), 1, 1))
     y = run(model, windows, thetas, starts)
-    y0 = run(fit.model, windows, fit.theta[None], fit.starts[None])[0]
-    with np.errstate(invalid="ignore"):
-        change = residual(windows, y0) - residual(windows, y)
+    change = view.lin.r - residual(windows, y)
     change[~np.isfinite(change) | (np.abs(change) > 500.0)] = 0.0
     ends = np.cumsum([len(probe.values) for probe in probes])
     return [part.transpose(1, 2, 0) for part in np.split(change, ends[:-1])]

@@ -6,18 +6,26 @@ pole has not yet forgotten where it started.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
 
 SECONDS = 1.06
 """length of a window [s]"""
 PAST_S = 0.4
-"""before a window, for what actuators remember [s]"""
+"""at least before the first window, for what actuators remember [s]"""
+MEMORY_S = 3.0
+"""before a window where a recording has it: play remembers its last turn [s]"""
+LATENCY_S = 0.06
+"""at the start of a window that is not compared: a sensor that lags sees what was before [s]"""
+LEAST_MEASURED = 0.8
+"""part of the positions that a window must have"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +52,7 @@ class Windows:
     def __len__(self) -> int:
         return len(self.y)
 
-    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"]) -> Windows:
+    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice) -> Windows:
         """Some of the windows."""
         return Windows(
             self.y[chosen],
@@ -64,47 +72,58 @@ class Windows:
 
 
 def cut(
-    states: Sequence[Float[np.ndarray, "T_i X"]],
-    inputs: Sequence[Float[np.ndarray, "T_i U"]],
-    dt: float,
+    recordings: Sequence[Recording],
     std: Float[np.ndarray, " X"],
     seconds: float = SECONDS,
+    every: float | None = None,
 ) -> Windows:
-    """Windows side by side, of recordings with one sampling time.
+    """Windows of recordings with one sampling time.
 
     Args:
-        states: measured, NaN where there is no measurement.
-        inputs: commands.
-        dt: sampling time [s].
-        std: noise of each state's measurement.
+        recordings: of one plant.
+        std: noise of each state's measurement, in its unit.
         seconds: length of a window [s].
+        every: from the start of one to that of the next [s]; None: they lie side by side.
 
     Raises:
-        InputError: the recordings are too short for one window.
+        InputError: the recordings differ in their sampling time, or are too short for one window.
     """
-    length, lead = round(seconds / dt), round(PAST_S / dt)
+    dts = {round(recording.dt, 9) for recording in recordings}
+    if len(dts) != 1:
+        raise InputError(
+            f"the recordings must have one sampling time, got {sorted(dts)} s; read them with dt."
+        )
+    dt = recordings[0].dt
+    length, past = max(8, round(seconds / dt)), max(1, round(PAST_S / dt))
+    lead, stride = round(MEMORY_S / dt), length if every is None else max(1, round(every / dt))
     parts = [
-        (number, first)
-        for number, recording in enumerate(states)
-        for first in range(lead, len(recording) - length + 1, length)
-        if np.isfinite(recording[first : first + length, 0::2]).mean() > 0.8
-        and np.isfinite(inputs[number][first - lead : first + length]).all()
+        (number, part.start, first)
+        for number, recording in enumerate(recordings)
+        for part in recording.segments()
+        for first in range(part.start + past, part.stop - length + 1, stride)
+        if np.isfinite(recording.states[first : first + length, 0::2]).mean() > LEAST_MEASURED
     ]
     if not parts:
         raise InputError(
             f"the recordings must hold at least {seconds + PAST_S:.2f} s without a gap, "
-            f"got {max(map(len, states)) * dt:.2f} s at most; record longer."
+            f"got {max(len(r) * dt for r in recordings):.2f} s; record longer."
         )
-    y = np.stack([states[n][first : first + length].T for n, first in parts])
+    y = np.stack([recordings[n].states[first : first + length].T for n, _, first in parts])
+    guess = np.stack([_start(window, dt, std) for window in y])
+    y[:, :, : math.ceil(LATENCY_S / dt)] = np.nan
+    commands = [
+        recordings[n].inputs[np.maximum(np.arange(first - lead, first + length), begin)]
+        for n, begin, first in parts
+    ]
     return Windows(
         y=y,
-        commands=np.stack([inputs[n][first - lead : first + length] for n, first in parts]),
+        commands=np.stack(commands),
         lead=lead,
         dt=dt,
         std=std,
-        guess=np.stack([_start(window, dt, std) for window in y]),
-        recording=np.array([n for n, _ in parts]),
-        start_s=np.array([first * dt for _, first in parts]),
+        guess=guess,
+        recording=np.array([n for n, _, _ in parts]),
+        start_s=np.array([first * dt for _, _, first in parts]),
     )
 
 

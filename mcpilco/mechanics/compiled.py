@@ -28,6 +28,8 @@ INNER = {
     "no_cfunc_wrapper": True,
 }
 """for functions that compiled functions call: no allocation, no entrance for Python"""
+INLINED = {**INNER, "forceinline": True}
+"""for those that are called most: a call hands all arrays over one by one, which takes longer"""
 
 
 class Scratch(NamedTuple):
@@ -251,7 +253,7 @@ def linearise(chains, s, q, dq, w):
     mass_matrix(chains, s, w)
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def factorise(w):
     """Puts the Cholesky factor of M in its place."""
     for j in range(len(w.m)):  # M = L L^T
@@ -262,7 +264,7 @@ def factorise(w):
             w.M[j, k] = math.sqrt(total) if j == k else total / w.M[k, k]
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def solve(w, x):
     """Replaces x by M^-1 x, after `factorise`."""
     J = len(x)

@@ -7,8 +7,9 @@ from jaxtyping import Float
 from numba import njit
 
 from mcpilco.mechanics import compiled
-from mcpilco.mechanics.planar import linearise_in_plane
 from mcpilco.mechanics.chain import Chain, Chains, stack
+from mcpilco.mechanics.planar import linearise_in_plane
+from mcpilco.sources import digest
 
 
 def accelerations(
@@ -40,24 +41,33 @@ def generalised_forces(
     return _generalised_forces(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
 
 
-@njit(cache=True, error_model="numpy")
-def _accelerations(chains: Chains, w, q, dq, tau):
-    ddq = tau.copy()
-    for n in range(len(q)):
-        if chains.planar[0]:
-            linearise_in_plane(chains, 0, q[n], dq[n], w)
-        else:
-            compiled.linearise(chains, 0, q[n], dq[n], w)
-        compiled.factorise(w)
-        ddq[n] -= w.bias
-        compiled.solve(w, ddq[n])
-    return ddq
+def _compiled(source: str):
+    """Both loops, compiled anew when the digest of the source code changes."""
+
+    @njit(cache=True, error_model="numpy")
+    def forward(chains: Chains, w, q, dq, tau):
+        source  # noqa: B018  closed over
+        ddq = tau.copy()
+        for n in range(len(q)):
+            if chains.planar[0]:
+                linearise_in_plane(chains, 0, q[n], dq[n], w)
+            else:
+                compiled.linearise(chains, 0, q[n], dq[n], w)
+            compiled.factorise(w)
+            ddq[n] -= w.bias
+            compiled.solve(w, ddq[n])
+        return ddq
+
+    @njit(cache=True, error_model="numpy")
+    def inverse(chains: Chains, w, q, dq, ddq):
+        source  # noqa: B018  closed over
+        tau = np.empty_like(q)
+        for n in range(len(q)):
+            compiled.place(chains, 0, q[n], w)
+            compiled.forces(chains, 0, dq[n], ddq[n], w, tau[n])
+        return tau
+
+    return forward, inverse
 
 
-@njit(cache=True, error_model="numpy")
-def _generalised_forces(chains: Chains, w, q, dq, ddq):
-    tau = np.empty_like(q)
-    for n in range(len(q)):
-        compiled.place(chains, 0, q[n], w)
-        compiled.forces(chains, 0, dq[n], ddq[n], w, tau[n])
-    return tau
+_accelerations, _generalised_forces = _compiled(digest("mechanics"))

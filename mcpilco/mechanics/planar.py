@@ -11,12 +11,12 @@ import math
 
 from numba import njit
 
-from mcpilco.mechanics.compiled import INNER
+from mcpilco.mechanics.compiled import INLINED
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def place_in_plane(chains, s, q, w):
-    """Where the bodies are: R[j] holds sine and cosine of the angle about y; o, S, m, h and I[j, 1]."""
+    """Where the bodies are: o, S, m, h, I[j, 1]; R holds cosine and sine of their angle about y."""
     for j in range(len(q)):
         p = chains.parent[j]
         ox, oz = chains.origin[s, j, 0], chains.origin[s, j, 2]
@@ -44,14 +44,14 @@ def place_in_plane(chains, s, q, w):
         w.I[j, 1] = chains.inertia[s, j, 1, 1] + m * (cx * cx + cz * cz)
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def momentum_in_plane(w, j, x, vx, vz):
     """Moment and force of the inertia of body j under a motion."""
     m, hx, hz = w.m[j], w.h[j, 0], w.h[j, 2]
     return w.I[j, 1] * x + hz * vx - hx * vz, m * vx + x * hz, m * vz - x * hx
 
 
-@njit(**INNER)
+@njit(**INLINED)
 def linearise_in_plane(chains, s, q, dq, w):
     """M(q) and bias(q, dq) of M q'' + bias = tau."""
     J = len(q)

@@ -6,13 +6,25 @@ import math
 
 from numba import njit
 
-from mcpilco.mechanics.compiled import INNER
+from mcpilco.mechanics.compiled import INLINED
 
 VISCOUS, COULOMB, STRIBECK, QUADRATIC, ASYMMETRIC, SPRING, HARDENING, CONSTANT, RIPPLE = range(9)
-"""what the effects of `mcpilco.effects.joint` are here; their docstrings give the parameters a to d"""
+"""the effects of `mcpilco.effects.joint`; their symbols, in order, are the constants a to d"""
 
 
-@njit(**INNER)
+@njit(**INLINED)
+def turn_over(law, a, b, c, d):
+    """Velocity over which a law's dry friction turns over [m/s or rad/s]; 0 if there is none."""
+    if law == COULOMB and a != 0.0:
+        return b
+    if law == STRIBECK and (a != 0.0 or b != 0.0):
+        return d
+    if law == ASYMMETRIC and (a != 0.0 or b != 0.0):
+        return c
+    return 0.0
+
+
+@njit(**INLINED)
 def joint_force(law, q, v, a, b, c, d):
     """Force of a law on its joint [N or N m], at position q and velocity v."""
     if law == VISCOUS:

@@ -9,11 +9,11 @@ from jaxtyping import Float, Int
 
 from mcpilco.mechanics import Chains
 
-GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY = range(6)
-"""columns of `Tables.actuators`: [-], [input], [input], [s], [s], [input]"""
+GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE = range(7)
+"""columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command]"""
 OFFSET, SCALE, LATENCY = range(3)
 """columns of `Tables.sensors`: [state], [-], [s]"""
-IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0)
+IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf)
 IDEAL_SENSOR = (0.0, 1.0, 0.0)
 
 
@@ -30,7 +30,7 @@ class Tables(NamedTuple):
     """the constants a, b, c, d of each"""
     drives: Int[np.ndarray, " U"]
     """the joint that each input drives"""
-    actuators: Float[np.ndarray, "S U 6"]
-    """from command to force, see `GAIN` to `PLAY`"""
+    actuators: Float[np.ndarray, "S U 7"]
+    """from command to force, see `GAIN` to `RANGE`"""
     sensors: Float[np.ndarray, "S X 3"]
     """from state to measurement, see `OFFSET` to `LATENCY`"""

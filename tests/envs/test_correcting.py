@@ -241,7 +241,7 @@ def test_file_and_its_content_correct_alike(tmp_path, system):
             Correction(
                 "mcpilco/CartPoleSwingUp-v0", {}, (Addition("spring", "wheel", {"k": 1.0}),)
             ),
-            "spring cannot act on 'wheel'",
+            "spring cannot act at 'wheel'",
         ),
     ],
 )

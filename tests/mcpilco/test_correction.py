@@ -128,7 +128,7 @@ def test_missing_file_is_named(tmp_path):
         (Correction(CART_POLE, {"cart_mass": -1.0}, ()), "cart_mass must be finite and at least"),
         (
             Correction(CART_POLE, {}, (Addition("spring", "elbow", {"k": 1.0}),)),
-            "spring cannot act on 'elbow' .*; it can act on cart, pole",
+            "spring cannot act at 'elbow' .*; its targets are cart, pole",
         ),
     ],
 )

@@ -1,0 +1,144 @@
+"""`mcpilco gap`: where a simulation and recordings disagree, and which effect is missing."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import use_one_thread
+from mcpilco.config import CART_POLE
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.plant import Plant
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Find where a plant and recordings disagree, name the missing effect, add it."""
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for gap.json and corrected.json"""
+    plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
+    """id of an env, or an MJCF file"""
+    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
+    """what the files call time, states and inputs, where it differs; also separated by commas"""
+    set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")] = ()
+    """other values of nominal parameters"""
+    uncertainty: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STD|NAME=STD...")] = ("0.01",)
+    """prior std of masses, lengths, friction and gains, relative to their values; 0 trusts them"""
+    free: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...|all")] = ()
+    """parameters of which nothing is known beforehand"""
+    noise: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STATE=STD...")] = ()
+    """noise of a state's measurement in its unit; by default it is estimated"""
+    dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
+    """sampling time to which all are brought [s]"""
+
+    def __call__(self) -> int:
+        """Investigate, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.gap.investigate import investigate
+        from mcpilco.gap.report import summary, write_json
+
+        plant = self._plant()
+        recordings = self._read(plant)
+        uncertainty = self._uncertainty()
+        gap = investigate(
+            plant,
+            recordings,
+            uncertainty=uncertainty,
+            free=tuple(name for entry in self.free for name in entry.split(",")),
+            noise=numbers("--noise", self.noise),
+        )
+        self.out.mkdir(parents=True, exist_ok=True)
+        write_json(gap, self.out / "gap.json")
+        for line in summary(gap):
+            print(line)
+        print(f"Written: {self.out / 'gap.json'}")
+        return 0
+
+    def _plant(self) -> Plant:
+        if Path(self.plant).suffix == ".xml":
+            from mcpilco.mjcf import plant_of
+
+            plant = plant_of(self.plant)
+        else:
+            from envs.plants import PLANTS
+
+            if self.plant not in PLANTS:
+                raise InputError(
+                    f"--plant must be one of {', '.join(PLANTS)} or an MJCF file, "
+                    f"got {self.plant!r}."
+                )
+            plant = PLANTS[self.plant]()
+        return plant.where(**numbers("--set", self.set))
+
+    def _read(self, plant: Plant) -> list:
+        from mcpilco.recordings import read_recordings
+
+        layout = plant.layout
+        columns = dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns))
+        names = {
+            "angles": plant.angles,
+            "velocities": tuple((k, k + 1) for k in range(0, len(layout.states), 2)),
+            "columns": columns,
+        }
+        good, bad = read_recordings(
+            self.recordings, layout.states, layout.inputs, dt=self.dt, **names
+        )
+        for error in bad:
+            print(f"left out: {error}", file=sys.stderr)
+        if not good:
+            raise InputError("none of the recordings can be read; mend one of the faults above.")
+        if len({round(recording.dt, 9) for recording in good}) > 1:
+            dt = self.dt or good[0].dt
+            good, _ = read_recordings(
+                [p for p in self.recordings if p.stem in {r.name for r in good}],
+                layout.states,
+                layout.inputs,
+                dt=dt,
+                **names,
+            )
+        for recording in good:
+            for remark in recording.remarks:
+                print(f"{recording.name}: {remark}", file=sys.stderr)
+        return good
+
+    def _uncertainty(self) -> float | dict[str, float]:
+        plain = [entry for entry in self.uncertainty if "=" not in entry]
+        named = numbers("--uncertainty", [e for e in self.uncertainty if "=" in e])
+        if named:
+            return named
+        return _number("--uncertainty", plain[-1])
+
+
+def numbers(option: str, entries: tuple[str, ...] | list[str]) -> dict[str, float]:
+    """NAME=VALUE entries of an option, also separated by commas."""
+    pairs = (pair.split("=", 1) for pair in _pairs(option, entries))
+    return {name: _number(f"{option} {name}", value) for name, value in pairs}
+
+
+def _pairs(option: str, entries: tuple[str, ...] | list[str]) -> list[str]:
+    pairs = [pair for entry in entries for pair in entry.split(",") if pair]
+    for pair in pairs:
+        if "=" not in pair:
+            raise InputError(f"{option} must be NAME=VALUE, got {pair!r}.")
+    return pairs
+
+
+def _number(what: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{what} must be a number, got {text!r}.") from None

@@ -1,0 +1,51 @@
+"""Events: spans of a recording that no model explains, such as a push by hand or a contact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.windows import Windows
+from mcpilco.recordings import Recording
+
+FAR, RARE = 25.0, 0.35
+"""times the median misfit; part of the windows that may be events"""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A span of a recording that was left out."""
+
+    recording: str
+    """its name"""
+    start_s: float
+    """from its beginning [s]"""
+    end_s: float
+    """from its beginning [s]"""
+
+
+def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
+    """Windows that fit far worse than most: they hold an event, unless they are many."""
+    samples = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    typical = found.by_window / samples
+    far = typical > FAR * max(1.0, float(np.median(typical)))
+    return far if far.mean() <= RARE else np.zeros_like(far)
+
+
+def events(
+    windows: Windows, far: Bool[np.ndarray, " W"], recordings: Sequence[Recording]
+) -> tuple[Event, ...]:
+    """The spans of some windows; those that touch are one."""
+    length = windows.y.shape[2] * windows.dt
+    spans: list[Event] = []
+    for n, start in zip(windows.recording[far], windows.start_s[far], strict=True):
+        name, end = recordings[n].name, float(start + length)
+        if spans and spans[-1].recording == name and start - spans[-1].end_s < 1.5 * windows.dt:
+            spans[-1] = Event(name, spans[-1].start_s, end)
+        else:
+            spans.append(Event(name, float(start), end))
+    return tuple(spans)

@@ -1,0 +1,237 @@
+"""The whole workflow: recordings and a plant go in, what is missing and the corrected plant come out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.gap.events import Event, events, outlying
+from mcpilco.gap.fit import Fit, fit, remembered, settle
+from mcpilco.gap.model import Model, scales
+from mcpilco.gap.name import Found, Named, search, weigh
+from mcpilco.gap.show import Comparison, compare
+from mcpilco.gap.where import Disagreement, locate, structure
+from mcpilco.gap.windows import Windows, cut
+from mcpilco.plant import Active, Plant
+from mcpilco.recordings import Recording, noise_std
+from mcpilco.typing import InputError
+
+UNCERTAINTY = 0.01
+"""prior std of masses, lengths, base friction and gains, relative to the nominal values"""
+HELD_OUT = 3
+"""every third recording is held out"""
+STRUCTURED = 50.0
+"""whiteness of residuals beyond which something is still missing"""
+FEWEST = 6
+"""windows without which nothing is named"""
+EVERY_S = 0.3
+"""between the starts of two held-out windows [s]"""
+SEARCHED = 28
+"""windows that a search looks at; the rest joins for the last fit"""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What was found."""
+
+    plant: Plant
+    """nominal"""
+    verdict: str
+    """named, none, unknown or too_poor"""
+    named: tuple[Named, ...]
+    """effects that are missing"""
+    corrected: Plant
+    """the plant with them, its uncertain parameters as the data have them"""
+    where: tuple[Disagreement, ...]
+    """where the nominal plant disagrees with the recordings"""
+    comparison: Comparison | None
+    """errors on held-out recordings; None where the data are too poor"""
+    events: tuple[Event, ...]
+    """spans that no model explains: a push, a contact"""
+    experiments: tuple[str, ...]
+    """recordings that would settle what these cannot"""
+    train: tuple[str, ...]
+    """names of the recordings that were fitted"""
+    held_out: tuple[str, ...]
+    """names of the recordings on which the models are compared"""
+    found: Found | None = None
+    """the search"""
+
+
+def investigate(
+    plant: Plant,
+    recordings: Sequence[Recording],
+    *,
+    uncertainty: float | Mapping[str, float] = UNCERTAINTY,
+    free: Sequence[str] = (),
+    noise: Mapping[str, float] | None = None,
+) -> Gap:
+    """Finds where a plant and recordings disagree, names the missing effects and adds them.
+
+    Args:
+        plant: nominal.
+        recordings: of one sampling time, in the plant's states and inputs.
+        uncertainty: prior std of the uncertain parameters relative to their values, one for all or
+            by name.
+        free: parameters of which nothing is known beforehand, by name.
+        noise: std of the measurement noise of some states [their unit]; the others' is estimated.
+
+    Raises:
+        InputError: the recordings do not fit the plant or one another.
+    """
+    _check(plant, recordings)
+    std = _noise(plant, recordings, noise or {})
+    train, held_out = _split(recordings)
+    everything = cut(recordings, std)
+    spans: tuple[Event, ...] = ()
+    model = Model(plant, (), _priors(plant, uncertainty, free), scales(plant, everything))
+    windows = everything[np.isin(everything.recording, train)]
+    names = [tuple(recordings[n].name for n in part) for part in (train, held_out)]
+    if len(everything) < FEWEST:
+        return _too_poor(plant, everything, names)
+
+    candidates = _candidates(plant, windows)
+    found = search(model, _some(windows), candidates)
+    best, kept = _finish(found.best, windows)
+    far = outlying(best, kept)
+    if far.any():  # what they hold must not be explained by effects
+        windows, masked = windows[~far], windows[far]
+        found = search(model, _some(windows), candidates)
+        best, kept = _finish(found.best, windows)
+        spans = events(masked, np.ones(len(masked), bool), recordings)
+    windows = kept
+    null = _refit(found.null, windows)
+    left = structure(best, windows)
+    named = weigh(found, best, windows)
+    verdict = "named" if named else "none"
+    if left.whiteness > STRUCTURED:
+        verdict = "unknown"
+    corrected = _corrected(best)
+    return Gap(
+        plant=plant,
+        verdict=verdict,
+        named=named,
+        corrected=corrected,
+        where=locate(best if verdict == "unknown" else null, windows),
+        comparison=compare(model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
+        events=spans,
+        experiments=(),
+        train=names[0],
+        held_out=names[1],
+        found=found,
+    )
+
+
+def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise InputError("investigate needs at least one recording, got none.")
+    for recording in recordings:
+        theirs = recording.state_names, recording.input_names
+        ours = plant.layout.states, plant.layout.inputs
+        if theirs != ours:
+            raise InputError(
+                f"the recording {recording.name!r} must have the states and inputs of {plant.name}, "
+                f"{', '.join(ours[0] + ours[1])}, got {', '.join(theirs[0] + theirs[1])}; read it "
+                "with the plant's names."
+            )
+
+
+def _noise(
+    plant: Plant, recordings: Sequence[Recording], known: Mapping[str, float]
+) -> Float[np.ndarray, " X"]:
+    """Noise std of each state: what is known, else the median over the recordings."""
+    found = np.stack([noise_std(recording) for recording in recordings])
+    measured = np.stack([recording.measured for recording in recordings])
+    std = np.ones(found.shape[1])
+    for x, name in enumerate(plant.layout.states):
+        if name in known:
+            std[x] = known[name]
+        elif measured[:, x].any():
+            std[x] = max(float(np.median(found[measured[:, x], x])), 1e-9)
+    return std
+
+
+def _split(recordings: Sequence[Recording]) -> tuple[list[int], list[int]]:
+    """Numbers of the recordings to fit, and of those that are held out."""
+    numbers = list(range(len(recordings)))
+    if len(numbers) < HELD_OUT:
+        return numbers, numbers
+    held_out = numbers[HELD_OUT - 1 :: HELD_OUT]
+    return [n for n in numbers if n not in held_out], held_out
+
+
+def _priors(
+    plant: Plant, uncertainty: float | Mapping[str, float], free: Sequence[str]
+) -> dict[str, float]:
+    """Relative prior std of each uncertain parameter; inf frees it."""
+    names = [parameter.name for parameter in plant.parameters]
+    by_name = uncertainty if isinstance(uncertainty, Mapping) else {}
+    unknown = sorted({*by_name, *free} - {*names, "all"})
+    if unknown:
+        raise InputError(
+            f"{plant.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
+        )
+    usual = UNCERTAINTY if isinstance(uncertainty, Mapping) else uncertainty
+    priors = {
+        parameter.name: float(by_name.get(parameter.name, usual))
+        for parameter in plant.parameters
+        if (parameter.uncertain or parameter.name in by_name) and parameter.value != 0.0
+    }
+    freed = [n for n in priors if "all" in free or n in free]
+    freed += [name for name in free if name != "all" and name not in priors]
+    priors |= dict.fromkeys(freed, np.inf)
+    return {name: std for name, std in priors.items() if std > 0.0}
+
+
+def _candidates(plant: Plant, windows: Windows) -> list[Active]:
+    """Effects that these recordings could show."""
+    measured = windows.measured.any(axis=(0, 2))
+    unseen = {
+        name for name, seen in zip(plant.layout.states, measured, strict=True) if not seen
+    }
+    return [active for active in plant.candidates() if active.target not in unseen]
+
+
+def _some(windows: Windows) -> Windows:
+    """Windows for the search, from all recordings alike."""
+    if len(windows) <= SEARCHED:
+        return windows
+    return windows[np.linspace(0, len(windows) - 1, SEARCHED).round().astype(int)]
+
+
+def _finish(found: Fit, windows: Windows) -> tuple[Fit, Windows]:
+    """The fit of a search on all windows, those that it has not seen included."""
+    kept = remembered(found.model, windows, found.theta, windows.guess)
+    starts = settle(found.model, kept, found.theta, kept.guess)
+    return fit(found.model, kept, found.theta, starts, iterations=15), kept
+
+
+def _refit(found: Fit, windows: Windows) -> Fit:
+    """The fit of the nominal plant on the windows as they are."""
+    starts = settle(found.model, windows, found.theta, windows.guess)
+    return fit(found.model, windows, found.theta, starts, iterations=15)
+
+
+def _corrected(best: Fit) -> Plant:
+    """The plant with the effects and parameters of a fit."""
+    parameters, _ = best.model.decode(best.theta[None])
+    names = [parameter.name for parameter in best.model.plant.parameters]
+    changed = {
+        name: float(parameters[0, names.index(name)])
+        for name in best.model.priors
+    }
+    freed = len(best.model.freed)
+    pairs = [(active, values[0]) for active, values in best.model.told(best.theta[None])[freed:]]
+    return best.model.plant.where(**changed).having(pairs)
+
+
+def _too_poor(plant: Plant, windows: Windows, names: Sequence[tuple[str, ...]]) -> Gap:
+    experiment = (
+        f"Record longer: at least {FEWEST} windows of one second are needed, "
+        f"there are {len(windows)}. `mcpilco record --policy excitation` moves a plant so that "
+        "effects show."
+    )
+    return Gap(plant, "too_poor", (), plant, (), None, (), (experiment,), names[0], names[1])

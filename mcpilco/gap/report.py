@@ -1,0 +1,112 @@
+"""What was found, as a file and as ten lines for an engineer."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from mcpilco.archive import write_bytes
+from mcpilco.gap.investigate import Gap
+
+FORMAT = 1
+
+
+def to_json(gap: Gap) -> dict[str, Any]:
+    """The content of `gap.json`."""
+    return {
+        "format": FORMAT,
+        "plant": gap.plant.name,
+        "verdict": gap.verdict,
+        "effects": [
+            {
+                "name": named.name,
+                "target": named.target,
+                "parameters": {symbol: vars(e) for symbol, e in named.parameters.items()},
+                "probability": named.probability,
+                "family": list(named.family),
+            }
+            for named in gap.named
+        ],
+        "where": [vars(part) for part in gap.where],
+        "error": _error(gap),
+        "events": [vars(event) for event in gap.events],
+        "experiments": list(gap.experiments),
+        "recordings": {"train": list(gap.train), "held_out": list(gap.held_out)},
+    }
+
+
+def _error(gap: Gap) -> dict[str, Any] | None:
+    if gap.comparison is None:
+        return None
+    found = gap.comparison
+    return {
+        "horizon_s": found.horizon_s,
+        "nominal": found.nominal,
+        "refit": found.refit,
+        "corrected": found.corrected,
+        "noise_floor": found.noise_floor,
+        "closed": vars(found.closed),
+        "channels": found.channels,
+    }
+
+
+def write_json(gap: Gap, path: Path) -> None:
+    """Writes `gap.json`, whole or not at all; what is not finite becomes null."""
+    text = json.dumps(_finite(to_json(gap)), indent=2, allow_nan=False)
+    write_bytes(path, text.encode())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def summary(gap: Gap) -> list[str]:
+    """Some lines that an engineer can act on."""
+    lines = [f"{gap.plant.name}: {_VERDICTS[gap.verdict]}"]
+    for named in gap.named:
+        numbers = ", ".join(
+            f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
+            for symbol, e in named.parameters.items()
+        )
+        others = named.family[1:]
+        instead = f"; it could be {' or '.join(others)} as well" if others else ""
+        sure = f"{100 * named.probability:.0f} %"
+        lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
+    if gap.where:
+        worst = gap.where[0]
+        lines.append(
+            f"The nominal plant misses {worst.channel} most ({100 * worst.share:.0f} % of the misfit), "
+            f"{worst.condition}."
+        )
+    if gap.comparison is not None:
+        found = gap.comparison
+        lines.append(
+            f"Error after {found.horizon_s:g} s on held-out recordings, in noise std: nominal "
+            f"{found.nominal:.3g}, refitted {found.refit:.3g}, corrected {found.corrected:.3g}, "
+            f"noise alone {found.noise_floor:.3g}."
+        )
+        closed = found.closed
+        lines.append(
+            f"The gap is closed by {100 * closed.value:.0f} % "
+            f"({100 * closed.low:.0f} to {100 * closed.high:.0f})."
+        )
+    lines += [
+        f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
+        "which no model explains."
+        for event in gap.events
+    ]
+    return lines + list(gap.experiments)
+
+
+_VERDICTS = {
+    "named": "an effect is missing in the plant.",
+    "none": "the plant explains the recordings; nothing is missing.",
+    "unknown": "something is missing that is not in the catalogue.",
+    "too_poor": "the recordings are too poor to name anything.",
+}

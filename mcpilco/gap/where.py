@@ -1,0 +1,103 @@
+"""Where a model and recordings disagree: in which channel, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.gap.fit import Fit, residual, run
+from mcpilco.gap.windows import Windows
+
+LAGS = 8
+"""of the autocorrelation of residuals"""
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A share of the misfit."""
+
+    channel: str
+    """state whose measurement is missed"""
+    share: float
+    """of the squared misfit beyond the noise [-]"""
+    condition: str
+    """when it is largest, in words"""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a model leaves over."""
+
+    whiteness: float
+    """about 1 where the residuals are noise, see `whiteness`"""
+    excess: float
+    """misfit over noise: chi^2 of a sample, less 1"""
+
+
+def residuals(found: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
+    """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
+    y = run(found.model, windows, found.theta[None], found.starts[None])[0]
+    return residual(windows, y).reshape(windows.y.shape)
+
+
+def structure(found: Fit, windows: Windows) -> Structure:
+    """Whether what a fit leaves over is noise."""
+    r = residuals(found, windows)
+    excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
+    return Structure(whiteness(r), excess)
+
+
+def whiteness(r: Float[np.ndarray, "W X T"]) -> float:
+    """Mean over lags of N rho^2, pooled over windows and channels: about 1 for white noise.
+
+    Reference: Box & Pierce, Distribution of residual autocorrelations, JASA 65 (1970).
+    """
+    size, count = float(np.sum(r**2)), np.count_nonzero(r)
+    lagged = [np.sum(r[:, :, lag:] * r[:, :, :-lag]) / size for lag in range(1, LAGS + 1)]
+    return float(count * np.mean(np.square(lagged)))
+
+
+def locate(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
+    """The shares of each measured state in a fit's misfit, largest first."""
+    r = residuals(found, windows)
+    beyond = np.maximum((r**2).sum(axis=(0, 2)) - windows.measured.sum(axis=(0, 2)), 0.0)
+    total = beyond.sum()
+    if total == 0.0:
+        return ()
+    names = found.model.plant.layout.states
+    shares = [
+        Disagreement(name, float(part / total), _condition(found, windows, r[:, x]))
+        for x, (name, part) in enumerate(zip(names, beyond, strict=True))
+        if part > 0.0
+    ]
+    return tuple(sorted(shares, key=lambda share: -share.share))
+
+
+def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
+    """What goes with large residuals of windows: fast or slow motion, large or small commands."""
+    layout = found.model.plant.layout
+    missed = np.sqrt((r**2).mean(axis=1))
+    traits: dict[str, np.ndarray] = {}
+    for j, joint in enumerate(layout.joints):
+        q = windows.y[:, 2 * j]
+        traits[f"|{layout.states[2 * j]}|"] = np.nanmean(np.abs(q), axis=1)
+        traits[f"speed of {joint}"] = np.nanmean(np.abs(np.gradient(q, axis=1)), axis=1)
+    for u, name in enumerate(layout.inputs):
+        used = windows.commands[:, windows.lead :, u]
+        traits[f"|{name}|"] = np.abs(used).mean(axis=1)
+        traits[f"changes of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ranks = {name: _rank_correlation(missed, trait) for name, trait in traits.items()}
+    name = max(ranks, key=lambda n: abs(ranks[n]))
+    if abs(ranks[name]) < 0.3:
+        return "everywhere alike"
+    return f"at {'large' if ranks[name] > 0.0 else 'small'} {name}"
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Spearman's."""
+    ranks = [np.argsort(np.argsort(np.nan_to_num(x))) for x in (a, b)]
+    found = np.corrcoef(ranks[0], ranks[1])[0, 1]
+    return float(found) if np.isfinite(found) else 0.0

@@ -1,0 +1,68 @@
+"""The plants of the envs: the same systems, in the same names and numbers."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  registers the ids
+from envs.cartpole_dynamics import CartPoleDynamics
+from envs.pendulum_dynamics import PendulumDynamics
+from envs.plants import PLANTS, double_pendulum
+from mcpilco.mechanics import accelerations
+
+DYNAMICS = {
+    "mcpilco/CartPoleSwingUp-v0": CartPoleDynamics(),
+    "mcpilco/Pendulum-v0": PendulumDynamics(),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_plant_is_called_by_its_id(name):
+    assert PLANTS[name]().name == name
+
+
+@pytest.mark.parametrize("name", DYNAMICS)
+def test_a_plant_has_the_names_and_numbers_of_its_env(name):
+    plant, dynamics = PLANTS[name](), DYNAMICS[name]
+    assert name in gymnasium.registry
+    assert plant.layout.states == dynamics.state_names
+    assert plant.layout.inputs == (dynamics.input_name,)
+    assert plant.angles == dynamics.angles
+    shared = {p.name: p.value for p in plant.parameters if not p.name.endswith("_gain")}
+    assert shared == vars(dynamics)
+
+
+@pytest.mark.parametrize("name", DYNAMICS)
+def test_a_plant_moves_as_its_env_does(name):
+    plant, dynamics = PLANTS[name](), DYNAMICS[name]
+    rng = np.random.default_rng(0)
+    start = rng.normal(size=(4, len(plant.layout.states)))
+    force = rng.uniform(-2, 2, 4)
+    found = plant.simulate(start, np.tile(force[:, None, None], (1, 10, 1)), 0.02)
+    expected = dynamics.advance(start, force, 0.2, samples=10).swapaxes(0, 1)
+    np.testing.assert_allclose(found[:, 1:], expected, rtol=0.0, atol=1e-5)
+
+
+def test_a_double_pendulum_moves_by_lagranges_equations():
+    """Written for absolute angles a, b = a + elbow of two uniform rods.
+
+    (m1/3 + m2) l1^2 a'' + m2 l1 l2/2 cos(a - b) b'' = t1 - t2 - m2 l1 l2/2 sin(a - b) b'^2
+                                                       - (m1/2 + m2) g l1 sin a
+    m2 l2^2/3 b'' + m2 l1 l2/2 cos(a - b) a'' = t2 + m2 l1 l2/2 sin(a - b) a'^2
+                                                - m2 g l2/2 sin b
+    """
+    plant = double_pendulum().where(upper_mass=0.7, lower_mass=0.5, upper_length=0.4)
+    values = {parameter.name: parameter.value for parameter in plant.parameters}
+    m1, m2, l1, l2, g = 0.7, 0.5, 0.4, values["lower_length"], 9.82
+    rng = np.random.default_rng(1)
+    q, dq, tau = rng.normal(0, 2, (3, 20, 2))
+    found = accelerations(plant.build(values), q, dq, tau)
+    (a, b), (da, db) = (x.cumsum(axis=1).T for x in (q, dq))
+    dda, ddb = found.cumsum(axis=1).T
+    c, s = m2 * l1 * l2 / 2 * np.cos(a - b), m2 * l1 * l2 / 2 * np.sin(a - b)
+    first = (m1 / 3 + m2) * l1**2 * dda + c * ddb + s * db**2 + (m1 / 2 + m2) * g * l1 * np.sin(a)
+    second = m2 * l2**2 / 3 * ddb + c * dda - s * da**2 + m2 * g * l2 / 2 * np.sin(b)
+    np.testing.assert_allclose(first, tau[:, 0] - tau[:, 1], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(second, tau[:, 1], rtol=1e-9, atol=1e-9)
