@@ -11,6 +11,8 @@ from jaxtyping import Float
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.cartpole_views import picture, scene
 from envs.checks import read_array, read_stds, require_positive
+from envs.correcting import Effects, correct
+from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
 from mcpilco.costs import cart_pole_cost
@@ -100,11 +102,18 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | `dt`                | time for which a force is held                   | 0.1        | s      |
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
+    | `effects`           | what the equations lack, see below               | None       |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
 
     A wrong value raises `mcpilco.typing.InputError`.
+
+    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
+    what such a file holds, or a `mcpilco.correction.Correction`. The constants above are then the
+    nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
+    observation, before its noise; `info["state"]` stays the true state, and the force of the cost
+    the one that was asked for. Before an episode the motor was off.
 
     ## References
 
@@ -127,6 +136,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
         dt: float = 0.1,
         start_std: OneOrFour = 0.1,
         noise_std: OneOrFour = 0.01,
+        effects: Effects | None = None,
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
@@ -139,6 +149,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             cart_friction=cart_friction,
             gravity=gravity,
         )
+        dynamics, plant = correct(dynamics, cart_pole(), effects)
         swing_up = SwingUp(
             dynamics=dynamics,
             input_limit=force_limit,
@@ -148,6 +159,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             cost=_read_cost(cost, cost_lengthscales),
             angle=2,
             cart=0,
+            plant=plant,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
 

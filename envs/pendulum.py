@@ -10,8 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.checks import read_stds
+from envs.correcting import Effects, correct
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.pendulum_views import picture, scene
+from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
 from mcpilco.costs import SaturatingCost
@@ -99,10 +101,17 @@ class PendulumEnv(SwingUpEnv):
     | `dt`           | time for which a torque is held                  | 0.1     | s           |
     | `start_std`    | spread of the starting state, one number or two  | 0.1     | above       |
     | `noise_std`    | measurement noise, one number or two             | 0.01    | above       |
+    | `effects`      | what the equation lacks, see below               | None    |             |
     | `cost`         | a cost of (states, inputs), in torch             | above   | [-]         |
     | `render_mode`  | None or `"rgb_array"`                            | None    |             |
 
     A wrong value raises `mcpilco.typing.InputError`.
+
+    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
+    what such a file holds, or a `mcpilco.correction.Correction`. The constants above are then the
+    nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
+    observation, before its noise; `info["state"]` stays the true state, and the torque of the cost
+    the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 
@@ -120,11 +129,13 @@ class PendulumEnv(SwingUpEnv):
         dt: float = 0.1,
         start_std: OneOrTwo = 0.1,
         noise_std: OneOrTwo = 0.01,
+        effects: Effects | None = None,
         cost: Cost = COST,
         render_mode: str | None = None,
     ) -> None:
         """The keywords are listed above under Arguments."""
         dynamics = PendulumDynamics(mass=mass, length=length, friction=friction, gravity=gravity)
+        dynamics, plant = correct(dynamics, pendulum(), effects)
         swing_up = SwingUp(
             dynamics=dynamics,
             input_limit=torque_limit,
@@ -133,5 +144,6 @@ class PendulumEnv(SwingUpEnv):
             noise_std=read_stds("noise_std", noise_std, 2),
             cost=cost,
             angle=0,
+            plant=plant,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)

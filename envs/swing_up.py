@@ -15,6 +15,8 @@ from jaxtyping import Float
 from envs.checks import read_array, require_positive
 from envs.equations import EquationsOfMotion
 from envs.judge import SAMPLE_S, UprightJudge
+from envs.motion import CorrectedMotion, Motion, NominalMotion
+from mcpilco.plant import Plant
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
@@ -39,6 +41,8 @@ class SwingUp:
     """which state is the angle that must be upright, pi [rad]"""
     cart: int | None = None
     """which state is the position of a cart [m]; None where there is none"""
+    plant: Plant | None = None
+    """the system with the effects that it is corrected by; None follows the equations of motion"""
 
     def __post_init__(self) -> None:
         name, unit = self.dynamics.input_name, self.dynamics.input_unit
@@ -96,11 +100,16 @@ class SwingUp:
         """States drawn from the distribution at the start of an episode."""
         return np.asarray(self.start_std) * rng.standard_normal((*batch, self.width))
 
-    def observe(
-        self, states: Float[np.ndarray, "*b X"], rng: np.random.Generator
-    ) -> Float[np.ndarray, "*b X"]:
+    def motion(self, *batch: int) -> Motion:
+        """So many systems, in the state 0."""
+        if self.plant is None:
+            return NominalMotion(self.dynamics, self.dt, self.samples, batch)
+        return CorrectedMotion(self.plant, self.dt, self.samples, batch)
+
+    def observe(self, motion: Motion, rng: np.random.Generator) -> Float[np.ndarray, "*b X"]:
         """The states as measured, with noise."""
-        return states + np.asarray(self.noise_std) * rng.standard_normal(states.shape)
+        measured = motion.measured
+        return measured + np.asarray(self.noise_std) * rng.standard_normal(measured.shape)
 
     def inputs(self, actions: Float[np.ndarray, "*b 1"], *batch: int) -> Float[np.ndarray, "*b"]:
         """The inputs that actions stand for, clipped to the limit, in the input's unit.
@@ -116,12 +125,6 @@ class SwingUp:
                 f"got {actions!r}."
             )
         return np.asarray(np.clip(inputs[..., 0], -self.input_limit, self.input_limit))
-
-    def advance(
-        self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b"]
-    ) -> Float[np.ndarray, "T *b X"]:
-        """One step of dt: the true states at the times at which they are looked at."""
-        return self.dynamics.advance(states, inputs, self.dt, self.samples)
 
     def reward(
         self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b"]

@@ -48,6 +48,7 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         self.action_space = swing_up.action_space
         self.task = swing_up.task
         self._judge = swing_up.judge()
+        self._motion = swing_up.motion()
         self._state: Float[np.ndarray, " X"] | None = None
         self._input = 0.0
 
@@ -69,9 +70,10 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         state = read_start(options, (self.swing_up.width,))
         self._state = self.swing_up.start(self.np_random) if state is None else state
+        self._motion.restart(True, self._state)
         self._input = 0.0
         self._judge.restart()
-        return self.swing_up.observe(self._state, self.np_random), self._info()
+        return self.swing_up.observe(self._motion, self.np_random), self._info()
 
     def step(
         self, action: Float[np.ndarray, " 1"]
@@ -85,12 +87,13 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
             InputError: NaN, or another shape than (1,).
         """
         held = self.swing_up.inputs(action)
-        samples = self.swing_up.advance(self._started(), held)
+        self._started()
+        samples = self._motion.advance(held)
         self._state, self._input = samples[-1], float(held)
         self._judge.watch(samples)
         reward = float(self.swing_up.reward(self._state, held))
         return (
-            self.swing_up.observe(self._state, self.np_random),
+            self.swing_up.observe(self._motion, self.np_random),
             reward,
             False,
             False,

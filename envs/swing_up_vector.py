@@ -54,7 +54,7 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.picture = single.picture
         self._last_step = np.inf if max_episode_steps is None else max_episode_steps
         self._judge = self.swing_up.judge(num_envs)
-        self._states = np.zeros((num_envs, self.swing_up.width))
+        self._motion = self.swing_up.motion(num_envs)
         self._inputs = np.zeros(num_envs)
         self._steps = np.zeros(num_envs, dtype=int)
 
@@ -66,7 +66,7 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         width = self.swing_up.width
         states = read_start(options, (width,), (self.num_envs, width))
         self._restart(np.ones(self.num_envs, dtype=bool), states)
-        return self.swing_up.observe(self._states, self.np_random), self._infos()
+        return self.swing_up.observe(self._motion, self.np_random), self._infos()
 
     def step(
         self, actions: Float[np.ndarray, "B 1"]
@@ -80,16 +80,15 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Holds the inputs `actions`, in their unit, for dt; starts anew what was truncated."""
         over = self._steps >= self._last_step
         self._inputs = self.swing_up.inputs(actions, self.num_envs)
-        samples = self.swing_up.advance(self._states, self._inputs)
-        self._states = samples[-1]
+        samples = self._motion.advance(self._inputs)
         self._steps += 1
         self._judge.watch(samples)
-        rewards = self.swing_up.reward(self._states, self._inputs)
+        rewards = self.swing_up.reward(samples[-1], self._inputs)
         if over.any():
             rewards[over] = 0.0
             self._restart(over)
         return (
-            self.swing_up.observe(self._states, self.np_random),
+            self.swing_up.observe(self._motion, self.np_random),
             rewards,
             np.zeros(self.num_envs, dtype=bool),
             self._steps >= self._last_step,
@@ -102,7 +101,8 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             return None
         pushes = self._inputs / self.swing_up.input_limit
         return tuple(
-            self.picture(state, push) for state, push in zip(self._states, pushes, strict=True)
+            self.picture(state, push)
+            for state, push in zip(self._motion.states, pushes, strict=True)
         )
 
     def _restart(
@@ -111,13 +111,13 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Starts new episodes of the systems marked, in the states given or in random ones."""
         if states is None:
             states = self.swing_up.start(self.np_random, int(which.sum()))
-        self._states[which] = states
+        self._motion.restart(which, np.broadcast_to(states, (which.sum(), states.shape[-1])))
         self._inputs[which] = 0.0
         self._steps[which] = 0
         self._judge.restart(which)
 
     def _infos(self) -> dict[str, Any]:
-        infos = {"state": self._states.copy(), **self._judge.verdict()}
+        infos = {"state": self._motion.states, **self._judge.verdict()}
         masks = {f"_{key}": np.ones(self.num_envs, dtype=bool) for key in infos}
         return {**infos, **masks}
 

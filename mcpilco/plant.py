@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mcpilco.effects import CATALOGUE, Effect
 from mcpilco.mechanics import Chain, stack
-from mcpilco.simulation import Layout, Tables, simulate
+from mcpilco.simulation import Layout, Stepper, Tables, simulate
 from mcpilco.simulation.tables import IDEAL_ACTUATOR, IDEAL_SENSOR
 from mcpilco.typing import InputError
 
@@ -208,6 +208,16 @@ class Plant:
         commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
         y = simulate(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
+
+    def stepper(self, dt: float, batch: int, samples: int = 1) -> Stepper:
+        """As many motions, all in the state 0, to be moved by one command after another.
+
+        Args:
+            dt: time for which a command is held [s].
+            batch: how many motions.
+            samples: how many states are told of one step.
+        """
+        return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
 
     def _column(self, name: str) -> int:
         """Which parameter has a name."""

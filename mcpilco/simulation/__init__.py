@@ -2,6 +2,7 @@
 
 from mcpilco.simulation.layout import Layout
 from mcpilco.simulation.motion import simulate
+from mcpilco.simulation.stepper import Stepper
 from mcpilco.simulation.tables import Tables
 
-__all__ = ["Layout", "Tables", "simulate"]
+__all__ = ["Layout", "Stepper", "Tables", "simulate"]

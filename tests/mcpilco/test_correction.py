@@ -1,0 +1,153 @@
+"""A correction survives its file, and whatever is wrong with a file is one sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from envs.plants import PLANTS, cart_pole
+from mcpilco.correction import (
+    Addition,
+    Correction,
+    corrected,
+    correction_from,
+    correction_of,
+    read_correction,
+    write_correction,
+)
+from mcpilco.effects import CATALOGUE
+from mcpilco.typing import InputError
+
+CART_POLE = "mcpilco/CartPoleSwingUp-v0"
+WHOLE = {
+    "format": 1,
+    "plant": CART_POLE,
+    "parameters": {"cart_mass": 0.51},
+    "effects": [{"name": "coulomb_friction", "target": "cart", "parameters": {"f_c": 0.3}}],
+}
+
+
+def everything(plant):
+    """Each effect at each target, at values that change nothing."""
+    neutral = [(active, active.effect.neutral) for active in plant.candidates()]
+    return plant.having(neutral)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_corrected_plant_survives_its_file(tmp_path, name):
+    nominal = PLANTS[name]()
+    first = nominal.parameters[0]
+    plant = everything(nominal).where(**{first.name: 1.1 * first.value})
+    path = write_correction(tmp_path / "corrected.json", correction_of(plant, nominal))
+    assert "Infinity" not in path.read_text()
+    again = corrected(nominal, read_correction(path))
+    assert again.parameters == plant.parameters
+    assert again.added == plant.added
+
+
+def test_correction_of_the_nominal_plant_is_empty():
+    assert correction_of(cart_pole(), cart_pole()) == Correction(CART_POLE, {}, ())
+
+
+def test_what_only_smooths_a_formula_may_be_left_out():
+    correction = correction_from(WHOLE)
+    assert correction.effects[0].values == (0.3, 0.002)
+
+
+def test_correction_changes_the_motion():
+    nominal = cart_pole()
+    start, push = np.array([[0.0, 1.0, 0.5, 0.0]]), np.zeros((1, 5, 1))
+    apart = corrected(nominal, correction_from(WHOLE)).simulate(start, push, 0.1)
+    assert np.abs(apart - nominal.simulate(start, push, 0.1)).max() > 0.01
+
+
+def damaged(**changes):
+    return {**WHOLE, **changes}
+
+
+def effect(**changes):
+    return damaged(effects=[{**WHOLE["effects"][0], **changes}])
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ([], "must be an object"),
+        ({}, 'must have "format", "plant"'),
+        ({**WHOLE, "more": 1}, "and no more"),
+        (damaged(format=2), '"format" must be 1, got 2'),
+        (damaged(format=True), '"format" must be 1'),
+        (damaged(plant=3), '"plant" must be the name'),
+        (damaged(parameters=[1]), '"parameters" must be an object'),
+        (damaged(parameters={"cart_mass": "heavy"}), "'cart_mass' must be a finite number"),
+        (damaged(parameters={"cart_mass": math.inf}), "'cart_mass' must be a finite number"),
+        (damaged(parameters={"cart_mass": 10**400}), "'cart_mass' must be a finite number"),
+        (damaged(effects={}), '"effects" must be a list'),
+        (effect(name="magic"), "there is no effect 'magic'; there are viscous_friction"),
+        (effect(name=["magic"]), '"name" of an effect must be a word'),
+        (effect(parameters={"k": 1.0}), "coulomb_friction has no parameter 'k'; it has f_c"),
+        (effect(parameters={}), r"coulomb_friction \(cart\) needs a value of f_c"),
+        (effect(parameters={"f_c": -1.0}), "f_c of .* must be a finite number at least 0, got -1"),
+        (effect(parameters={"f_c": None}), "f_c of .* must be a finite number"),
+        (effect(parameters={"f_c": math.nan}), "must be a finite number at least 0, got nan"),
+        (effect(parameters={"f_c": True}), "must be a finite number"),
+        (effect(parameters={"f_c": 0.1, "v_r": 0.0}), "at least 0.0002 and at most 0.1"),
+    ],
+)
+def test_wrong_file_gets_a_sentence_that_names_the_part(tmp_path, content, sentence):
+    path = tmp_path / "corrected.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"corrected.json is no correction.*{sentence}"):
+        read_correction(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000])
+def test_damaged_file_is_no_json(tmp_path, content):
+    path = tmp_path / "corrected.json"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="corrected.json is no JSON file"):
+        read_correction(path)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="nowhere.json: No such file"):
+        read_correction(tmp_path / "nowhere.json")
+
+
+@pytest.mark.parametrize(
+    ("correction", "sentence"),
+    [
+        (Correction("robot", {}, ()), "is for the plant 'robot', got 'mcpilco/CartPole"),
+        (Correction(CART_POLE, {"wheel": 1.0}, ()), "has no parameter 'wheel'; it has cart_mass"),
+        (Correction(CART_POLE, {"cart_mass": -1.0}, ()), "cart_mass must be finite and at least"),
+        (
+            Correction(CART_POLE, {}, (Addition("spring", "elbow", {"k": 1.0}),)),
+            "spring cannot act at 'elbow' .*; its targets are cart, pole",
+        ),
+    ],
+)
+def test_correction_that_does_not_fit_its_plant_gets_a_sentence(correction, sentence):
+    with pytest.raises(InputError, match=sentence):
+        corrected(cart_pole(), correction)
+
+
+LEAVES = st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5)
+NAMES = st.sampled_from(["format", "plant", "effects", "name", "target", "f_c", *CATALOGUE])
+JSON = st.recursive(
+    LEAVES | NAMES, lambda x: st.lists(x, max_size=3) | st.dictionaries(NAMES, x, max_size=3)
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(key=st.sampled_from([*WHOLE, "name", "target", "values"]), value=JSON)
+def test_any_content_is_a_correction_or_a_sentence(key, value):
+    content = {"values": {"parameters": value}}.get(key, {key: value})
+    content = damaged(**content) if key in WHOLE else effect(**content)
+    with contextlib.suppress(InputError):
+        assert isinstance(correction_from(content), Correction)
