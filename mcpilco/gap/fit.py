@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
@@ -18,6 +18,8 @@ from mcpilco.simulation import simulate
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
+CONVERGED = 1e-4
+"""relative change of the cost below which a fit ends"""
 TOLERATED = 9.0
 """how many times the median misfit a window may have and still count in full"""
 START_STEPS = 1e-3, 1e-2
@@ -130,14 +132,39 @@ def linearise(
     return Linear(r[0], Jx.transpose(1, 2, 0), Jp.transpose(1, 2, 0))
 
 
-def weights(by_window: Float[np.ndarray, " W"], windows: Windows) -> Float[np.ndarray, " W"]:
-    """How much each window counts: less where it fits far worse than most.
+@dataclass(frozen=True)
+class Robust:
+    """How windows count: in full up to some times the median misfit, and slowly more beyond.
 
-    Such a window has not found its start yet, or holds an event; the others must not follow it.
+    A window far beyond has not found its start yet, or holds an event; the others must not follow
+    it.
+
+    Reference: Huber & Ronchetti, Robust Statistics (2009), chapter 7, with windows for samples.
     """
-    typical = by_window / np.maximum(windows.measured.sum(axis=(1, 2)), 1)
-    limit = TOLERATED * max(1.0, float(np.median(typical)))
-    return np.minimum(1.0, limit / np.maximum(typical, 1e-12))
+
+    samples: Float[np.ndarray, " W"]
+    """measured values of each window"""
+    limit: float
+    """squared misfit of a sample up to which a window counts in full"""
+
+    @classmethod
+    def of(cls, by_window: Float[np.ndarray, " W"], windows: Windows) -> Robust:
+        """The limit that suits the misfits of some windows."""
+        samples = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+        return cls(samples, TOLERATED * max(1.0, float(np.median(by_window / samples))))
+
+    def cost(self, by_window: Float[np.ndarray, " W"]) -> float:
+        """Sum over windows, logarithmic beyond the limit."""
+        ratio = np.maximum(by_window / self.samples / self.limit, 1e-30)
+        return float(self.limit * self.samples @ np.where(ratio < 1.0, ratio, 1.0 + np.log(ratio)))
+
+    def weights(self, by_window: Float[np.ndarray, " W"]) -> Float[np.ndarray, " W"]:
+        """Slope of the cost over each window's misfit."""
+        return np.minimum(1.0, self.limit / np.maximum(by_window / self.samples, 1e-12))
+
+    def far(self, by_window: Float[np.ndarray, " W"]) -> Bool[np.ndarray, " W"]:
+        """Windows beyond the limit."""
+        return by_window / self.samples > self.limit
 
 
 def settle(
@@ -158,8 +185,7 @@ def _settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarra
         lin = linearise(model, windows, theta, starts, over_theta=False)
         now = np.einsum("wn,wn->w", lin.r, lin.r)
         step = _start_step(lin, lin.r, damping)
-        r = residual(windows, run(model, windows, theta[None], (starts + step)[None]))[0]
-        then = np.einsum("wn,wn->w", r, r)
+        then = _misfits(model, windows, theta, starts + step)
         better = then < now
         starts = np.where(better[:, None], starts + step, starts)
         damping = np.where(better, np.maximum(0.1 * damping, 1e-9), 10.0 * damping)
@@ -203,34 +229,70 @@ def fit(
         if lin is None:
             lin = linearise(model, windows, theta, starts)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
-        weight = weights(by_window, windows)
+        robust = Robust.of(by_window, windows)
+        weight = robust.weights(by_window)
         temper = misfit(windows, by_window, weight)
-        now = _cost(model, theta, by_window, weight, temper)
+        now = _cost(model, theta, by_window, robust, temper)
         for _ in range(6):
             step = _step(model, lin, theta, damping, weight, temper)
             there = np.clip(theta + step, low, high)
             left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
             moved = starts + _start_step(lin, left, damping)
-            r = residual(windows, run(model, windows, there[None], moved[None]))[0]
-            after = np.einsum("wn,wn->w", r, r)
-            then = _cost(model, there, after, weight, temper)
+            after = _misfits(model, windows, there, moved)
+            then = _cost(model, there, after, robust, temper)
+            if abs(then - now) < CONVERGED * now:
+                break
+            if not then < now:  # the step may be right, and too far for its starts
+                moved = _settle(model, windows, there, moved)
+                after = _misfits(model, windows, there, moved)
+                then = _cost(model, there, after, robust, temper)
             if then < now:
                 break
             damping = max(10.0 * damping, 1e-4)
         if not then < now:
             break
         theta, starts, by_window, lin = there, moved, after, None
+        lost = Robust.of(after, windows).far(after)
+        if lost.any() and not lost.all():  # the step was too far for their starts
+            starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
         damping = damping * 0.03
-        if now - then < max(0.02, 1e-4 * now):
+        if now - then < CONVERGED * now:
             break
     prior = float((model.precision * theta**2).sum())
     return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)
 
 
+def _misfits(
+    model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray
+) -> Float[np.ndarray, " W"]:
+    """Squared residual of each window."""
+    r = residual(windows, run(model, windows, theta[None], starts[None]))[0]
+    return np.einsum("wn,wn->w", r, r)
+
+
+def _recovered(
+    model: Model,
+    windows: Windows,
+    theta: np.ndarray,
+    starts: np.ndarray,
+    by_window: np.ndarray,
+    lost: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Start states and misfits, those of lost windows fitted anew where that helps."""
+    some = windows[lost]
+    anew = settle(model, some, theta, some.guess)
+    found = _misfits(model, some, theta, anew)
+    better = found < by_window[lost]
+    starts, by_window = starts.copy(), by_window.copy()
+    numbers = np.flatnonzero(lost)[better]
+    starts[numbers], by_window[numbers] = anew[better], found[better]
+    return starts, by_window
+
+
 def _cost(
-    model: Model, theta: np.ndarray, by_window: np.ndarray, weight: np.ndarray, temper: float
+    model: Model, theta: np.ndarray, by_window: np.ndarray, robust: Robust, temper: float
 ) -> float:
-    return float(weight @ by_window + temper * (model.precision * theta**2).sum())
+    return robust.cost(by_window) + temper * float((model.precision * theta**2).sum())
 
 
 def misfit(

@@ -70,12 +70,18 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             listed = screen(known, lin, windows, new)
             if number == 0:
                 scores = listed
-            limit = SHORTLIST[min(level, 1)]
-            for score in listed[:limit]:
+            tried: dict[frozenset[Active], Fit] = {}
+            for score in listed:
                 key = frozenset({*known.model.named, score.active})
-                if score.gain > PROMISING and key not in seen:
-                    seen[key] = _grow(known, score, windows)
-                    grown.append(seen[key])
+                if score.gain < PROMISING or (key in seen and key not in tried):
+                    continue
+                if key not in tried and len(tried) == SHORTLIST[min(level, 1)]:
+                    continue
+                fitted = _grow(known, score, windows)
+                if key not in tried or fitted.chi2 < tried[key].chi2:
+                    tried[key] = fitted
+            seen |= tried
+            grown += tried.values()
         if not grown:
             break
         grown = sorted(grown, key=lambda found: bic(found, windows, best))

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Probe
-from mcpilco.gap.fit import Fit, Linear, misfit, residual, run, weights
+from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
@@ -30,7 +30,7 @@ class Score:
 
 
 def screen(
-    fit: Fit, lin: Linear, windows: Windows, candidates: Sequence[Active], per_effect: int = 1
+    fit: Fit, lin: Linear, windows: Windows, candidates: Sequence[Active], per_effect: int = 2
 ) -> list[Score]:
     """Scores of candidates, best first.
 
@@ -93,7 +93,7 @@ class _Projection:
     @classmethod
     def of(cls, fit: Fit, lin: Linear, windows: Windows) -> _Projection:
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
-        weight = weights(by_window, windows)
+        weight = Robust.of(by_window, windows).weights(by_window)
         precision = misfit(windows, by_window, weight) * fit.model.precision
         precision += 1e-9  # of what is free and unfelt
         P = lin.cleaned(lin.Jp)
