@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from mcpilco.callbacks.base import Agent, Callback
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout, TrialResult
-from mcpilco.run_folder import RunFolder
+from mcpilco.run_folder import RunFolder, write_json
+from mcpilco.task import TaskSpec
 
 
 class Recorder(Callback):
@@ -28,11 +30,12 @@ class Recorder(Callback):
         self.run = run
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Starts the clock."""
+        """Starts the clock, and writes what the columns of the arrays are."""
         self._agent = agent
         self._exploration: list[Rollout] = []
         self._last: TrialResult | None = None
         self._wall, self._cpu = time.perf_counter(), time.process_time()
+        write_json(self.run.path / "task.json", agent.task.to_json())
 
     def on_exploration(self, rollout: Rollout) -> None:
         """Writes the rollout as trial 0."""
@@ -41,7 +44,7 @@ class Recorder(Callback):
         suffix = "" if number == 1 else f"-{number}"
         rows = functools.reduce(operator.add, (past.transitions() for past in self._exploration))
         self.run.write_arrays(0, "transitions", vars(rows))
-        self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout))
+        self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout, self._agent.task))
         path = self.run.recording_path(0)
         self._record(path.with_stem(path.stem + suffix), f"exploration{suffix}", rollout, None, {})
 
@@ -50,7 +53,7 @@ class Recorder(Callback):
         policy = self._agent.policy.state_dict()
         arrays = {
             "transitions": vars(result.rollout.transitions()),
-            "rollout": _rollout_arrays(result.rollout),
+            "rollout": _rollout_arrays(result.rollout, self._agent.task),
             "particles": vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
             "gp": self._agent.model.gp.to_arrays(),
@@ -107,12 +110,13 @@ def _outcome(result: TrialResult) -> dict[str, Any]:
     return {"success": None if result.success is None else bool(result.success), **finite}
 
 
-def _rollout_arrays(rollout: Rollout) -> dict[str, np.ndarray]:
+def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:
     arrays = {
         "dt": np.array(rollout.dt),
         "observations": rollout.observations,
         "inputs": rollout.inputs,
         "rewards": rollout.rewards,
+        "costs": costs_along(task.cost, rollout.shown_states[1:], rollout.inputs),
     }
     if rollout.states is not None:
         arrays["states"] = rollout.states

@@ -1,6 +1,7 @@
 """The folder of a run: plain files, each written whole or not at all, none executed when read.
 
 config.json           everything to run it again
+task.json             names, units and structure of states and inputs
 metrics.csv           a row a trial; a row is there when all other files of its trial are
 policy_steps.jsonl    numbers of each model fit, policy step and trial, one JSON object a line
 trials/NN/            arrays of trial NN (npz); 00 is the exploration

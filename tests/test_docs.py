@@ -70,7 +70,9 @@ def commands(page: Path) -> list[list[str]]:
     """The arguments of each `mcpilco` command, after the name and any variables before it."""
     found = []
     for line in shell_lines(page):
-        match = re.search(r"(?:^|\s)mcpilco ((?:train|evaluate|sweep|view|doctor)\b.*)", line)
+        match = re.search(
+            r"(?:^|\s)mcpilco ((?:train|evaluate|sweep|view|report|doctor)\b.*)", line
+        )
         if match:
             found.append(shlex.split(match[1], comments=True))
     return found

@@ -29,6 +29,8 @@ _NEEDED = (
 _OPTIONAL = {
     "stable-baselines3": "comparisons with model-free learning",
     "tensorboard": "mcpilco train --tensorboard",
+    "matplotlib": "mcpilco report",
+    "jinja2": "mcpilco report",
 }
 _LEAST_FREE_GB = 1.0  # a run of ten trials takes about 10 MB; caches of compiled loops take more
 _PATIENCE_S = 60.0
