@@ -8,6 +8,8 @@ import os
 import re
 import shlex
 import shutil
+import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -45,6 +47,8 @@ class Train:
     """show no progress"""
     tensorboard: bool = False
     """write event files for TensorBoard into the run folder too"""
+    live: bool = False
+    """show each rollout and the policy search in the viewer; without a display, for a browser"""
 
     def __call__(self) -> int:
         """Train, and return the exit code.
@@ -67,7 +71,7 @@ class Train:
             agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed)
             run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
             try:
-                with self._callbacks(run) as callbacks:
+                with self._watched(run), self._callbacks(run) as callbacks:
                     agent.learn((self.trials + 1) * agent.horizon, callback=callbacks)
             except KeyboardInterrupt:
                 print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
@@ -75,6 +79,7 @@ class Train:
         where = shlex.quote(str(run.path))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
+        print(f"Read of it: {_command()} report {where}")
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 
@@ -95,6 +100,26 @@ class Train:
             "trials": self.trials,
             "config": dataclasses.asdict(config),
         }
+
+    @contextlib.contextmanager
+    def _watched(self, run: Any) -> Iterator[None]:
+        """With `--live`, a `mcpilco view` beside the training, which outlives it until closed."""
+        if not self.live:
+            yield
+            return
+        from mcpilco.visual.viewer import has_display
+
+        command = [sys.executable, "-m", "mcpilco.cli", "view", str(run.path), "--live"]
+        with subprocess.Popen(command if has_display() else [*command, "--web"]) as viewer:
+            try:
+                yield
+            except BaseException:
+                viewer.send_signal(signal.SIGINT)
+                raise
+            if viewer.poll() is None:
+                print("The training has ended; close the viewer, or press Ctrl-C.", flush=True)
+                with contextlib.suppress(KeyboardInterrupt):
+                    viewer.wait()
 
     @contextlib.contextmanager
     def _callbacks(self, run: Any) -> Iterator[list[Any]]:

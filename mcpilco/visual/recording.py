@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float
 
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError
@@ -49,13 +51,25 @@ def write_recording(
         RunFolderError: the file cannot be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     known = {key: value for key, value in (properties or {}).items() if value is not None}
+    with whole_file(path) as partial:
+        _write(partial, rollout, prediction, task, scene, name, known)
+    return path
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A path to write a recording to, which then takes the place of `path`, or is gone.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.touch()  # Python's errors name their cause, Rerun's do not
         try:
-            _write(partial, rollout, prediction, task, scene, name, known)
+            yield partial
             os.replace(partial, path)
         finally:
             partial.unlink(missing_ok=True)
@@ -64,7 +78,6 @@ def write_recording(
             f"The recording {path} cannot be written ({error.strerror or error}); "
             "choose a folder that you may write to, with space left."
         ) from error
-    return path
 
 
 def _write(
@@ -80,7 +93,7 @@ def _write(
     rec = rr.RecordingStream(
         "mcpilco", recording_id=_identity(name, rollout), send_properties=False
     )
-    rec.save(path, default_blueprint=build_blueprint(task, _extent(scene, rollout)))
+    rec.save(path, default_blueprint=build_blueprint(task, extent_of(scene, rollout)))
     rec.send_recording_name(name)
     if properties:
         rec.send_property("run", rr.AnyValues(**properties))
@@ -90,7 +103,8 @@ def _write(
         log_scene(track, scene, rollout)
         if prediction is not None:
             log_particles(track, scene, prediction)
-    log_curves(track, task, rollout, prediction)
+    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
+    log_curves(track, task, rollout, prediction, costs)
     rec.flush()
     rec.disconnect()
 
@@ -109,7 +123,7 @@ def _notes(name: str, properties: Mapping[str, Property]) -> str:
     return "\n\n".join([f"### {name}", ", ".join(shown), COLORS_IN_WORDS])
 
 
-def _extent(scene: Scene | None, rollout: Rollout) -> Float[np.ndarray, "N 3"] | None:
+def extent_of(scene: Scene | None, rollout: Rollout) -> Float[np.ndarray, "N 3"] | None:
     """Where the bodies, the marker and the target are during the rollout [m]."""
     if scene is None:
         return None
