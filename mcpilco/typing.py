@@ -39,6 +39,10 @@ class RunFolderError(McPilcoError):
     """A run folder or a saved agent cannot be written, read or trusted."""
 
 
+class RecordingError(McPilcoError):
+    """A file of measurements cannot be read: which file, row and column, and what to do."""
+
+
 class NotPositiveDefiniteError(McPilcoError, ArithmeticError):
     """A covariance matrix has no Cholesky factor, not even with the jitters in the message."""
 

@@ -49,10 +49,10 @@ class Evaluate:
         from mcpilco.run_folder import RunFolder
 
         run = RunFolder.open(self.run)
-        trial = _finished(run, self.trial)
+        trial = finished_trial(run, self.trial)
         env = open_env(run.config["env"], run.config["env_kwargs"])
         with contextlib.closing(env):
-            agent = _agent(run, trial, env)
+            agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
         report = {
             "run": str(run.path),
@@ -88,14 +88,14 @@ class Evaluate:
         return samples
 
 
-def _finished(run: Any, trial: int | None) -> int:
+def finished_trial(run: Any, trial: int | None) -> int:
     """The trial asked for, or the last."""
     none = f"{run.path} holds no finished trial yet; train until the first one ends."
     return choose_trial(run.finished_trials(), trial, none)
 
 
-def _agent(run: Any, trial: int, env: Any) -> Any:
-    """The run's agent with the policy of one trial."""
+def agent_of(run: Any, trial: int, env: Any) -> Any:
+    """The run's agent with the policy of one trial; without an env it predicts only."""
     import torch
 
     from mcpilco.agent import MCPILCO

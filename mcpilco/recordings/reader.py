@@ -1,0 +1,303 @@
+"""From a log file to a recording: columns by name, a uniform grid, and what is wrong is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.recordings.recording import Gaps, Recording
+from mcpilco.recordings.remarks import about_gaps, about_resampling, suspicions
+from mcpilco.recordings.resample import Log, find_gaps, resampled
+from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
+from mcpilco.recordings.suspicion import quantisation_step, spikes, unwrapped
+from mcpilco.recordings.table import Table, read_table
+from mcpilco.typing import InputError, RecordingError
+
+FEWEST = 10
+"""rows that a recording must have"""
+_DISORDER = 0.05  # share of rows whose stamps may be out of order
+_LONGEST_STEP_S = 1.0  # median; a longer one is milliseconds, unless dt is given
+_LATEST = 1e19  # nanoseconds since 1970 are 2e18
+_SPARSE = 20  # samples of the grid a row, beyond which the stamps are wrong
+_PAUSE = 10_000  # samples that a pause of the log may take besides
+
+Pairs = Sequence[tuple[int, int]]
+
+
+def read_recordings(
+    paths: Iterable[str | Path],
+    state_names: Sequence[str],
+    input_names: Sequence[str],
+    *,
+    angles: Sequence[int] = (),
+    velocities: Pairs = (),
+    columns: Mapping[str, str] | None = None,
+    dt: float | None = None,
+) -> tuple[list[Recording], list[RecordingError]]:
+    """The recordings that can be read, and a sentence on each that cannot.
+
+    The arguments are those of `read_recording`.
+    """
+    good, bad = [], []
+    for path in paths:
+        try:
+            good.append(
+                read_recording(
+                    path,
+                    state_names,
+                    input_names,
+                    angles=angles,
+                    velocities=velocities,
+                    columns=columns,
+                    dt=dt,
+                )
+            )
+        except RecordingError as error:
+            bad.append(error)
+    return good, bad
+
+
+def read_recording(
+    path: str | Path,
+    state_names: Sequence[str],
+    input_names: Sequence[str],
+    *,
+    angles: Sequence[int] = (),
+    velocities: Pairs = (),
+    columns: Mapping[str, str] | None = None,
+    dt: float | None = None,
+) -> Recording:
+    """The recording in a file: CSV with a header row, `.npz` or `.parquet`.
+
+    Args:
+        path: of the file.
+        state_names: of the plant; each needs a column, but for velocities.
+        input_names: of the plant; each needs a column.
+        angles: which states are angles [rad]; where the log has them wrapped, turns are counted.
+        velocities: pairs (position, velocity) of states; the columns of velocities may be absent.
+        columns: the file's name for `time`, a state or an input, where it differs.
+        dt: step of the grid [s]; the log's own, rounded, when None.
+
+    Raises:
+        RecordingError: the file cannot be read; the sentence names row and column.
+        InputError: `columns` or `dt` cannot be meant.
+    """
+    names = (*state_names, *input_names)
+    _check(names, columns or {}, dt)
+    table = read_table(path)
+    optional = {state_names[velocity] for _, velocity in velocities}
+    sources = _sources(table, ("time", *names), optional, columns or {})
+    time, kept, remarks = _in_order(table, sources["time"], dt)
+    states = _columns(table, sources, state_names, kept)
+    log = Log(time, states, _columns(table, sources, input_names, kept))
+    _require_inputs(table, log, input_names)
+    remarks += list(_clean(log, state_names, angles))
+    step = sampling_time(time) if dt is None else dt
+    _require_grid(table, kept, log, step)
+    if not on_grid(time, step):
+        remarks.append(about_resampling(log, step))
+    grid_states, inputs = resampled(log, step)
+    still = {velocity for _, velocity in velocities}
+    positions = tuple(k for k in range(len(state_names)) if k not in still)
+    gaps = find_gaps(log, grid_states, positions, step)
+    _mask(grid_states, inputs, gaps, step)
+    _require_positions(table, grid_states, [(state_names[k], k) for k in positions])
+    remarks += about_gaps(gaps)
+    recording = Recording(
+        name=Path(path).stem,
+        time=step * np.arange(len(grid_states)),
+        states=grid_states,
+        inputs=inputs,
+        state_names=tuple(state_names),
+        input_names=tuple(input_names),
+        gaps=gaps,
+        remarks=(*table.remarks, *remarks),
+        angles=tuple(angles),
+        velocities=tuple((q, v) for q, v in velocities),
+        resolution=tuple(quantisation_step(column) for column in log.states.T),
+    )
+    return replace(recording, remarks=(*recording.remarks, *suspicions(recording)))
+
+
+# columns ------------------------------------------------------------------------------------------
+
+
+def _check(names: Sequence[str], columns: Mapping[str, str], dt: float | None) -> None:
+    unknown = sorted(set(columns) - {"time", *names})
+    if unknown:
+        raise InputError(
+            f"A column map expected names of the plant ({', '.join(('time', *names))}) before the "
+            f"equals sign, got {', '.join(unknown)}; write NAME_OF_THE_PLANT=NAME_IN_THE_FILE."
+        )
+    if dt is not None and not (math.isfinite(dt) and dt > 0):
+        raise InputError(f"dt must be positive [s], got {dt}.")
+
+
+def _sources(
+    table: Table, names: Sequence[str], optional: set[str], columns: Mapping[str, str]
+) -> dict[str, str]:
+    """The file's name for each of the plant's; a velocity that is absent is left out."""
+    sources = {name: columns.get(name, name) for name in names}
+    missing = [
+        name
+        for name, source in sources.items()
+        if source not in table.columns and (name not in optional or name in columns)
+    ]
+    if missing:
+        wanted = ", ".join(sources[name] for name in missing)
+        present = ", ".join(table.columns) or "none"
+        shown = present if len(present) <= 400 else f"{present[:400]}..."
+        raise RecordingError(
+            f"{table.path}: expected a column for each of {wanted}, got the columns {shown}; "
+            f"say which they are, for example --columns {missing[0]}=NAME."
+        )
+    return {name: source for name, source in sources.items() if source in table.columns}
+
+
+def _columns(
+    table: Table, sources: Mapping[str, str], names: Sequence[str], kept: np.ndarray
+) -> Float[np.ndarray, "N U"]:
+    """Some columns side by side, NaN where one is absent."""
+    absent = np.full(len(kept), np.nan)
+    found = [table.numbers(sources[n])[kept] if n in sources else absent for n in names]
+    return np.column_stack(found) if found else np.empty((len(kept), 0))
+
+
+# rows ---------------------------------------------------------------------------------------------
+
+
+def _in_order(
+    table: Table, column: str, dt: float | None
+) -> tuple[Float[np.ndarray, " N"], np.ndarray, list[str]]:
+    """The time from 0 [s], the rows that are in its order, and remarks on the others."""
+    stamps = table.numbers(column, largest=_LATEST)
+    known = np.flatnonzero(np.isfinite(stamps))
+    _require_rows(table, len(known))
+    kept = known[increasing(stamps[known])]
+    remarks = list(_about_order(table, column, stamps, known, kept))
+    _require_rows(table, len(kept))
+    time = stamps[kept] - stamps[kept[0]]
+    if not np.all(np.diff(time) > 0):  # the difference was rounded
+        raise table.error(column, kept[0], "a stamp near the others", f"{stamps[kept[0]]:g}")
+    step = float(np.median(np.diff(time)))
+    if dt is None and step >= _LONGEST_STEP_S:
+        raise RecordingError(
+            f"{table.path}, column {column!r}: expected seconds, got a median step of {step:g}, "
+            "which looks like milliseconds or less; convert the column to seconds, or give dt."
+        )
+    return time, kept, remarks
+
+
+def _about_order(
+    table: Table, column: str, stamps: np.ndarray, known: np.ndarray, kept: np.ndarray
+) -> Iterator[str]:
+    """Remarks on the rows without a stamp (not `known`) and out of order (not `kept`)."""
+    if len(known) < len(stamps):
+        row = table.rows[np.flatnonzero(~np.isfinite(stamps))[0]]
+        count = _count(len(stamps) - len(known), "row")
+        yield f"{count} without a time stamp left out, the first of them row {row}."
+    lost = np.setdiff1d(known, kept)
+    if len(lost) > max(1, _DISORDER * len(known)):
+        got = f"{stamps[lost[0]]:g} s and {len(lost)} rows like it, that repeat or run backwards"
+        raise table.error(column, lost[0], "time to increase from row to row", got)
+    if len(lost):
+        yield (
+            f"{_count(len(lost), 'row')} left out, whose time stamps repeat or run backwards, "
+            f"the first of them row {table.rows[lost[0]]}."
+        )
+
+
+def _require_rows(table: Table, count: int) -> None:
+    if count < FEWEST:
+        raise RecordingError(
+            f"{table.path}: expected at least {FEWEST} rows with a time stamp of their own, got "
+            f"{count}; record for longer."
+        )
+
+
+def _require_inputs(table: Table, log: Log, names: Sequence[str]) -> None:
+    for name, column in zip(names, log.inputs.T, strict=True):
+        if not np.isfinite(column).any():
+            raise RecordingError(
+                f"{table.path}: expected commands in the column of {name!r}, got empty cells only; "
+                "fill it, with 0 where no command was given."
+            )
+
+
+def _require_positions(
+    table: Table, states: Float[np.ndarray, "T X"], positions: Sequence[tuple[str, int]]
+) -> None:
+    for name, place in positions:
+        found = int(np.isfinite(states[:, place]).sum())
+        if found < FEWEST:
+            raise RecordingError(
+                f"{table.path}: expected at least {FEWEST} samples of {name!r} outside of gaps, "
+                f"got {found}; fill the column, or record for longer."
+            )
+
+
+def _require_grid(table: Table, kept: np.ndarray, log: Log, dt: float) -> None:
+    """Raises where the step does not suit the stamps."""
+    steps = np.diff(log.time)
+    if dt < log.step / 2:
+        raise InputError(
+            f"dt must be at least half of the log's median step of {log.step:g} s, got {dt:g} s; "
+            "leave it out to keep the log's own."
+        )
+    count = log.time[-1] / dt
+    if count > _SPARSE * len(log.time) + _PAUSE:
+        worst = int(steps.argmax())
+        raise RecordingError(
+            f"{table.path}, row {table.rows[kept[worst + 1]]}: expected time stamps about "
+            f"{log.step:g} s apart, got a jump of {steps[worst]:g} s; correct the stamp, or split "
+            "the file there."
+        )
+    if count + 1 < FEWEST:
+        raise RecordingError(
+            f"{table.path}: expected at least {FEWEST} samples at a step of {dt:g} s, got "
+            f"{count + 1:.0f}; record for longer, or give a smaller dt."
+        )
+
+
+# what is wrong, masked and said -------------------------------------------------------------------
+
+
+def _clean(log: Log, names: Sequence[str], angles: Sequence[int]) -> Iterator[str]:
+    """Mask spikes and unwrap angles, in place; yields remarks."""
+    for place, (name, column) in enumerate(zip(names, log.states.T, strict=True)):
+        if place in angles:
+            turning = unwrapped(column)
+            if turning is not column:
+                column[:] = turning
+                yield f"{name} was wrapped to one turn; its turns are counted."
+        missing = int(np.isnan(column).sum())
+        if 0 < missing < len(column):
+            yield f"{_count(missing, 'value')} of {name} missing, masked."
+        breaks = np.flatnonzero(np.diff(log.time) > log.jump(0.0)) + 1
+        spiky = np.concatenate([spikes(part) for part in np.split(column, breaks)])
+        if spiky.any():
+            first = log.time[spiky.argmax()]
+            column[spiky] = np.nan
+            yield (
+                f"{_count(int(spiky.sum()), 'value')} of {name} far off their neighbours, masked, "
+                f"the first of them at {first:.3f} s."
+            )
+
+
+def _mask(
+    states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"], gaps: Gaps, dt: float
+) -> None:
+    """Forget the states within gaps, and hold the last input before each, in place."""
+    for start, end in gaps:
+        first, last = round(start / dt), round(end / dt)
+        states[first + 1 : last] = np.nan
+        inputs[first:last] = inputs[first - 1] if first else inputs[last]
+
+
+def _count(number: int, what: str) -> str:
+    return f"1 {what}" if number == 1 else f"{number} {what}s"

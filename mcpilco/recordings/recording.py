@@ -1,0 +1,109 @@
+"""A measured time series on a uniform grid, and how it is written."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mcpilco.archive import write_bytes
+from mcpilco.typing import InputError
+
+Gaps = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """T samples of a system's states and inputs, as its sensors and its controller logged them."""
+
+    name: str
+    """stem of the file"""
+    time: Float[np.ndarray, " T"]
+    """uniform, from 0 [s]"""
+    states: Float[np.ndarray, "T X"]
+    """measured, in each state's unit; NaN where a column is absent or a value is masked"""
+    inputs: Float[np.ndarray, "T U"]
+    """held from time[k] to time[k + 1], in each input's unit; in a gap the last one known"""
+    state_names: tuple[str, ...]
+    """one for each column of `states`"""
+    input_names: tuple[str, ...]
+    """one for each column of `inputs`"""
+    gaps: Gaps = ()
+    """(start, end) on the grid [s]: nothing may be simulated across the open interval, for the
+    input is not known in it, or no position was measured for long; the states are NaN in it"""
+    remarks: tuple[str, ...] = ()
+    """sentences on what was resampled, masked or is suspicious"""
+    angles: tuple[int, ...] = ()
+    """which states are angles [rad]"""
+    velocities: tuple[tuple[int, int], ...] = ()
+    """pairs (position, velocity) of states: the second is the time derivative of the first"""
+    resolution: tuple[float, ...] = ()
+    """step in which each state's log came, in its unit; 0 for none that was seen"""
+
+    def __post_init__(self) -> None:
+        rows, width = len(self.time), (len(self.state_names), len(self.input_names))
+        if self.states.shape != (rows, width[0]) or self.inputs.shape != (rows, width[1]):
+            raise InputError(
+                f"A recording of {rows} samples expected states of shape {(rows, width[0])} and "
+                f"inputs of shape {(rows, width[1])}, got {self.states.shape} and "
+                f"{self.inputs.shape}; give one column for each name."
+            )
+        if not self.resolution:
+            object.__setattr__(self, "resolution", (0.0,) * width[0])
+        if rows < 2 or not np.allclose(np.diff(self.time), self.dt, rtol=1e-6, atol=0):
+            raise InputError(
+                "Recording.time must be at least two samples on a uniform grid [s]; "
+                "read a log with other time stamps with mcpilco.recordings.read_recording."
+            )
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def dt(self) -> float:
+        """Sampling time [s]."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    @property
+    def measured(self) -> Bool[np.ndarray, " X"]:
+        """Which states have any measured value."""
+        return np.isfinite(self.states).any(0)
+
+    def segments(self) -> tuple[slice, ...]:
+        """The stretches of samples between the gaps, each of two samples at least."""
+        steps = np.ones(len(self.time) - 1, dtype=bool)  # step k leads from sample k to k + 1
+        for start, end in self.gaps:
+            steps[round(start / self.dt) : round(end / self.dt)] = False
+        return tuple(slice(a, b + 1) for a, b in runs(steps))
+
+
+def runs(flags: Bool[np.ndarray, " T"]) -> list[tuple[int, int]]:
+    """First index and end of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def write_recording(path: str | Path, recording: Recording) -> Path:
+    """Write a CSV with the header `time,...`; reading it gives the same arrays and gaps.
+
+    A state without any value has no column; a masked value is an empty cell, and so is the input
+    in a gap. Equal recordings give equal bytes.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    present = np.flatnonzero(recording.measured)
+    inputs = recording.inputs.copy()
+    for start, end in recording.gaps:
+        inputs[round(start / recording.dt) : round(end / recording.dt)] = np.nan
+    table = np.column_stack([recording.time, recording.states[:, present], inputs])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [recording.state_names[place] for place in present]
+    writer.writerow(["time", *names, *recording.input_names])
+    writer.writerows([["" if v != v else repr(v) for v in row] for row in table.tolist()])
+    return write_bytes(Path(path), text.getvalue().encode())

@@ -1,0 +1,172 @@
+"""From samples at any times to samples on a uniform grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.recordings.local_fit import local_fit
+from mcpilco.recordings.recording import Gaps, runs
+from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid
+
+LONG = 5
+"""more than so many samples of a position in a row without a value are a gap"""
+_AVERAGED = 5  # a grid so many times coarser than the log takes local polynomials of it
+
+
+@dataclass(frozen=True)
+class Log:
+    """N rows in the order of time, as a file has them."""
+
+    time: Float[np.ndarray, " N"]
+    """from 0 [s], increasing"""
+    states: Float[np.ndarray, "N X"]
+    """NaN where a value is missing"""
+    inputs: Float[np.ndarray, "N U"]
+    """held from each time stamp on; NaN where a value is missing"""
+
+    @property
+    def step(self) -> float:
+        """Median time between two rows [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def jump(self, dt: float) -> float:
+        """The shortest step that counts as a jump of the time stamps [s]."""
+        return max(JUMP * self.step, (1 + ON_GRID) * dt)
+
+    def length(self, dt: float) -> int:
+        """T, how many samples a grid has up to the last row."""
+        return int(np.floor(self.time[-1] / dt + ON_GRID)) + 1
+
+
+def resampled(log: Log, dt: float) -> tuple[Float[np.ndarray, "T X"], Float[np.ndarray, "T U"]]:
+    """States and inputs at the times 0, dt, 2 dt, ...
+
+    On the grid already: as they are. Else a state is interpolated by the cubic through four
+    neighbours, which keeps its noise nearly white, or by a local quadratic where the log has many
+    rows a step; and an input is the mean over the step of the command that was held, which keeps
+    its impulse and adds no delay. The input where it is missing is the last one known.
+    """
+    held = _filled(log.inputs)
+    if on_grid(log.time, dt):
+        places = np.rint(log.time / dt).astype(int)
+        states = np.full((log.length(dt), log.states.shape[1]), np.nan)
+        states[places] = log.states
+        latest = np.searchsorted(places, np.arange(len(states)), side="right") - 1
+        return states, held[latest]
+    grid = dt * np.arange(log.length(dt))
+    columns = [_interpolated(log, values, grid, dt) for values in log.states.T]
+    return np.column_stack(columns), _mean_held(log.time, held, grid, dt)
+
+
+def find_gaps(
+    log: Log, states: Float[np.ndarray, "T X"], positions: tuple[int, ...], dt: float
+) -> Gaps:
+    """Where nothing may be simulated: the stamps jump, an input or a position is missing for long.
+
+    Args:
+        log: the rows.
+        states: the same on the grid.
+        positions: which states count.
+        dt: step of the grid [s].
+
+    Returns:
+        (start, end) on the grid [s], in order, none touching another.
+    """
+    last = len(states) - 1
+    steps = np.zeros(last, dtype=bool)  # step k leads from sample k to k + 1
+    jumps = np.flatnonzero(np.diff(log.time) > log.jump(dt))
+    spans = [(log.time[k], log.time[k + 1]) for k in jumps]
+    for start, end in runs(np.isnan(log.inputs).any(1)):
+        spans.append((log.time[start], log.time[min(end, len(log.time) - 1)]))
+    for start, end in spans:
+        first = int(np.floor(start / dt + ON_GRID))
+        steps[first : max(int(np.ceil(end / dt - ON_GRID)), first + 1)] = True
+    for column in states[:, list(positions)].T:
+        for start, end in runs(np.isnan(column)):
+            if end - start > LONG:
+                steps[max(start - 1, 0) : end] = True
+    return tuple((dt * a, dt * b) for a, b in runs(steps))
+
+
+def _filled(inputs: Float[np.ndarray, "N U"]) -> Float[np.ndarray, "N U"]:
+    """Each missing input replaced by the last one known, the first ones by the first known."""
+    filled = inputs.copy()
+    for column in filled.T:
+        known = np.flatnonzero(np.isfinite(column))
+        latest = np.searchsorted(known, np.arange(len(column)), side="right") - 1
+        column[:] = column[known[np.maximum(latest, 0)]]
+    return filled
+
+
+def _mean_held(
+    time: Float[np.ndarray, " N"],
+    held: Float[np.ndarray, "N U"],
+    grid: Float[np.ndarray, " T"],
+    dt: float,
+) -> Float[np.ndarray, "T U"]:
+    """1/dt times the integral over each step of the grid of a command that is held."""
+    ends = np.append(time, max(time[-1], grid[-1]) + 2 * dt)
+    edges = np.append(grid, grid[-1] + dt)
+    integral = np.concatenate(
+        [np.zeros_like(held[:1]), np.cumsum(held * np.diff(ends)[:, None], 0)]
+    )
+    columns = [np.diff(np.interp(edges, ends, column)) / dt for column in integral.T]
+    return np.column_stack(columns)
+
+
+def _interpolated(
+    log: Log, values: Float[np.ndarray, " N"], grid: Float[np.ndarray, " T"], dt: float
+) -> Float[np.ndarray, " T"]:
+    """One state on the grid; NaN where its neighbours are too far from one another."""
+    known = np.isfinite(values)
+    time, values = log.time[known], values[known]
+    if len(time) < 4:
+        return np.full(len(grid), np.nan)
+    if dt >= _AVERAGED * log.step:
+        return _averaged(time, values, grid, dt, log.step)
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    nodes = np.clip(after - 2, 0, len(time) - 4)[:, None] + np.arange(4)
+    steps = np.diff(time[nodes], axis=1)
+    even = (steps.max(1) <= log.jump(dt)) & (steps.min(1) >= 0.2 * log.step)
+    cubic = _through_four(time[nodes], values[nodes], grid)
+    result = np.where(even, cubic, np.interp(grid, time, values))
+    far = time[after] - time[after - 1] > log.jump(dt)
+    near = np.minimum(np.abs(time[after] - grid), np.abs(time[after - 1] - grid)) <= ON_GRID * dt
+    outside = (grid < time[0] - ON_GRID * dt) | (grid > time[-1] + ON_GRID * dt)
+    result[(far & ~near) | outside] = np.nan
+    return result
+
+
+def _through_four(
+    nodes: Float[np.ndarray, "T 4"], values: Float[np.ndarray, "T 4"], at: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, " T"]:
+    """Lagrange's cubic through four points."""
+    result = np.zeros(len(at))
+    for k in range(4):
+        others = [j for j in range(4) if j != k]
+        weight = np.prod(
+            (at[:, None] - nodes[:, others]) / (nodes[:, [k]] - nodes[:, others]), axis=1
+        )
+        result += weight * values[:, k]
+    return result
+
+
+def _averaged(
+    time: Float[np.ndarray, " N"],
+    values: Float[np.ndarray, " N"],
+    grid: Float[np.ndarray, " T"],
+    dt: float,
+    step: float,
+) -> Float[np.ndarray, " T"]:
+    """Local quadratics of the rows within half a step of each time of the grid."""
+    width = min(int(2 * np.ceil(dt / step)) + 1, len(time))
+    middle = np.searchsorted(time, grid)
+    rows = np.clip(middle - width // 2, 0, len(time) - width)[:, None] + np.arange(width)
+    offsets = (time[rows] - grid[:, None]) / dt
+    near = np.abs(offsets) <= 0.5 + ON_GRID
+    coefficients, _, _ = local_fit(offsets, np.where(near, values[rows], np.nan), 2)
+    both_sides = (near & (offsets <= ON_GRID)).any(1) & (near & (offsets >= -ON_GRID)).any(1)
+    return np.where(both_sides, coefficients[:, 0], np.nan)

@@ -1,0 +1,272 @@
+"""Files of named columns: CSV, npz, parquet. Nothing in them is executed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.archive import read_arrays
+from mcpilco.typing import RecordingError, RunFolderError
+
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
+"""cells that say that a value is missing, in small letters"""
+LARGEST = 1e15
+"""beyond it a number is no measurement in SI units"""
+_SEPARATORS = ",;\t"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Named columns of one file; a column is read as numbers when it is asked for."""
+
+    path: Path
+    """where it came from"""
+    columns: Mapping[str, Sequence[Any]]
+    """cells, text or numbers, one for each row"""
+    rows: Int[np.ndarray, " N"]
+    """place of each row in the file, counted from 1; the header of a CSV is counted too"""
+    remarks: tuple[str, ...] = ()
+    """what was left out"""
+
+    def numbers(self, name: str, largest: float = LARGEST) -> Float[np.ndarray, " N"]:
+        """A column, NaN where a cell is empty or says that the value is missing.
+
+        Args:
+            name: of the column.
+            largest: magnitude beyond which a number is no measurement.
+
+        Raises:
+            RecordingError: a cell is no number, infinite, or larger than any measurement.
+        """
+        cells = self.columns[name]
+        values = np.empty(len(self.rows))
+        for k, cell in enumerate(cells):
+            try:
+                values[k] = _number(cell)
+            except (TypeError, ValueError, OverflowError):
+                raise self.error(name, k, "a number", _shown(cell) + _hint(cell)) from None
+        wrong = np.flatnonzero(np.abs(values) > largest)
+        if len(wrong):
+            raise self.error(name, wrong[0], "a measured value", _shown(cells[wrong[0]]))
+        return values
+
+    def error(self, name: str, k: int, expected: str, got: str) -> RecordingError:
+        """The sentence about the cell in the k-th row of a column."""
+        return RecordingError(
+            f"{self.path}, row {self.rows[k]}, column {name!r}: expected {expected}, got {got}; "
+            "correct the cell, or empty it where the value is missing."
+        )
+
+
+def read_table(path: str | Path) -> Table:
+    """The columns of a file: `.npz` and `.parquet` by their names, anything else as CSV.
+
+    A CSV has a header row, is separated by commas, semicolons or tabs, and is UTF-8.
+
+    Raises:
+        RecordingError: it is missing, damaged, or holds no named columns.
+    """
+    path = Path(path)
+    match path.suffix.lower():
+        case ".npz":
+            return _read_npz(path)
+        case ".parquet":
+            return _read_parquet(path)
+    return _read_csv(path)
+
+
+def _number(cell: Any) -> float:
+    if not isinstance(cell, str):
+        return math.nan if cell is None else float(cell)
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return math.nan
+    if "_" in text:  # Python reads 1_000
+        raise ValueError
+    return float(text)
+
+
+def _shown(cell: Any) -> str:
+    text = repr(cell) if isinstance(cell, str) else str(cell)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _hint(cell: Any) -> str:
+    if isinstance(cell, str) and cell.replace(",", "", 1).strip(" +-").isdecimal():
+        return " (a decimal comma; write a point)"
+    return ""
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip()
+
+
+# CSV ----------------------------------------------------------------------------------------------
+
+
+def _read_csv(path: Path) -> Table:
+    text = _decoded(path, _content(path))
+    first, _, _ = text.partition("\n")
+    separator = max(_SEPARATORS, key=first.count)
+    lines = csv.reader(io.StringIO(text, newline=None), delimiter=separator, strict=True)
+    rows, numbers = [], []
+    try:
+        for line in lines:
+            if any(cell.strip() for cell in line):
+                rows.append(line)
+                numbers.append(lines.line_num)
+    except csv.Error as error:
+        raise RecordingError(
+            f"{path}, row {lines.line_num}: expected comma-separated values, got a line that is "
+            f"none ({error}); correct the quotation marks of the line."
+        ) from error
+    if not rows:
+        raise RecordingError(f"{path} is empty; expected a header row and a row a sample.")
+    names = _header(path, rows.pop(0), numbers.pop(0))
+    rows, remarks = _complete(path, rows, numbers, len(names))
+    columns = {name: [row[place] for row in rows] for place, name in enumerate(names) if name}
+    return Table(path, columns, np.array(numbers[: len(rows)], dtype=np.int64), remarks)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+    except IsADirectoryError:
+        raise RecordingError(
+            f"{path} is a folder; name the files in it: {path / '*.csv'}."
+        ) from None
+    except FileNotFoundError:
+        raise RecordingError(f"There is no file {path}; name a recording that exists.") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(
+            f"{path} cannot be read ({reason}); make the file readable, or name another."
+        ) from error
+    if not content.strip():
+        raise RecordingError(f"{path} is empty; expected a header row and a row a sample.")
+    return content
+
+
+def _decoded(path: Path, content: bytes) -> str:
+    """The text, with one kind of line end."""
+    remedy = "save it as comma-separated values in UTF-8"
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise RecordingError(f"{path}: expected text in UTF-8, got UTF-16; {remedy}.")
+    zero = content.find(b"\0")
+    if zero >= 0:
+        row = content.count(b"\n", 0, zero) + 1
+        raise RecordingError(
+            f"{path}, row {row}: expected text, got a zero byte, as in a binary file or a damaged "
+            f"disk; {remedy}."
+        )
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        raise RecordingError(
+            f"{path}, row {row}: expected text in UTF-8, got the byte "
+            f"0x{content[error.start]:02x}; {remedy}."
+        ) from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _header(path: Path, cells: Sequence[str], row: int) -> list[str]:
+    """The names, without the `#` that some programs write before them."""
+    names = [cell.strip() for cell in cells]
+    names[0] = names[0].removeprefix("#").strip()
+    if all(_is_number(name) for name in names):
+        raise RecordingError(
+            f"{path}, row {row}: expected the names of the columns, got the numbers "
+            f"{_shown(', '.join(names))}; write a header row, such as time,angle,torque."
+        )
+    _require_distinct(path, [name for name in names if name])
+    return names
+
+
+def _require_distinct(path: Path, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise RecordingError(
+                f"{path}: expected each column once, got {_shown(name)} twice in the header; "
+                "rename or remove one of them."
+            )
+        seen.add(name)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _complete(
+    path: Path, rows: list[list[str]], numbers: Sequence[int], width: int
+) -> tuple[list[list[str]], tuple[str, ...]]:
+    """The rows, without a last one that was cut off."""
+    remarks: tuple[str, ...] = ()
+    if rows and len(rows[-1]) < width:
+        remarks = (f"Row {numbers[len(rows) - 1]}, the last, is cut off and is left out.",)
+        rows = rows[:-1]
+    for row, number in zip(rows, numbers, strict=False):
+        if len(row) != width and any(cell.strip() for cell in row[width:]) | (len(row) < width):
+            raise RecordingError(
+                f"{path}, row {number}: expected {width} cells as in the header, got {len(row)}; "
+                "complete or remove the row, and write decimal points, no decimal commas."
+            )
+    return rows, remarks
+
+
+# npz and parquet ----------------------------------------------------------------------------------
+
+
+def _read_npz(path: Path) -> Table:
+    try:
+        arrays = read_arrays(path)
+    except RunFolderError as error:
+        raise RecordingError(f"{_first_line(error).rstrip('.')}; write it again.") from error
+    return _table(path, arrays)
+
+
+def _read_parquet(path: Path) -> Table:
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise RecordingError(
+            f"{path}: reading parquet needs pyarrow; install it, or save the file as CSV."
+        ) from None
+    content = _content(path)
+    try:
+        found = parquet.read_table(io.BytesIO(content))
+        _require_distinct(path, found.column_names)
+        columns = {name: found[name].to_pylist() for name in found.column_names}
+    except RecordingError:
+        raise
+    except Exception as error:  # pyarrow raises almost anything from damaged bytes
+        raise RecordingError(
+            f"{path} is no parquet file, or damaged: {_first_line(error)}; write it again."
+        ) from error
+    return _table(path, columns)
+
+
+def _table(path: Path, columns: Mapping[str, Any]) -> Table:
+    shapes = {name: np.shape(column) for name, column in columns.items()}
+    vectors = {name: columns[name] for name, shape in shapes.items() if len(shape) == 1}
+    lengths = {len(column) for column in vectors.values()}
+    if len(lengths) != 1:
+        listed = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "nothing"
+        raise RecordingError(
+            f"{path}: expected a vector of equal length for each column, got {_shown(listed)}; "
+            "write one array a column."
+        )
+    return Table(path, vectors, np.arange(1, lengths.pop() + 1))

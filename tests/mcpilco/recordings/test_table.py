@@ -1,0 +1,167 @@
+"""A file becomes columns, or one sentence says where it is wrong."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcpilco.recordings.table import read_table
+from mcpilco.typing import RecordingError
+
+GOOD = "time,angle,torque\n0.00,0.1,1\n0.02,0.2,2\n0.04,,3\n"
+
+
+def written(tmp_path: Path, content: str | bytes) -> Path:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        GOOD,
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", "\t"),
+        GOOD.replace("\n", "\r\n"),
+        GOOD.replace("\n", "\r"),
+        GOOD.replace("\n", "\r\n", 2),
+        "\ufeff" + GOOD,
+        "# " + GOOD,
+        GOOD.replace("time,angle", " time , angle "),
+        GOOD.replace(",,", ",NaN,"),
+        GOOD.replace("\n", "\n\n"),
+        GOOD.replace("angle", '"angle"').replace("0.2", '"0.2"'),
+    ],
+)
+def test_all_ways_to_write_a_csv_give_the_same_numbers(tmp_path: Path, content: str) -> None:
+    table = read_table(written(tmp_path, content))
+    assert list(table.columns) == ["time", "angle", "torque"]
+    np.testing.assert_array_equal(table.numbers("angle"), [0.1, 0.2, np.nan])
+
+
+def test_a_column_that_nobody_asks_for_may_hold_text(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path, "time,mode\n0.0,idle\n0.1,run\n"))
+    np.testing.assert_array_equal(table.numbers("time"), [0.0, 0.1])
+
+
+def test_a_last_row_that_is_cut_off_is_left_out_and_said(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path, GOOD + "0.06,0.3"))
+    assert len(table.rows) == 3
+    assert table.remarks == ("Row 5, the last, is cut off and is left out.",)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("0x12", "row 3, column 'angle': expected a number, got '0x12'"),
+        ("1_000", "row 3, column 'angle': expected a number, got '1_000'"),
+        ('"0,2"', "a decimal comma; write a point"),
+        ("inf", "row 3, column 'angle': expected a measured value, got 'inf'"),
+        ("-1e999", "row 3, column 'angle': expected a measured value, got '-1e999'"),
+        ("3e300", "expected a measured value, got '3e300'"),
+    ],
+)
+def test_a_wrong_cell_is_named_by_row_and_column(tmp_path: Path, cell: str, said: str) -> None:
+    path = written(tmp_path, GOOD.replace("0.2", cell))
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_table(path).numbers("angle")
+    assert str(path) in str(caught.value)
+
+
+def test_rows_are_counted_as_an_editor_shows_them(tmp_path: Path) -> None:
+    path = written(tmp_path, "time,angle\n\n0.0,1\n\n0.1,x\n")
+    with pytest.raises(RecordingError, match="row 5, column 'angle'"):
+        read_table(path).numbers("angle")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty; expected a header row"),
+        (b"  \n\n", "is empty; expected a header row"),
+        (b"0.0,0.1,1\n0.02,0.2,2\n", "row 1: expected the names of the columns, got the numbers"),
+        (b"time,a,a\n0,1,2\n", "got 'a' twice in the header"),
+        (b"time,a\n0.0,1\n0.1,2,3\n0.2,4\n", "row 3: expected 2 cells as in the header, got 3"),
+        (b"time,a\n0.0,1\n0.1\n0.2,4\n", "row 3: expected 2 cells as in the header, got 1"),
+        (GOOD.encode("utf-16"), "expected text in UTF-8, got UTF-16"),
+        (b"time,w\xe4rme\n0,1\n", "row 1: expected text in UTF-8, got the byte 0xe4"),
+        (b"time,a\n0,1\n\0\0\0", "row 3: expected text, got a zero byte"),
+        (b'time,a\n0,"1\n1,2\n', "correct the quotation marks"),
+    ],
+)
+def test_a_file_that_is_no_csv_is_refused_with_a_sentence(
+    tmp_path: Path, content: bytes, said: str
+) -> None:
+    with pytest.raises(RecordingError, match=said):
+        read_table(written(tmp_path, content))
+
+
+def test_a_folder_and_a_missing_file_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="is a folder; name the files in it"):
+        read_table(tmp_path)
+    with pytest.raises(RecordingError, match=r"There is no file .*nothing\.csv"):
+        read_table(tmp_path / "nothing.csv")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD)
+    path.chmod(0)
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_table(path)
+
+
+# npz and parquet ----------------------------------------------------------------------------------
+
+
+def test_an_npz_gives_its_arrays(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time=np.arange(3), angle=np.float32([1, np.nan, 3]), dt=0.1)
+    table = read_table(tmp_path / "log.npz")
+    assert list(table.columns) == ["time", "angle"]
+    np.testing.assert_array_equal(table.numbers("angle"), [1, np.nan, 3])
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"time": np.arange(3), "angle": np.arange(4)}, "a vector of equal length"),
+        ({"time": np.eye(3)}, "a vector of equal length"),
+        ({}, "a vector of equal length"),
+    ],
+)
+def test_an_npz_without_columns_is_refused(tmp_path: Path, arrays: dict, said: str) -> None:
+    np.savez(tmp_path / "log.npz", **arrays)
+    with pytest.raises(RecordingError, match=said):
+        read_table(tmp_path / "log.npz")
+
+
+def test_an_npz_with_infinity_is_refused_by_row(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time=np.arange(3), angle=np.array([1, np.inf, 3]))
+    with pytest.raises(RecordingError, match="row 2, column 'angle'"):
+        read_table(tmp_path / "log.npz").numbers("angle")
+
+
+def test_a_parquet_gives_its_columns(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    table = pyarrow.table({"time": [0.0, 0.1], "angle": [1.0, None], "mode": ["a", "b"]})
+    parquet.write_table(table, tmp_path / "log.parquet")
+    read = read_table(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(read.numbers("angle"), [1.0, np.nan])
+    with pytest.raises(RecordingError, match="row 1, column 'mode': expected a number, got 'a'"):
+        read.numbers("mode")
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+def test_a_damaged_container_is_refused(tmp_path: Path, name: str) -> None:
+    buffer = io.BytesIO()
+    np.savez(buffer, time=np.arange(100))
+    (tmp_path / name).write_bytes(buffer.getvalue()[:200])
+    with pytest.raises(RecordingError, match="damaged"):
+        read_table(tmp_path / name)
