@@ -29,8 +29,8 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
     The same cart, pole, force, noise, start, cost and judge as `mcpilco/CartPoleSwingUp-v0`, but
     MuJoCo integrates the motion, of the model in `envs/assets/cartpole.xml` or of one's own. As
     MuJoCo's timestep h shrinks, the motion becomes that of the analytic env; with the built-in
-    model's Runge-Kutta method the difference falls as h^4, and at the default step a random
-    episode of 3 s ends within about 1e-6 of the analytic one.
+    model's Runge-Kutta method the difference falls as h^4. At the default step half of all random
+    episodes of 3 s end within 2e-8 of the analytic ones, nine of ten within 2e-7, in SI units.
 
     The id is `mcpilco/MujocoCartPoleSwingUp-v0`, known after `import envs`, which does not load
     MuJoCo yet; `gymnasium.make_vec` makes a `MujocoCartPoleSwingUpVectorEnv` of it.

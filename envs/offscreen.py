@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import os
 import sys
+import weakref
 from typing import Any
 
 import mujoco
@@ -44,6 +46,10 @@ class Offscreen:
         visual.offheight = max(height, visual.offheight)
         self._gl, self._context = _open(model, width, height)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        _OPEN.add(self)
+        # what is registered last is called first: before the backend ends, which it registered
+        atexit.unregister(_close_all)
+        atexit.register(_close_all)
 
     def draw(self, scene: mujoco.MjvScene) -> UInt8[np.ndarray, "H W 3"]:
         """A picture of the scene."""
@@ -55,9 +61,19 @@ class Offscreen:
 
     def close(self) -> None:
         """Gives the context back; nothing can be drawn any more."""
+        _OPEN.discard(self)
         self._gl.make_current()
         self._context.free()
         self._gl.free()
+
+
+_OPEN: weakref.WeakSet[Offscreen] = weakref.WeakSet()
+"""those that can draw"""
+
+
+def _close_all() -> None:
+    for offscreen in list(_OPEN):
+        offscreen.close()
 
 
 def backends() -> list[str]:
