@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -163,6 +162,6 @@ def _rises(model: mujoco.MjModel) -> bool:
     return bool(heights[1] >= heights[0])
 
 
-def _require(condition: bool, message: Any) -> None:
+def _require(condition: bool, message: str) -> None:
     if not condition:
         raise InputError(message)

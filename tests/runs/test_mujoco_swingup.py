@@ -45,11 +45,19 @@ def test_both_simulations_are_compared_on_the_seeds_that_both_have(run):
         "trials": [{"experience_s": time} for time in (3.0, 6.0)],
         "by_seed": {"0": won, "1": won, "7": lost},
     }
-    text = run.comparison(mujoco, {"by_seed": {"0": won, "1": lost, "2": lost}})
+    share = {"rate": 0.25, "low": 0.1, "high": 0.5}
+    analytic = {
+        "trials": [{"success": share}] * 2,
+        "by_seed": {"0": won, "1": lost, "2": lost},
+    }
+    text = run.comparison(mujoco, analytic)
+    assert "| analytic, one rollout a policy, all 3 seeds | 25.0 (10–50) |" in text
     assert "| analytic, one rollout a policy | 50.0 (9–91) |" in text
     assert "| MuJoCo, one rollout a policy | 100.0 (34–100) |" in text
     assert "the 2 seeds that ran in both" in text
-    assert "one rollout" not in run.comparison(mujoco, {"by_seed": {}}).split("Ours")[0]
+    assert (
+        "one rollout" not in run.comparison(mujoco, {"by_seed": {}, "trials": []}).split("Ours")[0]
+    )
 
 
 def test_page_of_the_repository_has_its_marked_lines():
