@@ -32,6 +32,13 @@ gymnasium.register(
     vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
     max_episode_steps=30,
 )
+# named only, so that MuJoCo is loaded where it is used
+gymnasium.register(
+    id="mcpilco/MujocoCartPoleSwingUp-v0",
+    entry_point="envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv",
+    vector_entry_point="envs.mujoco_cartpole_vector:MujocoCartPoleSwingUpVectorEnv",
+    max_episode_steps=30,
+)
 gymnasium.register(
     id="mcpilco/Pendulum-v0",
     entry_point="envs.pendulum:PendulumEnv",

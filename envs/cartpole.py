@@ -11,6 +11,7 @@ from jaxtyping import Float
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.cartpole_views import picture, scene
 from envs.checks import read_array, read_stds, require_positive
+from envs.plant import Plant
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
 from mcpilco.costs import cart_pole_cost
@@ -139,17 +140,43 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             cart_friction=cart_friction,
             gravity=gravity,
         )
-        swing_up = SwingUp(
-            dynamics=dynamics,
-            input_limit=force_limit,
+        swing_up = cart_pole_swing_up(
+            dynamics,
+            force_limit=force_limit,
             dt=dt,
-            start_std=read_stds("start_std", start_std, 4),
-            noise_std=read_stds("noise_std", noise_std, 4),
-            cost=_read_cost(cost, cost_lengthscales),
-            angle=2,
-            cart=0,
+            start_std=start_std,
+            noise_std=noise_std,
+            cost=cost,
+            cost_lengthscales=cost_lengthscales,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
+
+
+def cart_pole_swing_up(
+    dynamics: Plant,
+    *,
+    force_limit: float,
+    dt: float,
+    start_std: OneOrFour,
+    noise_std: OneOrFour,
+    cost: Cost | None,
+    cost_lengthscales: Sequence[float],
+) -> SwingUp:
+    """The task of `CartPoleSwingUpEnv`, whatever simulates it; the keywords are its arguments.
+
+    Raises:
+        InputError: a value does not fit.
+    """
+    return SwingUp(
+        dynamics=dynamics,
+        input_limit=force_limit,
+        dt=dt,
+        start_std=read_stds("start_std", start_std, 4),
+        noise_std=read_stds("noise_std", noise_std, 4),
+        cost=_read_cost(cost, cost_lengthscales),
+        angle=2,
+        cart=0,
+    )
 
 
 def _read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:

@@ -261,6 +261,8 @@ def _from_json(hint: Any, value: Any) -> Any:
 
 CART_POLE = "mcpilco/CartPoleSwingUp-v0"
 """the env that presets and commands are about by default"""
+CART_POLES = (CART_POLE, "mcpilco/MujocoCartPoleSwingUp-v0")
+"""the envs that the keywords of a preset describe"""
 
 
 @dataclass(frozen=True)
@@ -272,11 +274,11 @@ class Preset:
     config: Config
     """numbers of the agent"""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """keywords for `gymnasium.make`; they describe the cart-pole"""
+    """keywords for `gymnasium.make`; they describe the cart-poles"""
 
     def keywords(self, env_id: str) -> dict[str, Any]:
-        """The keywords to make an env with: those of the preset for the cart-pole, else none."""
-        return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] == CART_POLE else {}
+        """The keywords to make an env with: those of the preset for a cart-pole, else none."""
+        return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] in CART_POLES else {}
 
 
 PRESETS: dict[str, Preset] = {
