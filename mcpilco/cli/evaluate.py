@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import choose_trial, open_env, use_one_thread
+from mcpilco.cli.system import choose_trial, open_run_env, use_one_thread
 from mcpilco.typing import InputError, RunFolderError
 
 _MEASURES = {
@@ -50,7 +50,7 @@ class Evaluate:
 
         run = RunFolder.open(self.run)
         trial = _finished(run, self.trial)
-        env = open_env(run.config["env"], run.config["env_kwargs"])
+        env = open_run_env(run)
         with contextlib.closing(env):
             agent = _agent(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
@@ -96,15 +96,13 @@ def _finished(run: Any, trial: int | None) -> int:
 
 def _agent(run: Any, trial: int, env: Any) -> Any:
     """The run's agent with the policy of one trial."""
-    import torch
-
     from mcpilco.agent import MCPILCO
+    from mcpilco.agent_file import load_policy
 
     agent = MCPILCO.load(run.agent_path, env)
-    policy = {name: torch.from_numpy(a) for name, a in run.read_arrays(trial, "policy").items()}
     try:
-        agent.policy.load_state_dict(policy)
-    except RuntimeError as error:
+        load_policy(agent.policy, run.read_arrays(trial, "policy"))
+    except ValueError as error:
         path = run.arrays_path(trial, "policy")
         raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
     return agent

@@ -6,6 +6,7 @@ import dataclasses
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.config import PRESETS
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import gymnasium as gym
 
     from mcpilco.config import Config
+    from mcpilco.run_folder import RunFolder
 
 
 def use_one_thread() -> None:
@@ -53,6 +55,25 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     if here not in sys.path:  # the module may lie where the user is, as with `python -m`
         sys.path.append(here)
     return make_env(env_id, **kwargs)
+
+
+def open_run_env(run: RunFolder) -> gym.Env:
+    """The env that a run was trained in; code that lies in the run folder itself is not executed.
+
+    Raises:
+        RunFolderError: the env's module lies in the run folder.
+        EnvError: the env cannot be made.
+    """
+    env_id = run.config["env"]
+    module = env_id.rpartition(":")[0]
+    folder = run.path.resolve()
+    for place in {*sys.path, os.getcwd()} if module else ():
+        if Path(place or ".", *module.split(".")).resolve().is_relative_to(folder):
+            raise RunFolderError(
+                f"{run.path} names the env {env_id!r}, whose module would be taken from the run "
+                "folder itself, where nothing is executed; move the module out, if you trust it."
+            )
+    return open_env(env_id, run.config["env_kwargs"])
 
 
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:

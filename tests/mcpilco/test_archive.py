@@ -21,7 +21,7 @@ from mcpilco.typing import RunFolderError
 same_folder = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None
 )
-names = st.text("abcdefghij_.0123456789", min_size=1, max_size=8)
+names = st.text("abcdefghij_.0123456789", min_size=1, max_size=8).filter(lambda name: name != "..")
 numbers = hnp.arrays(
     st.sampled_from([np.float64, np.float32, np.int64, np.uint8, np.bool_]),
     hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcpilco.run_folder import FORMAT, METRICS, RunFolder, versions
+from mcpilco.metrics import METRICS
+from mcpilco.run_folder import FORMAT, RunFolder, versions
 from mcpilco.typing import RunFolderError
 from tests.mcpilco.fakes import make_result
 
@@ -20,7 +21,8 @@ CONFIG = {
     "config": {"horizon": None},
 }
 COLUMNS = (
-    "trial,experience_s,predicted_cost,real_cost,success,time_up_s,mean_abs_cart_m,wall_s,cpu_s"
+    "trial,experience_s,predicted_cost,real_cost,success,time_up_s,mean_abs_cart_m,wall_s,cpu_s,"
+    "failure"
 )
 
 
@@ -153,9 +155,10 @@ def test_metrics_do_not_depend_on_numpy_scalars(run, tmp_path):
         "trial,cost\n1,2\n",
         COLUMNS.replace("wall_s", "seconds") + "\n",
         COLUMNS + "\n1,3.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,1,,,six,7.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,maybe,,,6.0,7.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,8.0\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,1,,,six,7.0,\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,maybe,,,6.0,7.0,\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,,8.0\n",
+        COLUMNS + "\n2,3.0,4.0,5.0,1,,,6.0,7.0,\n",
     ],
 )
 def test_damaged_metrics_are_an_error(run, text):
