@@ -82,6 +82,7 @@ def read_text(path: Path) -> str:
         RunFolderError: the file is missing, cannot be read, or is no text.
     """
     try:
+        _check_kind(path)
         size = path.stat().st_size
         if size > LARGEST_TEXT:
             raise ValueError(f"{size} bytes, of at most {LARGEST_TEXT}")
@@ -92,6 +93,12 @@ def read_text(path: Path) -> str:
         raise RunFolderError(f"{path} cannot be read ({error.strerror or error}).") from error
     except ValueError as error:
         raise damaged(path, error) from error
+
+
+def _check_kind(path: Path) -> None:
+    """Raises ValueError for a device or a pipe, which would be read without an end."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no file")
 
 
 def damaged(path: Path, why: object) -> RunFolderError:
@@ -123,6 +130,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
         RunFolderError: the file is missing, damaged, or holds anything but plain arrays.
     """
     try:
+        _check_kind(path)
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
             size = sum(member.file_size for member in members)

@@ -40,7 +40,7 @@ SMALL = Config(
     ),
     engine="eager",  # nothing to compile
 )
-RUNNABLE = ("train", "evaluate")
+RUNNABLE = ("train", "evaluate", "export")
 """commands that need no screen and no other process"""
 ELSEWHERE = re.compile(r"pendulum|RUN|--help|CartPole-v9")
 """in commands with a test of their own, in patterns, and in the one that shows an error"""
@@ -70,7 +70,9 @@ def commands(page: Path) -> list[list[str]]:
     """The arguments of each `mcpilco` command, after the name and any variables before it."""
     found = []
     for line in shell_lines(page):
-        match = re.search(r"(?:^|\s)mcpilco ((?:train|evaluate|sweep|view|doctor)\b.*)", line)
+        match = re.search(
+            r"(?:^|\s)mcpilco ((?:train|evaluate|sweep|view|export|doctor)\b.*)", line
+        )
         if match:
             found.append(shlex.split(match[1], comments=True))
     return found

@@ -1,4 +1,4 @@
-"""The command line: `mcpilco train`, `evaluate`, `sweep`, `view` and `doctor`.
+"""The command line: `mcpilco train`, `evaluate`, `sweep`, `view`, `export` and `doctor`.
 
 This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
 gymnasium) when it runs, so that `--help` answers at once.
@@ -14,6 +14,7 @@ import tyro
 
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
+from mcpilco.cli.export import Export
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
@@ -33,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Sweep | View | Doctor,
+            Train | Evaluate | Sweep | View | Export | Doctor,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import choose_trial, open_run_env, use_one_thread
-from mcpilco.typing import InputError, RunFolderError
+from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_thread
+from mcpilco.typing import InputError
 
 _MEASURES = {
     "return": "return [-]",
@@ -49,10 +49,10 @@ class Evaluate:
         from mcpilco.run_folder import RunFolder
 
         run = RunFolder.open(self.run)
-        trial = _finished(run, self.trial)
+        trial = finished_trial(run, self.trial)
         env = open_run_env(run)
         with contextlib.closing(env):
-            agent = _agent(run, trial, env)
+            agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
         report = {
             "run": str(run.path),
@@ -86,26 +86,6 @@ class Evaluate:
             for name, value in outcome.items():
                 samples.setdefault(name, []).append(value)
         return samples
-
-
-def _finished(run: Any, trial: int | None) -> int:
-    """The trial asked for, or the last."""
-    none = f"{run.path} holds no finished trial yet; train until the first one ends."
-    return choose_trial(run.finished_trials(), trial, none)
-
-
-def _agent(run: Any, trial: int, env: Any) -> Any:
-    """The run's agent with the policy of one trial."""
-    from mcpilco.agent import MCPILCO
-    from mcpilco.agent_file import load_policy
-
-    agent = MCPILCO.load(run.agent_path, env)
-    try:
-        load_policy(agent.policy, run.read_arrays(trial, "policy"))
-    except ValueError as error:
-        path = run.arrays_path(trial, "policy")
-        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
-    return agent
 
 
 def _report(samples: Mapping[str, list[float]]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from mcpilco.typing import InputError, RunFolderError
 if TYPE_CHECKING:
     import gymnasium as gym
 
+    from mcpilco.agent import MCPILCO
     from mcpilco.config import Config
     from mcpilco.run_folder import RunFolder
 
@@ -90,3 +91,33 @@ def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
     if asked not in trials:
         raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {asked}.")
     return asked
+
+
+def finished_trial(run: RunFolder, asked: int | None) -> int:
+    """The finished trial asked for, or the last.
+
+    Raises:
+        RunFolderError: none is finished.
+        InputError: the one asked for is not.
+    """
+    none = f"{run.path} holds no finished trial yet; train until the first one ends."
+    return choose_trial(run.finished_trials(), asked, none)
+
+
+def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
+    """The run's agent with the policy of one trial.
+
+    Raises:
+        RunFolderError: a file is missing or damaged, or the files do not belong together.
+        EnvError: the env does not fit.
+    """
+    from mcpilco.agent import MCPILCO
+    from mcpilco.agent_file import load_policy
+
+    agent = MCPILCO.load(run.agent_path, env)
+    try:
+        load_policy(agent.policy, run.read_arrays(trial, "policy"))
+    except ValueError as error:
+        path = run.arrays_path(trial, "policy")
+        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
+    return agent

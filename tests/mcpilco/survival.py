@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import torch._dynamo
+import torch._refs  # noqa: F401  loaded once, for all
 
 import mcpilco.agent
 import mcpilco.cli.resume
