@@ -56,19 +56,24 @@ def resume(path: Path) -> list[str]:
 
 def command(argv: list[str], sabotage: Callable[[], None] | None = None) -> Any:
     """A process that runs `mcpilco argv` with a small agent; it is started, and not waited for."""
-    process = _context.Process(target=_run, args=(argv, sabotage))
-    process.start()
-    return process
+    return process(_run, argv, sabotage)
+
+
+def process(target: Callable[..., None], *arguments: Any) -> Any:
+    """A process that calls a function; it is started, and not waited for."""
+    started = _context.Process(target=target, args=arguments)
+    started.start()
+    return started
 
 
 def exit_code(argv: list[str], sabotage: Callable[[], None] | None = None) -> int:
     """How `mcpilco argv` ends; a process that does not is killed after a minute."""
-    process = command(argv, sabotage)
-    process.join(60)
-    if process.is_alive():
-        process.kill()
-    process.join()
-    return process.exitcode
+    run = command(argv, sabotage)
+    run.join(60)
+    if run.is_alive():
+        run.kill()
+    run.join()
+    return run.exitcode
 
 
 def _run(argv: list[str], sabotage: Callable[[], None] | None) -> None:

@@ -210,17 +210,6 @@ def test_each_reset_has_a_seed_of_its_own() -> None:
     assert None not in seeds
 
 
-def test_random_inputs_tell_nothing_of_the_start() -> None:
-    """They came from one stream once; the standard error of these correlations is 0.05."""
-    starts, inputs = [], []
-    for seed in range(400):
-        record = make_agent(seed=seed)._explore()
-        starts.append(record.states[0])
-        inputs.append(record.inputs[:2, 0])
-    correlations = np.corrcoef(np.array(starts).T, np.array(inputs).T)[:2, 2:]
-    assert np.abs(correlations).max() < 0.2
-
-
 @pytest.mark.parametrize(("warm", "expected"), [(True, True), (False, False)])
 def test_later_trials_begin_with_the_last_policy_where_asked(warm: bool, expected: bool) -> None:
     tiny_steps = tuple(dataclasses.replace(p, learning_rate=1e-12) for p in TINY.search.phases)

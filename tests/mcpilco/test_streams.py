@@ -25,6 +25,7 @@ def test_equal_seeds_and_trials_draw_the_same_in_any_order() -> None:
 
 
 def test_each_use_trial_and_seed_draws_its_own() -> None:
+    """The inputs of an exploration and the env's first start had one stream once."""
     numbers = [x for seed in range(5) for trial in range(5) for x in draws(seed, trial)]
     assert len(set(numbers)) == len(numbers)
 
