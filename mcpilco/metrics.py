@@ -78,6 +78,29 @@ def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_bytes(path, text.getvalue().encode())
 
 
+def check_values(path: Path, values: Mapping[str, Any]) -> None:
+    """Make sure that these are values of a trial, which can take their row in metrics.csv.
+
+    Args:
+        path: where they were read, for the message.
+        values: what `values_of` says of a trial, or a file that claims so.
+
+    Raises:
+        RunFolderError: an entry is missing, or of another type.
+    """
+    for column, read in METRICS.items():
+        try:
+            value = values[column]
+            if read(_cell(value)) != value:
+                raise ValueError
+        except (KeyError, ValueError, TypeError) as error:
+            found = repr(values.get(column))[:80]
+            raise damaged(path, f"`{column}` must be as in metrics.csv, got {found}") from error
+    steps = values.get("policy_steps")
+    if not isinstance(steps, int) or steps < 0:
+        raise damaged(path, f"`policy_steps` must be an integer of at least 0, got {steps!r:.80}")
+
+
 def _row(path: Path, header: list[str], trial: int, cells: list[str]) -> dict[str, Any]:
     try:
         pairs = zip(header, cells, strict=True)

@@ -38,7 +38,7 @@ from mcpilco.archive import (
     write_bytes,
 )
 from mcpilco.data import TrialResult
-from mcpilco.metrics import read_metrics, values_of, write_metrics
+from mcpilco.metrics import check_values, read_metrics, values_of, write_metrics
 from mcpilco.typing import RunFolderError
 
 FORMAT = 2
@@ -175,6 +175,7 @@ class RunFolder:
         values = read_json(path)
         if values.get("trial") != trial:
             raise damaged(path, f"`trial` must be {trial}, got {values.get('trial')!r}")
+        check_values(path, values)
         return values
 
     def _result_path(self, trial: int) -> Path:
