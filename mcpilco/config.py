@@ -50,6 +50,11 @@ class _Checked:
             value = getattr(self, name)
             _require(value >= least, f"{name} must be at least {least}, got {value}.")
 
+    def _at_most(self, **limits: float) -> None:
+        for name, most in limits.items():
+            value = getattr(self, name)
+            _require(value <= most, f"{name} must be at most {most}, got {value}.")
+
     def _positive(self, *names: str) -> None:
         for name in names:
             value = getattr(self, name)
@@ -86,6 +91,7 @@ class ModelConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(degree=1, path_features=2)
+        self._at_most(degree=20, path_features=100_000)
         features = self.path_features
         _require(
             features % 2 == 0,
@@ -121,6 +127,7 @@ class PolicyConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(bases=1)
+        self._at_most(bases=100_000)
         self._positive("span", "lengthscale", "angle_lengthscale", "weight", "squash")
 
 
@@ -182,6 +189,7 @@ class SearchConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(particles=1, evaluation_particles=2, widening=1)
+        self._at_most(particles=1_000_000, evaluation_particles=1_000_000)
         _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
         for name in ("steps", "rates", "phases", "restarts"):

@@ -29,7 +29,7 @@ from mcpilco.visual.entities import (
     log_particles,
     log_scene,
 )
-from mcpilco.visual.recording import extent_of, whole_file
+from mcpilco.visual.recording import extent_of, write_file
 from mcpilco.visual.scene import Scene
 
 _PAUSE_S = 0.5
@@ -172,15 +172,16 @@ def write_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> f
         raise InputError(f"--trial must be one of {', '.join(map(str, have))}, got {trial}.")
     shown = [[trials.get(number) for trials in by_number] for number in numbers]
     present = [past for row in shown for past in row if past is not None]
-    with whole_file(path) as partial:
-        rec = rr.RecordingStream("mcpilco", recording_id=_identity(present), send_properties=False)
-        film = Film(rec, reels)
-        rec.save(partial, default_blueprint=film.blueprint(present))
-        rec.send_recording_name(" and ".join(_name(reel) for reel in reels))
-        for row in shown:
-            film.add(row)
-        rec.flush()
-        rec.disconnect()
+    rec = rr.RecordingStream("mcpilco", recording_id=_identity(present), send_properties=False)
+    content = rr.binary_stream(rec)
+    film = Film(rec, reels)
+    rec.send_blueprint(film.blueprint(present))
+    rec.send_recording_name(" and ".join(_name(reel) for reel in reels))
+    for row in shown:
+        film.add(row)
+    written = content.read()
+    rec.disconnect()
+    write_file(path, written or b"")
     return film.end_s
 
 

@@ -1,4 +1,4 @@
-"""The command line: `mcpilco train`, `evaluate`, `sweep`, `record`, `view`, `report`, `doctor`.
+"""The command line: `mcpilco train`, `evaluate`, `export`, `sweep`, `record`, `view`, and others.
 
 This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
 gymnasium) when it runs, so that `--help` answers at once.
@@ -14,6 +14,7 @@ import tyro
 
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
+from mcpilco.cli.export import Export
 from mcpilco.cli.record import Record
 from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
@@ -35,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Sweep | Record | View | Report | Doctor,
+            Train | Evaluate | Export | Sweep | Record | View | Report | Doctor,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),
