@@ -15,8 +15,10 @@ from envs.judge import UprightJudge
 from envs.pendulum import PendulumEnv
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.pendulum_vector import PendulumVectorEnv
+from envs.plants import PLANTS
 
 __all__ = [
+    "PLANTS",
     "CartPoleDynamics",
     "CartPoleSwingUpEnv",
     "CartPoleSwingUpVectorEnv",
@@ -30,6 +32,13 @@ gymnasium.register(
     id="mcpilco/CartPoleSwingUp-v0",
     entry_point="envs.cartpole:CartPoleSwingUpEnv",
     vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
+    max_episode_steps=30,
+)
+# named only, so that MuJoCo is loaded where it is used
+gymnasium.register(
+    id="mcpilco/MujocoCartPoleSwingUp-v0",
+    entry_point="envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv",
+    vector_entry_point="envs.mujoco_cartpole_vector:MujocoCartPoleSwingUpVectorEnv",
     max_episode_steps=30,
 )
 gymnasium.register(

@@ -15,7 +15,9 @@ from envs.correcting import Effects, correct
 from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
+from envs.system import System
 from mcpilco.costs import cart_pole_cost
+from mcpilco.plant import Plant
 from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
@@ -150,18 +152,46 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             gravity=gravity,
         )
         dynamics, plant = correct(dynamics, cart_pole(), effects)
-        swing_up = SwingUp(
-            dynamics=dynamics,
-            input_limit=force_limit,
+        swing_up = cart_pole_swing_up(
+            dynamics,
+            force_limit=force_limit,
             dt=dt,
-            start_std=read_stds("start_std", start_std, 4),
-            noise_std=read_stds("noise_std", noise_std, 4),
-            cost=_read_cost(cost, cost_lengthscales),
-            angle=2,
-            cart=0,
+            start_std=start_std,
+            noise_std=noise_std,
+            cost=cost,
+            cost_lengthscales=cost_lengthscales,
             plant=plant,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
+
+
+def cart_pole_swing_up(
+    dynamics: System,
+    *,
+    force_limit: float,
+    dt: float,
+    start_std: OneOrFour,
+    noise_std: OneOrFour,
+    cost: Cost | None,
+    cost_lengthscales: Sequence[float],
+    plant: Plant | None = None,
+) -> SwingUp:
+    """The task of `CartPoleSwingUpEnv`, whatever simulates it; the keywords are its arguments.
+
+    Raises:
+        InputError: a value does not fit.
+    """
+    return SwingUp(
+        dynamics=dynamics,
+        input_limit=force_limit,
+        dt=dt,
+        start_std=read_stds("start_std", start_std, 4),
+        noise_std=read_stds("noise_std", noise_std, 4),
+        cost=_read_cost(cost, cost_lengthscales),
+        angle=2,
+        cart=0,
+        plant=plant,
+    )
 
 
 def _read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:

@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from typing import ClassVar
+from abc import abstractmethod
 
 import numpy as np
 from jaxtyping import Float
 
 from envs.collocation import integrate
-
-Input = float | Float[np.ndarray, "..."]
-"""one input for all states, or an array that broadcasts with them"""
+from envs.system import Input, System
 
 
-class EquationsOfMotion(ABC):
-    """A system of J joints that one input moves: M(q) q'' = forces(q, q', input).
-
-    A state is [q1, q1', q2, q2', ...]. Every method takes any batch of states.
-    """
-
-    state_names: ClassVar[tuple[str, ...]]
-    """of q1, q1', q2, q2', ..."""
-    state_units: ClassVar[tuple[str, ...]]
-    """one for each state"""
-    input_name: ClassVar[str]
-    """of the input"""
-    input_unit: ClassVar[str]
-    """of the input"""
-    angles: ClassVar[tuple[int, ...]]
-    """which states are angles [rad]"""
+class EquationsOfMotion(System):
+    """A plant whose equations are written out: M(q) q'' = forces(q, q', input)."""
 
     @abstractmethod
     def mass_matrix(self, q: Float[np.ndarray, "*b J"]) -> Float[np.ndarray, "*b J J"]:
@@ -44,10 +27,6 @@ class EquationsOfMotion(ABC):
     @abstractmethod
     def potential(self, q: Float[np.ndarray, "*b J"]) -> Float[np.ndarray, "*b"]:
         """Potential energy, 0 with every pole level [J]."""
-
-    @abstractmethod
-    def tip(self, states: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b 3"]:
-        """Where the point is that has to go up: x to the right, z up from the hinge [m]."""
 
     def accelerations(
         self, q: Float[np.ndarray, "*b J"], dq: Float[np.ndarray, "*b J"], force: Input
@@ -70,17 +49,7 @@ class EquationsOfMotion(ABC):
     def advance(
         self, states: Float[np.ndarray, "*b X"], force: Input, duration: float, samples: int = 1
     ) -> Float[np.ndarray, "T *b X"]:
-        """The motion under a constant input, at T = `samples` equally spaced times up to the end.
-
-        Args:
-            states: where the motion starts [m or rad, m/s or rad/s].
-            force: the input, held all the time, in its unit.
-            duration: how long [s].
-            samples: T, how many intermediate states to return.
-
-        Raises:
-            EnvError: the motion is too fast or too stiff to follow.
-        """
+        """The motion, exact to rounding; EnvError where it is too fast or too stiff to follow."""
 
         def accelerations(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
             return self.accelerations(q, dq, force)

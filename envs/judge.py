@@ -20,6 +20,11 @@ def is_up(angle: Float[np.ndarray, "*b"]) -> Bool[np.ndarray, "*b"]:
     return np.abs(np.remainder(angle, 2.0 * np.pi) - np.pi) <= TOLERANCE
 
 
+def looks(dt: float) -> int:
+    """How many times the true state is looked at in a step of dt [s]."""
+    return math.ceil(dt / SAMPLE_S - 1e-9)
+
+
 class UprightJudge:
     """Watches the true state of a batch of systems, sample by sample.
 

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from jaxtyping import Bool, Float
 
-from envs.equations import EquationsOfMotion
+from envs.system import System
 from mcpilco.plant import Plant
 from mcpilco.typing import EnvError
 
@@ -43,9 +43,7 @@ class Motion(ABC):
 class NominalMotion(Motion):
     """By the equations of motion alone, whose states are measured as they are."""
 
-    def __init__(
-        self, dynamics: EquationsOfMotion, dt: float, samples: int, batch: tuple[int, ...]
-    ) -> None:
+    def __init__(self, dynamics: System, dt: float, samples: int, batch: tuple[int, ...]) -> None:
         """Systems in the state 0, with dt [s] and the number of looks in a step."""
         self._dynamics, self._dt, self._samples = dynamics, dt, samples
         self._states = np.zeros((*batch, len(dynamics.state_names)))

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.checks import require_not_negative, require_positive
-from envs.equations import EquationsOfMotion, Input
+from envs.equations import EquationsOfMotion
+from envs.system import Input
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,9 +12,9 @@ from gymnasium.spaces import Box
 from jaxtyping import Float
 
 from envs.checks import read_array, require_positive
-from envs.equations import EquationsOfMotion
-from envs.judge import SAMPLE_S, UprightJudge
+from envs.judge import UprightJudge, looks
 from envs.motion import CorrectedMotion, Motion, NominalMotion
+from envs.system import System
 from mcpilco.plant import Plant
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
@@ -25,8 +24,8 @@ from mcpilco.typing import Cost, InputError
 class SwingUp:
     """What the envs of a system, single and vector, have in common."""
 
-    dynamics: EquationsOfMotion
-    """equations of motion"""
+    dynamics: System
+    """what is simulated"""
     input_limit: float
     """largest input in either direction, in its unit"""
     dt: float
@@ -89,7 +88,7 @@ class SwingUp:
     @property
     def samples(self) -> int:
         """How many times the true state is looked at in one step."""
-        return math.ceil(self.dt / SAMPLE_S - 1e-9)
+        return looks(self.dt)
 
     @property
     def sample_s(self) -> float:

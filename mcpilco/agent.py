@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,15 +20,18 @@ from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task
 from mcpilco.costs import costs_along
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.engine import rollout_of
-from mcpilco.episode import run_episode
+from mcpilco.episode import BrokenEpisodeError, run_episode
 from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
-from mcpilco.search import PolicySearch
-from mcpilco.stopwatch import Stopwatch
+from mcpilco.search import PolicySearch, SearchResult
+from mcpilco.stopwatch import Spent, Stopwatch
+from mcpilco.streams import Streams
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, InputError, UncertainDynamics
+from mcpilco.typing import Dynamics, InputError, NotPositiveDefiniteError, UncertainDynamics
+
+logger = logging.getLogger(__name__)
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
@@ -86,16 +90,13 @@ class MCPILCO:
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.policy = blank_policy(self.config.policy, self.task, self.low, self.high)
         self.model = Model(self.config.model, self.task)
-        self.generator = torch.Generator().manual_seed(self.seed)
-        self.exploration = np.random.default_rng(self.seed)
+        self.streams = Streams(self.seed)
         self.transitions: Transitions | None = None
         self.reference_cost = 1.0
         self.trials = 0
         """trials done, in all calls of `learn` and before a `load`"""
         self.results: list[TrialResult] = []
         """of these trials; a `load` does not bring them back"""
-        self.reset_seed: int | None = self.seed
-        """of the env's next reset; None goes on with the random numbers it has"""
 
     @property
     def num_timesteps(self) -> int:
@@ -113,6 +114,10 @@ class MCPILCO:
         The first call spends one rollout on random inputs; each further rollout is a trial: fit the
         model to all data, search a policy, try it. Calling again continues.
 
+        A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
+        more, for its data; one whose env breaks off keeps the steps before. Either tells why in
+        `TrialResult.failure`, and the next trial follows.
+
         Args:
             total_timesteps: steps of the env.
             callback: told of each event, see `mcpilco.callbacks`.
@@ -120,8 +125,7 @@ class MCPILCO:
 
         Raises:
             InputError: too few steps for a trial.
-            EnvError: the env is absent, or misbehaves.
-            NotPositiveDefiniteError: the data make the covariance of a GP singular.
+            EnvError: the env is absent, or an episode broke off before its first step was done.
         """
         answer_alone(self.learning(total_timesteps, callback, progress_bar))
         return self
@@ -168,41 +172,63 @@ class MCPILCO:
 
     def _explore(self) -> Rollout:
         """One rollout of uniform random inputs."""
-        record = self._run_episode(lambda _: self.exploration.uniform(self.low, self.high))
+        inputs = self.streams.inputs(trial=0)
+        record, _ = self._run_episode(lambda _: inputs.uniform(self.low, self.high), trial=0)
         self.reference_cost = float(self._costs(record).mean())
-        self.policy = self._random_policy()
+        self.policy = self._random_policy(self.streams.search(trial=0))
         return record
 
     def _trial(self, events: Callback) -> Learning[TrialResult]:
         """Learn the model, search the policy, try it."""
-        trial, data = self.trials + 1, self._data
+        trial, experience = self.trials + 1, len(self._data)
         events.on_trial_start(trial)
         watch = Stopwatch()
-        events.on_model_fitted(self.model.fit(data))
-        request = self._request(self.model.dynamics(data), trial, events)
-        watch.pause()
-        found = yield request
-        watch.resume(found.spent)
-        self.policy = found.best.policy
-        record = self._run_episode(self._act)
+        found, no_policy = yield from self._improve(trial, events, watch)
+        policy, prediction = self.policy, None
+        if found is not None and no_policy is None:
+            policy, prediction = found.best.policy, found.best.prediction(SHOWN_PARTICLES)
+        record, broken = self._run_episode(lambda seen: _act(policy, seen), trial)
+        self.policy = policy
+        failures = [failure for failure in (no_policy, broken) if failure]
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
             trial=trial,
-            experience_s=round(len(data) * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
-            predicted_cost=found.best.cost,
-            predicted_cost_std=found.best.cost_std,
+            experience_s=round(experience * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
+            predicted_cost=math.nan if found is None else found.best.cost,
+            predicted_cost_std=math.nan if found is None else found.best.cost_std,
             real_cost=float(self._costs(record).sum()),
             success=None if success is None else bool(success),
             time_up_s=record.outcome.get("time_up_s"),
             mean_abs_cart_m=record.outcome.get("mean_abs_cart_m"),
             noise_std=self.model.noise_std,
-            policy_steps=found.steps,
-            starts=found.starts,
+            policy_steps=0 if found is None else found.steps,
+            starts=0 if found is None else found.starts,
             wall_s=spent.wall_s,
             cpu_s=spent.cpu_s,
             rollout=record,
-            prediction=found.best.prediction(SHOWN_PARTICLES),
+            prediction=prediction,
+            failure=" ".join(failures) or None,
         )
+
+    def _improve(
+        self, trial: int, events: Callback, watch: Stopwatch
+    ) -> Learning[tuple[SearchResult | None, str | None]]:
+        """What the search for a better policy found, or why there is none to try."""
+        found, model = None, self.model.gp.to_arrays()
+        try:
+            events.on_model_fitted(self.model.fit(self._data))
+            request = self._request(self.model.dynamics(self._data), trial, events)
+            watch.pause()
+            try:
+                found = yield request
+            finally:
+                watch.resume(Spent() if found is None else found.spent)
+        except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
+            self.model.gp.load_arrays(model)
+            return None, self._failed(trial, f"No policy could be learned: {error}")
+        if math.isfinite(found.best.cost):
+            return found, None
+        return found, self._failed(trial, "The model predicted no finite cost for any policy.")
 
     def _request(
         self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
@@ -217,24 +243,36 @@ class MCPILCO:
             reference_cost=self.reference_cost,
             rollout=rollout_of(self.config, dynamics, self.policy),
         )
+        generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
-        first = self.policy if warm else self._random_policy()
-        search = PolicySearch(self.config.search, self.generator, events.on_policy_step)
-        return SearchRequest(search, problem, first, self._random_policy, trial)
+        first = self.policy if warm else self._random_policy(generator)
+        search = PolicySearch(self.config.search, generator, events.on_policy_step)
+        return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
 
-    def _random_policy(self) -> SumOfGaussians:
+    def _random_policy(self, generator: torch.Generator) -> SumOfGaussians:
         """A start for the search, its centres spread over the states seen so far."""
         seen = self._data.states
         numbers = self.config.policy
-        return random_policy(numbers, self.task, self.low, self.high, seen, self.generator)
+        return random_policy(numbers, self.task, self.low, self.high, seen, generator)
 
-    def _run_episode(self, act: Callable[[np.ndarray], np.ndarray]) -> Rollout:
-        """A rollout on the system, which joins the data."""
-        record = run_episode(self.env, act, self.horizon, self.task.dt, seed=self.reset_seed)
-        self.reset_seed = None
+    def _run_episode(
+        self, act: Callable[[np.ndarray], np.ndarray], trial: int
+    ) -> tuple[Rollout, str | None]:
+        """A rollout on the system, which joins the data, and why it broke off if it did."""
+        seed, failure = self.streams.reset(trial), None
+        try:
+            record = run_episode(self.env, act, self.horizon, self.task.dt, seed=seed)
+        except BrokenEpisodeError as error:
+            record, failure = error.rollout, self._failed(trial, str(error))
         rows = record.transitions()
         self.transitions = rows if self.transitions is None else self.transitions + rows
-        return record
+        return record, failure
+
+    def _failed(self, trial: int, reason: str) -> str:
+        """The reason on one line, which is also logged."""
+        reason = " ".join(reason.split())
+        logger.warning("Trial %d: %s", trial, reason)
+        return reason
 
     def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
         """Cost at the end of each step of a rollout on the system [-]."""
@@ -270,12 +308,8 @@ class MCPILCO:
                 f"predict expects finite observations of {len(names)} numbers {names}, "
                 f"got shape {observation.shape}: {observation}."
             )
-        action = np.clip(self._act(observation), self.low, self.high)
+        action = np.clip(_act(self.policy, observation), self.low, self.high)
         return action.astype(self.env.action_space.dtype), state
-
-    def _act(self, observation: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b U"]:
-        with torch.no_grad():
-            return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
@@ -291,8 +325,8 @@ class MCPILCO:
     ) -> MCPILCO:
         """The agent that `save` wrote: it predicts the same, and `learn` goes on where it ended.
 
-        An env keeps no record of its random numbers, so the next rollout seeds it anew, from the
-        agent's seed and the number of its trials.
+        What it learns is what the saved agent would have learned, to the last digit, in an env
+        whose episodes are functions of the seed that `reset` is given.
 
         Args:
             path: of the file.
@@ -312,3 +346,11 @@ class MCPILCO:
             agent = cls("SumOfGaussians", env, config=config, seed=seed, task=task)
             saved.restore(agent)
         return agent
+
+
+def _act(
+    policy: SumOfGaussians, observation: Float[np.ndarray, "*b X"]
+) -> Float[np.ndarray, "*b U"]:
+    """What a policy answers, in the env's unit."""
+    with torch.no_grad():
+        return policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()

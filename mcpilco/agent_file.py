@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from mcpilco.archive import read_groups, write_groups
 from mcpilco.config import Config, from_dict
@@ -21,8 +23,10 @@ from mcpilco.typing import EnvError, RunFolderError
 if TYPE_CHECKING:
     from mcpilco.agent import MCPILCO
 
-FORMAT = 1
+FORMAT = 2
 """version of the file"""
+READABLE = (1, 2)
+"""versions that are read; 1 also held the state of random generators, which is no longer needed"""
 STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt")
 """entries of a task that give the arrays their meaning"""
 
@@ -32,9 +36,9 @@ class SavedAgent:
     """What an agent's file holds; reading it checks nothing yet."""
 
     about: Mapping[str, Any]
-    """numbers, names and the state of numpy's generator"""
+    """numbers and names"""
     arrays: Mapping[str, Mapping[str, np.ndarray]]
-    """bounds, generator, policy, gp, and transitions where there are any"""
+    """bounds, policy, gp, and transitions where there are any"""
 
     @property
     def config(self) -> Config:
@@ -56,24 +60,34 @@ class SavedAgent:
         for name in STRUCTURE:
             if saved[name] != here[name]:
                 raise ValueError(f"its {name} is {saved[name]}, the env has {here[name]}")
-        policy = {name: torch.from_numpy(array) for name, array in self.arrays["policy"].items()}
-        if not all(bool(value.isfinite().all()) for value in policy.values()):
-            raise ValueError("its policy is not finite")
-        agent.policy.load_state_dict(policy)
+        trials, reference_cost = self.about["trials"], float(self.about["reference_cost"])
+        if type(trials) is not int or trials < 0 or (trials and "transitions" not in self.arrays):
+            raise ValueError(f"its trials are {trials!r}")
+        if not math.isfinite(reference_cost):
+            raise ValueError(f"its reference_cost is {reference_cost}")
+        load_policy(agent.policy, self.arrays["policy"])
         agent.model.gp.load_arrays(self.arrays["gp"])
-        agent.generator.set_state(torch.from_numpy(self.arrays["generator"]["state"]))
-        agent.exploration.bit_generator.state = self.about["exploration"]
-        agent.trials = int(self.about["trials"])
-        agent.reference_cost = float(self.about["reference_cost"])
+        agent.trials, agent.reference_cost = trials, reference_cost
         if "transitions" in self.arrays:
             rows = Transitions(**self.arrays["transitions"])
             widths = len(agent.task.state_names), len(agent.task.input_names)
             if (rows.states.shape[1], rows.inputs.shape[1]) != widths:
                 raise ValueError(f"its transitions have shapes {rows.states.shape}")
             agent.transitions = rows
-            # The env keeps no record of its random numbers: it begins anew, in a defined way.
-            entropy = np.random.SeedSequence((agent.seed, agent.trials))
-            agent.reset_seed = int(entropy.generate_state(1)[0])
+
+
+def load_policy(policy: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
+    """Give a policy the parameters of a saved one.
+
+    Raises:
+        ValueError: they are not those of a policy like this, or not finite.
+    """
+    if not all(array.dtype.kind == "f" and np.isfinite(array).all() for array in arrays.values()):
+        raise ValueError("its policy is not made of finite numbers")
+    try:
+        policy.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
+    except RuntimeError as error:
+        raise ValueError(f"its policy is another one: {error}") from error
 
 
 def write_agent(path: Path, agent: MCPILCO) -> Path:
@@ -90,12 +104,10 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "seed": agent.seed,
         "trials": agent.trials,
         "reference_cost": agent.reference_cost,
-        "exploration": agent.exploration.bit_generator.state,
     }
     dtype = agent.env.action_space.dtype
     groups = {
         "bounds": {"low": agent.low.astype(dtype), "high": agent.high.astype(dtype)},
-        "generator": {"state": agent.generator.get_state().numpy()},
         "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
         "gp": agent.model.gp.to_arrays(),
         "transitions": {} if agent.transitions is None else vars(agent.transitions),
@@ -112,10 +124,10 @@ def reading(path: Path) -> Iterator[SavedAgent]:
     """
     path = _npz(path)
     about, arrays = read_groups(path)
-    if about.get("format") != FORMAT:
+    if about.get("format") not in READABLE:
         raise RunFolderError(
-            f"{path} has format {about.get('format')!r}, this mcpilco reads {FORMAT}; "
-            "save the agent with this version."
+            f"{path} has format {about.get('format')!r}, this mcpilco reads {READABLE}; "
+            "save the agent with this version, or install the one that saved it."
         )
     try:
         yield SavedAgent(about, arrays)

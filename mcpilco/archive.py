@@ -3,17 +3,65 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import json
+import math
 import os
 import zipfile
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from mcpilco.typing import RunFolderError
+
+LARGEST = 2**29
+"""most bytes that the arrays of one file may take in memory; a run writes some thousands"""
+LARGEST_TEXT = 2**26
+"""most bytes of a text that is read whole"""
+_PLAIN = "biufcSU"
+"""kinds of numpy's types that are read: numbers, truth values and text"""
+_SUFFIX = ".tmp"
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A place to write a file, which then appears whole at `path`, also if the power fails.
+
+    Raises:
+        RunFolderError: the file cannot be written; what was there is there still.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{_SUFFIX}")
+    try:
+        yield temporary
+        _sync(temporary)
+        temporary.replace(path)
+        _sync(path.parent)
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = "make room on the disk" if full else "choose another folder"
+        raise RunFolderError(
+            f"Cannot write {path}: {error.strerror or error}; {remedy}."
+        ) from error
+    finally:
+        with contextlib.suppress(OSError):  # it is gone where all went well
+            temporary.unlink()
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """What processes that were killed while they wrote have left in a folder, and below it."""
+    return [path for path in folder.rglob(f".*.[0-9]*{_SUFFIX}") if path.is_file()]
+
+
+def _sync(path: Path) -> None:
+    """Waits until a file or folder is on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
@@ -22,21 +70,40 @@ def write_bytes(path: Path, content: bytes) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise RunFolderError(
-            f"Cannot write {path}: {error.strerror or error}; choose another folder."
-        ) from error
-    finally:
-        with contextlib.suppress(OSError):  # it is gone where all went well
-            temporary.unlink()
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
     return path
+
+
+def read_text(path: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        RunFolderError: the file is missing, cannot be read, or is no text.
+    """
+    try:
+        _check_kind(path)
+        size = path.stat().st_size
+        if size > LARGEST_TEXT:
+            raise ValueError(f"{size} bytes, of at most {LARGEST_TEXT}")
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise RunFolderError(f"{path} is missing; the run is not complete.") from error
+    except OSError as error:
+        raise RunFolderError(f"{path} cannot be read ({error.strerror or error}).") from error
+    except ValueError as error:
+        raise damaged(path, error) from error
+
+
+def _check_kind(path: Path) -> None:
+    """Raises ValueError for a device or a pipe, which would be read without an end."""
+    if path.exists() and not path.is_file():
+        raise ValueError("it is no file")
+
+
+def damaged(path: Path, why: object) -> RunFolderError:
+    """What to raise where a file does not hold what it should."""
+    return RunFolderError(f"{path} is damaged ({why}); restore it from a copy, or train again.")
 
 
 def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Path:
@@ -55,24 +122,62 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> Path:
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of an `.npz`, by name; object arrays are refused, so nothing is executed.
+    """All arrays of an `.npz`, by name: numbers and text only, so nothing is executed.
+
+    Nothing is unpacked to the disk, and what claims to take more than `LARGEST` is not unpacked.
 
     Raises:
         RunFolderError: the file is missing, damaged, or holds anything but plain arrays.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        strangers = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
-        if strangers:
-            raise ValueError(f"no arrays: {', '.join(strangers)}")
-        return arrays
+        _check_kind(path)
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+            size = sum(member.file_size for member in members)
+            if size > LARGEST:
+                raise ValueError(f"{size} bytes unpacked, of at most {LARGEST}")
+            names = [_name_of(member.filename) for member in members]
+            if len(set(names)) < len(names):
+                raise ValueError("a name appears twice")
+            return {
+                name: _array(archive.read(member))
+                for name, member in zip(names, members, strict=True)
+            }
     except FileNotFoundError as error:
         raise RunFolderError(f"There is no file {path}.") from error
     except Exception as error:  # numpy and zipfile raise almost anything from damaged bytes
         raise RunFolderError(
             f"{path} is damaged or holds more than plain arrays: {error}"
         ) from error
+
+
+def _name_of(member: str) -> str:
+    """The name of the array in a member of the zip."""
+    inside = PurePosixPath(member)
+    strange = inside.is_absolute() or ".." in inside.parts or "\\" in member
+    if strange or not member.endswith(".npy"):
+        raise ValueError(f"no array: {member!r}")
+    return member.removesuffix(".npy")
+
+
+def _array(content: bytes) -> np.ndarray:
+    """The array in a member, which holds as many bytes as its head says."""
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    heads = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    if version not in heads:
+        raise ValueError(f"npy version {version}")
+    shape, _, dtype = heads[version](stream)
+    if dtype.kind not in _PLAIN:
+        raise ValueError(f"type {dtype}")
+    size, rest = math.prod(shape) * dtype.itemsize, len(content) - stream.tell()
+    if size != rest or (size == 0 and math.prod(shape) > 0):
+        raise ValueError(f"an array of shape {shape} and type {dtype} in {rest} bytes")
+    stream.seek(0)
+    return np.lib.format.read_array(stream, allow_pickle=False)
 
 
 def write_groups(

@@ -50,6 +50,11 @@ class _Checked:
             value = getattr(self, name)
             _require(value >= least, f"{name} must be at least {least}, got {value}.")
 
+    def _at_most(self, **limits: float) -> None:
+        for name, most in limits.items():
+            value = getattr(self, name)
+            _require(value <= most, f"{name} must be at most {most}, got {value}.")
+
     def _positive(self, *names: str) -> None:
         for name in names:
             value = getattr(self, name)
@@ -86,6 +91,7 @@ class ModelConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(degree=1, path_features=2)
+        self._at_most(degree=20, path_features=100_000)
         features = self.path_features
         _require(
             features % 2 == 0,
@@ -121,6 +127,7 @@ class PolicyConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(bases=1)
+        self._at_most(bases=100_000)
         self._positive("span", "lengthscale", "angle_lengthscale", "weight", "squash")
 
 
@@ -182,6 +189,7 @@ class SearchConfig(_Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(particles=1, evaluation_particles=2, widening=1)
+        self._at_most(particles=1_000_000, evaluation_particles=1_000_000)
         _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
         for name in ("steps", "rates", "phases", "restarts"):
@@ -261,6 +269,8 @@ def _from_json(hint: Any, value: Any) -> Any:
 
 CART_POLE = "mcpilco/CartPoleSwingUp-v0"
 """the env that presets and commands are about by default"""
+CART_POLES = (CART_POLE, "mcpilco/MujocoCartPoleSwingUp-v0")
+"""the envs that the keywords of a preset describe"""
 
 
 @dataclass(frozen=True)
@@ -272,11 +282,11 @@ class Preset:
     config: Config
     """numbers of the agent"""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """keywords for `gymnasium.make`; they describe the cart-pole"""
+    """keywords for `gymnasium.make`; they describe the cart-poles"""
 
     def keywords(self, env_id: str) -> dict[str, Any]:
-        """The keywords to make an env with: those of the preset for the cart-pole, else none."""
-        return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] == CART_POLE else {}
+        """The keywords to make an env with: those of the preset for a cart-pole, else none."""
+        return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] in CART_POLES else {}
 
 
 PRESETS: dict[str, Preset] = {

@@ -29,7 +29,7 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
         )
     try:
         return gym.make(env, **kwargs)
-    except (gym.error.Error, ImportError, TypeError) as error:
+    except Exception as error:  # a constructor is foreign code
         raise EnvError(f"Cannot make the env {env!r}: {error}") from error
 
 

@@ -136,5 +136,8 @@ class TrialResult:
     """processor time of the trial [s]"""
     rollout: Rollout
     """the rollout on the system"""
-    prediction: Prediction
-    """the particles predicted for that policy before it was tried"""
+    prediction: Prediction | None
+    """the particles predicted for that policy before it was tried; None where no new policy could
+    be learned, and the last one was tried again"""
+    failure: str | None = None
+    """why no new policy could be learned, or why the rollout broke off; None where all went well"""

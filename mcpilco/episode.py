@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +15,15 @@ from mcpilco.typing import EnvError
 
 OUTCOMES = ("is_success", "time_up_s", "mean_abs_cart_m")
 """entries of `info` that are kept as the env's own measures of an episode"""
+
+
+class BrokenEpisodeError(EnvError):
+    """An env misbehaved in the course of an episode; what it did before is in `rollout`."""
+
+    def __init__(self, message: str, rollout: Rollout) -> None:
+        super().__init__(message)
+        self.rollout = rollout
+        """the steps that were done, one at least; no success"""
 
 
 def run_episode(
@@ -35,42 +45,95 @@ def run_episode(
         options: passed to `env.reset`.
 
     Raises:
-        EnvError: the env returned a value that is not finite, or of another shape than its space.
+        BrokenEpisodeError: the env raised, or returned a value that is not finite or of another
+            shape than its space, after the first step.
+        EnvError: it did so before.
     """
     space = env.action_space
     assert isinstance(space, gym.spaces.Box), "mcpilco.contract has checked it"
-    shape = env.observation_space.shape
-    observation, info = env.reset(seed=seed, options=options)
-    observations = [_checked(observation, shape, "observation", 0)]
-    infos: list[Mapping[str, Any]] = [info]
-    inputs, rewards = [], []
+    with _blamed(step=0):
+        observation, info = env.reset(seed=seed, options=options)
+        record = _Record(dt, env.observation_space.shape, observation, info)
     for step in range(1, horizon + 1):
-        action = np.clip(act(observations[-1]), space.low, space.high).astype(space.dtype)
-        observation, reward, terminated, truncated, info = env.step(action)
-        observations.append(_checked(observation, shape, "observation", step))
-        rewards.append(float(_checked(np.squeeze(np.asarray(reward)), (), "reward", step)))
-        infos.append(info)
-        inputs.append(action.astype(np.float64))
+        action = np.clip(act(record.seen), space.low, space.high).astype(space.dtype)
+        try:
+            with _blamed(step):
+                observation, reward, terminated, truncated, info = env.step(action)
+                record.add(action, observation, reward, info)
+        except EnvError as error:
+            if step == 1:
+                raise
+            raise BrokenEpisodeError(str(error), record.rollout(whole=False)) from error
         if terminated or truncated:
             break
-    return Rollout(
-        dt=dt,
-        observations=np.array(observations),
-        inputs=np.array(inputs),
-        rewards=np.array(rewards),
-        states=_true_states(infos, shape),
-        outcome={key: float(info[key]) for key in OUTCOMES if key in info},
-    )
+    return record.rollout()
 
 
-def _true_states(
-    infos: Sequence[Mapping[str, Any]], shape: tuple[int, ...] | None
-) -> Float[np.ndarray, "T_plus_1 X"] | None:
-    """`info["state"]` of each step; None where it is absent, or is not made like an observation."""
-    states = [info.get("state") for info in infos]
-    if any(state is None or np.shape(state) != shape for state in states):
-        return None
-    return np.array([_checked(s, shape, 'info["state"]', step) for step, s in enumerate(states)])
+class _Record:
+    """An episode so far: whole steps only."""
+
+    def __init__(
+        self, dt: float, shape: tuple[int, ...] | None, observation: Any, info: Mapping[str, Any]
+    ) -> None:
+        self._dt, self._shape = dt, shape
+        self._observations = [_checked(observation, shape, "observation", 0)]
+        self._states = [self._true_state(info)]
+        self._inputs: list[np.ndarray] = []
+        self._rewards: list[float] = []
+        self._outcome: dict[str, float] = {}
+
+    @property
+    def seen(self) -> Float[np.ndarray, " X"]:
+        """The last observation."""
+        return self._observations[-1]
+
+    def add(
+        self, action: np.ndarray, observation: Any, reward: Any, info: Mapping[str, Any]
+    ) -> None:
+        """Keep a step, or raise EnvError and keep nothing of it."""
+        step = len(self._observations)
+        observation = _checked(observation, self._shape, "observation", step)
+        reward = float(_checked(np.squeeze(np.asarray(reward)), (), "reward", step))
+        state = self._true_state(info)
+        self._outcome = {key: float(info[key]) for key in OUTCOMES if key in info}
+        self._observations.append(observation)
+        self._states.append(state)
+        self._inputs.append(action.astype(np.float64))
+        self._rewards.append(reward)
+
+    def _true_state(self, info: Mapping[str, Any]) -> np.ndarray | None:
+        """`info["state"]`; None where it is absent, or is not made like an observation."""
+        state = info.get("state")
+        if state is None or np.shape(state) != self._shape:
+            return None
+        return _checked(state, self._shape, 'info["state"]', len(self._observations))
+
+    def rollout(self, whole: bool = True) -> Rollout:
+        """The record; what breaks off is no success."""
+        known = all(state is not None for state in self._states)
+        failed = {"is_success": 0.0} if not whole and "is_success" in self._outcome else {}
+        return Rollout(
+            dt=self._dt,
+            observations=np.array(self._observations),
+            inputs=np.array(self._inputs),
+            rewards=np.array(self._rewards),
+            states=np.array(self._states) if known else None,
+            outcome=self._outcome | failed,
+        )
+
+
+@contextlib.contextmanager
+def _blamed(step: int) -> Iterator[None]:
+    """Turns whatever the env raises into an EnvError."""
+    try:
+        yield
+    except EnvError:
+        raise
+    except Exception as error:  # the env is foreign code
+        raise EnvError(
+            f"The env raised {type(error).__name__} at step {step}: {error}; mend the env, or the "
+            "connection to its system."
+        ) from error
 
 
 def _checked(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TypeVar
@@ -39,11 +40,14 @@ Learning = Generator[SearchRequest, SearchResult, Result]
 
 def answer_alone(learning: Learning[Result]) -> Result:
     """What a learning returns whose searches are run one by one, as they come."""
-    answer = None
+    go_on = functools.partial(learning.send, None)  # type: ignore[arg-type]  # the first is None
     with contextlib.closing(learning):
         while True:
             try:
-                request = learning.send(answer)  # type: ignore[arg-type]  # the first is None
+                request = go_on()
             except StopIteration as end:
                 return end.value
-            answer = request.answer()
+            try:
+                go_on = functools.partial(learning.send, request.answer())
+            except Exception as error:  # the learning knows whether it can go on without an answer
+                go_on = functools.partial(learning.throw, error)

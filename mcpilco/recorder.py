@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import operator
 import time
 from collections.abc import Mapping
@@ -13,26 +12,32 @@ from typing import Any
 import numpy as np
 
 from mcpilco.callbacks.base import Agent, Callback
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout, TrialResult
-from mcpilco.run_folder import RunFolder
+from mcpilco.metrics import values_of
+from mcpilco.run_folder import RunFolder, write_json
+from mcpilco.task import TaskSpec
 
 
 class Recorder(Callback):
     """Writes each rollout, the policy and GPs behind it and the agent, and at the end a summary.
 
-    A trial's row in metrics.csv comes last: it is there when all else of the trial is.
+    The agent comes after all else of a trial, its row in metrics.csv last: a run that is killed
+    can go on from what the agent knows.
     """
 
     def __init__(self, run: RunFolder) -> None:
-        """Writes into `run`, which `RunFolder.create` has just made."""
+        """Writes into `run`, which was just made, or rewound to the last trial of the agent."""
         self.run = run
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Starts the clock."""
+        """Starts the clock at what earlier trials have taken; writes what the columns are."""
         self._agent = agent
         self._exploration: list[Rollout] = []
-        self._last: TrialResult | None = None
-        self._wall, self._cpu = time.perf_counter(), time.process_time()
+        earlier = self.run.metrics()
+        self._wall = time.perf_counter() - sum(row["wall_s"] for row in earlier)
+        self._cpu = time.process_time() - sum(row["cpu_s"] for row in earlier)
+        write_json(self.run.path / "task.json", agent.task.to_json())
 
     def on_exploration(self, rollout: Rollout) -> None:
         """Writes the rollout as trial 0."""
@@ -41,33 +46,36 @@ class Recorder(Callback):
         suffix = "" if number == 1 else f"-{number}"
         rows = functools.reduce(operator.add, (past.transitions() for past in self._exploration))
         self.run.write_arrays(0, "transitions", vars(rows))
-        self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout))
+        self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout, self._agent.task))
         path = self.run.recording_path(0)
         self._record(path.with_stem(path.stem + suffix), f"exploration{suffix}", rollout, None, {})
+        self._agent.save(self.run.agent_path)
 
     def on_trial_end(self, result: TrialResult) -> None:
         """Writes all that the trial brought."""
         policy = self._agent.policy.state_dict()
         arrays = {
             "transitions": vars(result.rollout.transitions()),
-            "rollout": _rollout_arrays(result.rollout),
-            "particles": vars(result.prediction),
+            "rollout": _rollout_arrays(result.rollout, self._agent.task),
+            "particles": {} if result.prediction is None else vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
             "gp": self._agent.model.gp.to_arrays(),
         }
         for name, content in arrays.items():
-            self.run.write_arrays(result.trial, name, content)
+            if content:
+                self.run.write_arrays(result.trial, name, content)
+        self.run.write_result(result)
         path = self.run.recording_path(result.trial)
-        outcome = _outcome(result)
+        outcome = _outcome(values_of(result))
         self._record(path, f"trial {result.trial}", result.rollout, result.prediction, outcome)
         self._agent.save(self.run.agent_path)
         self.run.add_metrics(result)
-        self._last = result
 
     def on_training_end(self) -> None:
         """Writes the summary."""
         self._agent.save(self.run.agent_path)
-        last = {} if self._last is None else {"trials": self._last.trial, **_outcome(self._last)}
+        trials = self.run.finished_trials()
+        last = {"trials": len(trials), **_outcome(self.run.result(trials[-1]))} if trials else {}
         seconds = {
             "wall_s": time.perf_counter() - self._wall,
             "cpu_s": time.process_time() - self._cpu,
@@ -90,29 +98,30 @@ class Recorder(Callback):
         write_recording(path, rollout, prediction, self._agent.task, scene, name, properties)
 
 
-def _outcome(result: TrialResult) -> dict[str, Any]:
-    """The numbers that a trial is judged by, as JSON values."""
-    values = {
-        "experience_s": result.experience_s,
-        "predicted_cost": result.predicted_cost,
-        "predicted_cost_std": result.predicted_cost_std,
-        "real_cost": result.real_cost,
-        "time_up_s": result.time_up_s,
-        "mean_abs_cart_m": result.mean_abs_cart_m,
-    }
-    finite = {
-        key: None if value is None or not math.isfinite(value) else float(value)
-        for key, value in values.items()
-    }
-    return {"success": None if result.success is None else bool(result.success), **finite}
+OUTCOME = (
+    "success",
+    "experience_s",
+    "predicted_cost",
+    "predicted_cost_std",
+    "real_cost",
+    "time_up_s",
+    "mean_abs_cart_m",
+    "failure",
+)
+"""the numbers that a trial is judged by"""
 
 
-def _rollout_arrays(rollout: Rollout) -> dict[str, np.ndarray]:
+def _outcome(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: values.get(key) for key in OUTCOME}
+
+
+def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:
     arrays = {
         "dt": np.array(rollout.dt),
         "observations": rollout.observations,
         "inputs": rollout.inputs,
         "rewards": rollout.rewards,
+        "costs": costs_along(task.cost, rollout.shown_states[1:], rollout.inputs),
     }
     if rollout.states is not None:
         arrays["states"] = rollout.states

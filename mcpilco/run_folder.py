@@ -1,20 +1,26 @@
 """The folder of a run: plain files, each written whole or not at all, none executed when read.
 
 config.json           everything to run it again
+task.json             names, units and structure of states and inputs
 metrics.csv           a row a trial; a row is there when all other files of its trial are
 policy_steps.jsonl    numbers of each model fit, policy step and trial, one JSON object a line
-trials/NN/            arrays of trial NN (npz); 00 is the exploration
+trials/NN/            arrays of trial NN (npz) and its numbers (result.json); 00: the exploration
 rollouts/NN.rrd       the rollout of trial NN for the Rerun viewer
 agent.npz             the agent after the last finished trial
 summary.json          the outcome, once the run is finished
+
+A trial is finished once agent.npz knows of it, which is written after all else but its row in
+metrics.csv: a run that was killed goes on from there, and `rewind` makes the rest agree.
 """
 
 from __future__ import annotations
 
-import csv
-import io
+import fcntl
 import json
-from collections.abc import Callable, Iterator, Mapping
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
@@ -24,12 +30,22 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.archive import read_arrays, write_arrays, write_bytes
+from mcpilco.archive import (
+    damaged,
+    leftovers,
+    read_arrays,
+    read_text,
+    write_arrays,
+    write_bytes,
+)
 from mcpilco.data import TrialResult
+from mcpilco.metrics import check_values, read_metrics, values_of, write_metrics
 from mcpilco.typing import RunFolderError
 
-FORMAT = 1
+FORMAT = 2
 """version of the layout, in config.json"""
+READABLE = (1, 2)
+"""versions that are read; a run of version 1 drew other random numbers, and cannot be resumed"""
 PACKAGES = ("mcpilco", "torch", "numpy", "scipy", "gymnasium", "mujoco", "rerun-sdk", "numba")
 """packages whose versions a run records"""
 
@@ -42,28 +58,6 @@ _CONFIG: Mapping[str, type] = {
     "config": dict,
     "versions": dict,
 }
-
-
-def _optional(read: Callable[[str], Any]) -> Callable[[str], Any]:
-    return lambda text: None if text == "" else read(text)
-
-
-def _flag(text: str) -> bool:
-    return {"0": False, "1": True}[text]
-
-
-METRICS: Mapping[str, Callable[[str], Any]] = {
-    "trial": int,
-    "experience_s": float,
-    "predicted_cost": float,
-    "real_cost": float,
-    "success": _optional(_flag),
-    "time_up_s": _optional(float),
-    "mean_abs_cart_m": _optional(float),
-    "wall_s": float,
-    "cpu_s": float,
-}
-"""columns of metrics.csv and how each is read; empty: the env does not tell; success: 1 or 0"""
 
 
 @dataclass(frozen=True)
@@ -95,14 +89,11 @@ class RunFolder:
                     f"{path} already holds a run; name another folder with --out, or delete it."
                 )
             path.mkdir(parents=True, exist_ok=True)
-            if any(path.iterdir()):
+            if set(path.iterdir()) - set(leftovers(path)):
                 raise RunFolderError(f"{path} is not empty; name a new folder with --out.")
-        for folder in ("trials", "rollouts"):
-            with _writing(path):
-                (path / folder).mkdir()
-        run = cls(path, complete)
-        run._write_metrics([])
         write_json(path / "config.json", complete)
+        run = cls(path, complete)
+        run.rewind(None)
         return run
 
     @classmethod
@@ -110,7 +101,7 @@ class RunFolder:
         """The run in this folder.
 
         Raises:
-            RunFolderError: there is none, or its config.json is damaged or of a later format.
+            RunFolderError: there is none, or its config.json is damaged or of an unknown format.
         """
         path = Path(path)
         if not (path / "config.json").is_file():
@@ -165,13 +156,31 @@ class RunFolder:
         Raises:
             RunFolderError: the file is missing or damaged.
         """
-        path = self.path / "metrics.csv"
-        with _reading(path):
-            header, *rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines())) or [[]]
-        if header != list(METRICS):
-            expected, found = ",".join(METRICS), ",".join(header)
-            raise RunFolderError(f"{path} is damaged: line 1 must be {expected}, got {found!r}.")
-        return [_metrics_row(path, number, row) for number, row in enumerate(rows, start=2)]
+        return read_metrics(self.path / "metrics.csv")
+
+    def write_result(self, result: TrialResult) -> None:
+        """Write the numbers of a trial.
+
+        Raises:
+            RunFolderError: the file cannot be written.
+        """
+        write_json(self._result_path(result.trial), values_of(result))
+
+    def result(self, trial: int) -> dict[str, Any]:
+        """The numbers of a trial: the entries of `mcpilco.data.TrialResult` but for its arrays.
+
+        Raises:
+            RunFolderError: the file is missing or damaged.
+        """
+        path = self._result_path(trial)
+        values = read_json(path)
+        if values.get("trial") != trial:
+            raise damaged(path, f"`trial` must be {trial}, got {values.get('trial')!r}")
+        check_values(path, values)
+        return values
+
+    def _result_path(self, trial: int) -> Path:
+        return self.arrays_path(trial, "result").with_suffix(".json")
 
     def add_metrics(self, result: TrialResult) -> None:
         """Append a trial to metrics.csv; write everything else of the trial before.
@@ -179,8 +188,70 @@ class RunFolder:
         Raises:
             RunFolderError: the file is damaged or cannot be written.
         """
-        row = {column: getattr(result, column) for column in METRICS}
-        self._write_metrics([*self.metrics(), row])
+        write_metrics(self.path / "metrics.csv", [*self.metrics(), values_of(result)])
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Keeps other processes from writing to the run, until its end or this process's.
+
+        Raises:
+            RunFolderError: another process does so already.
+        """
+        with _writing(self.path):
+            descriptor = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            raise RunFolderError(
+                f"Another process is writing to {self.path}; wait for its end, or stop it."
+            ) from error
+        try:
+            yield
+        finally:
+            os.close(descriptor)
+
+    def with_trials(self, trials: int) -> RunFolder:
+        """The same run, of another number of trials.
+
+        Raises:
+            RunFolderError: config.json cannot be written.
+        """
+        config = {**self.config, "trials": trials}
+        write_json(self.path / "config.json", config)
+        return RunFolder(self.path, config)
+
+    def rewind(self, trial: int | None) -> None:
+        """Take away what came after the end of a trial, and complete metrics.csv up to it.
+
+        Args:
+            trial: the last that agent.npz knows of, 0 is the exploration; None: there is no agent.
+
+        Raises:
+            RunFolderError: a finished trial would be lost, or the folder cannot be written.
+        """
+        last = trial or 0
+        rows = [self.result(number) for number in range(1, last + 1)]
+        table = self.path / "metrics.csv"
+        if table.exists() and len(finished := self.metrics()) > last:
+            raise RunFolderError(
+                f"{self.path} holds {len(finished)} finished trials, but its agent.npz knows of "
+                f"{last}; restore agent.npz from a copy."
+            )
+        with _writing(self.path):
+            for leftover in leftovers(self.path):
+                leftover.unlink()
+            for folder in (self.path / "trials", self.path / "rollouts"):
+                if folder.is_symlink():
+                    raise damaged(folder, "it is a link, and a run has none")
+                folder.mkdir(exist_ok=True)
+                for path in folder.iterdir():
+                    if _number(path) >= (0 if trial is None else last + 1):
+                        shutil.rmtree(path) if path.is_dir() else path.unlink()
+            (self.path / "summary.json").unlink(missing_ok=True)
+        if self.policy_steps_path.exists():
+            write_bytes(self.policy_steps_path, _lines_until(self.policy_steps_path, last))
+        write_metrics(table, rows)
 
     def finished_trials(self) -> list[int]:
         """Numbers of the trials that are complete on disk: 1, 2, ..."""
@@ -195,13 +266,6 @@ class RunFolder:
         """summary.json, or None while the run is not finished."""
         path = self.path / "summary.json"
         return read_json(path) if path.exists() else None
-
-    def _write_metrics(self, rows: list[dict[str, Any]]) -> None:
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(METRICS)
-        writer.writerows([_cell(row[column]) for column in METRICS] for row in rows)
-        write_bytes(self.path / "metrics.csv", text.getvalue().encode())
 
 
 def versions() -> dict[str, str]:
@@ -226,8 +290,10 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         RunFolderError: the file is missing, or is not one JSON object.
     """
-    with _reading(path):
-        content = json.loads(path.read_text(encoding="utf-8"))
+    try:
+        content = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise damaged(path, error) from error
     if not isinstance(content, dict):
         raise RunFolderError(
             f"{path} is damaged: expected a JSON object, got {type(content).__name__}."
@@ -246,18 +312,23 @@ def _writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-@contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except FileNotFoundError as error:
-        raise RunFolderError(f"{path} is missing; the run is not complete.") from error
-    except OSError as error:
-        raise RunFolderError(f"{path} cannot be read ({error.strerror or error}).") from error
-    except (ValueError, RecursionError, csv.Error) as error:
-        raise RunFolderError(
-            f"{path} is damaged ({error}); restore it from a copy, or train again."
-        ) from error
+def _number(path: Path) -> int:
+    """The trial that a file or folder of a run is named after; -1 for one that is not ours."""
+    digits = path.stem.partition("-")[0]
+    return int(digits) if re.fullmatch(r"\d{2,9}", digits, re.ASCII) else -1
+
+
+def _lines_until(path: Path, trial: int) -> bytes:
+    """The whole lines of policy_steps.jsonl up to the end of a trial."""
+    kept = []
+    for line in read_text(path).splitlines():
+        try:
+            if json.loads(line)["time/trial"] > trial:
+                break
+        except (ValueError, KeyError, TypeError, RecursionError):
+            break  # the writer was stopped here
+        kept.append(f"{line}\n")
+    return "".join(kept).encode()
 
 
 def _check_config(path: Path, config: Mapping[str, Any]) -> None:
@@ -265,12 +336,12 @@ def _check_config(path: Path, config: Mapping[str, Any]) -> None:
     found = config.get("format")
     if isinstance(found, int) and found > FORMAT:
         raise RunFolderError(
-            f"{path} has format version {found}, this mcpilco reads {FORMAT}; "
+            f"{path} has format version {found}, this mcpilco reads {READABLE}; "
             "install a newer mcpilco."
         )
-    if found != FORMAT:
+    if found not in READABLE or isinstance(found, bool):
         raise RunFolderError(
-            f"{path / 'config.json'} is damaged: `format` must be {FORMAT}, got {found!r}."
+            f"{path / 'config.json'} is damaged: `format` must be one of {READABLE}, got {found!r}."
         )
     for key, kind in _CONFIG.items():
         value = config.get(key)
@@ -279,23 +350,9 @@ def _check_config(path: Path, config: Mapping[str, Any]) -> None:
                 f"{path / 'config.json'} is damaged: "
                 f"`{key}` must be of type {kind.__name__}, got {value!r}."
             )
-
-
-def _metrics_row(path: Path, number: int, row: list[str]) -> dict[str, Any]:
-    try:
-        pairs = zip(METRICS.items(), row, strict=True)
-        return {column: read(text) for (column, read), text in pairs}
-    except (ValueError, KeyError) as error:
-        raise RunFolderError(
-            f"{path} is damaged: line {number} must hold the {len(METRICS)} values "
-            f"{','.join(METRICS)}, got {','.join(row)!r}."
-        ) from error
-
-
-def _cell(value: float | bool | None) -> str:
-    """As text that reads back equal."""
-    if value is None:
-        return ""
-    if isinstance(value, bool | int | np.bool_ | np.integer):
-        return str(int(value))
-    return repr(float(value))
+    for key, least in (("seed", 0), ("trials", 1)):
+        if config[key] < least:
+            raise RunFolderError(
+                f"{path / 'config.json'} is damaged: "
+                f"`{key}` must be at least {least}, got {config[key]}."
+            )

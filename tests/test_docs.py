@@ -42,7 +42,7 @@ SMALL = Config(
     ),
     engine="eager",  # nothing to compile
 )
-RUNNABLE = ("train", "evaluate", "record")
+RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
 ELSEWHERE = re.compile(r"pendulum|RUN|--help|CartPole-v9")
 """in commands with a test of their own, in patterns, and in the one that shows an error"""
@@ -73,7 +73,7 @@ def commands(page: Path) -> list[list[str]]:
     found = []
     for line in shell_lines(page):
         match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|record|sweep|view|doctor)\b.*)", line
+            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|sweep|view|report|doctor)\b.*)", line
         )
         if match:
             found.append(shlex.split(match[1], comments=True))

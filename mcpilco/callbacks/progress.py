@@ -60,7 +60,7 @@ class Progress(Callback):
     def on_training_start(self, agent: Agent, trials: int) -> None:
         """Starts an empty table."""
         self.close()
-        self._trials = trials
+        self._trials = getattr(agent, "trials", 0) + trials
         self._table = Table(box=SIMPLE_HEAD, caption="costs are sums over an episode")
         for name in _COLUMNS:
             # As Text, for a unit is no markup; on two lines, for the table to fit 80 columns.

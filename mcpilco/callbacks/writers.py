@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Literal, TextIO
 
 from mcpilco.callbacks.base import Agent, Callback
 from mcpilco.data import TrialResult
@@ -39,24 +40,24 @@ class JsonLines(Callback):
     null. Each line is handed to the system at once, so a crash costs at most one line.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, append: bool = False) -> None:
+        """Writes into `path`, from the start of the training on; with `append`, after its lines."""
         self.path = Path(path)
+        self._mode: Literal["a", "w"] = "a" if append else "w"
         self._file: TextIO | None = None
         self._trial = 0
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Opens the file, empty.
+        """Opens the file.
 
         Raises:
             RunFolderError: the file cannot be written.
         """
         self.close()
         try:
-            self._file = self.path.open("w", encoding="utf-8", buffering=1)
+            self._file = self.path.open(self._mode, encoding="utf-8", buffering=1)
         except OSError as error:
-            raise RunFolderError(
-                f"cannot write {self.path}: {error.strerror}; choose another folder."
-            ) from error
+            raise self._unwritable(error) from error
 
     def on_trial_start(self, trial: int) -> None:
         """Marks the lines to come."""
@@ -81,21 +82,35 @@ class JsonLines(Callback):
     def close(self) -> None:
         """Closes the file."""
         if self._file is not None:
-            self._file.close()
-            self._file = None
+            file, self._file = self._file, None
+            with contextlib.suppress(OSError):  # what a full disk did not take was told before
+                file.close()
 
     def _write(self, values: Mapping[str, float]) -> None:
         assert self._file is not None, "on_training_start opens the file"
         finite = {key: value if math.isfinite(value) else None for key, value in values.items()}
         line = json.dumps({"time/trial": self._trial, **finite}, default=float)
-        self._file.write(line + "\n")
+        try:
+            self._file.write(line + "\n")
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> RunFolderError:
+        return RunFolderError(
+            f"cannot write {self.path}: {error.strerror}; make room, or choose another folder."
+        )
 
 
 class TensorBoard(Callback):
     """The same numbers as scalars for TensorBoard; policy steps count on from trial to trial."""
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(self, folder: str | Path, earlier_steps: int = 0) -> None:
         """Writes event files into `folder` from the start of the training on.
+
+        Args:
+            folder: where they go.
+            earlier_steps: policy steps of the trials that are there already; what the folder tells
+                of later ones no longer counts.
 
         Raises:
             InputError: the package tensorboard is not installed.
@@ -106,14 +121,17 @@ class TensorBoard(Callback):
             raise InputError(
                 "TensorBoard logging needs the package tensorboard; run `pip install tensorboard`."
             ) from error
-        self._open: Callable[[], Any] = lambda: SummaryWriter(str(folder))
+        purge = earlier_steps + 1 if earlier_steps else None
+        self._open: Callable[[], Any] = lambda: SummaryWriter(str(folder), purge_step=purge)
+        self._before = earlier_steps
         self._writer: Any = None
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
         """Opens an event file."""
         self.close()
         self._writer = self._open()
-        self._trial = self._step = self._earlier_steps = 0
+        self._trial = self._step = 0
+        self._earlier_steps = self._before
 
     def on_trial_start(self, trial: int) -> None:
         """Marks the numbers to come."""

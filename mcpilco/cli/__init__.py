@@ -1,4 +1,4 @@
-"""The command line: `mcpilco train`, `evaluate`, `sweep`, `record`, `view`, `doctor`.
+"""The command line: `mcpilco train`, `evaluate`, `export`, `sweep`, `record`, `view`, and others.
 
 This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
 gymnasium) when it runs, so that `--help` answers at once.
@@ -14,8 +14,10 @@ import tyro
 
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
+from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
 from mcpilco.cli.record import Record
+from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
@@ -35,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Sweep | Record | View | Doctor | Gap,
+            Train | Evaluate | Export | Sweep | Record | Gap | View | Report | Doctor,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

@@ -29,6 +29,8 @@ _NEEDED = (
 _OPTIONAL = {
     "stable-baselines3": "comparisons with model-free learning",
     "tensorboard": "mcpilco train --tensorboard",
+    "matplotlib": "mcpilco report",
+    "jinja2": "mcpilco report",
 }
 _LEAST_FREE_GB = 1.0  # a run of ten trials takes about 10 MB; caches of compiled loops take more
 _PATIENCE_S = 60.0
@@ -137,10 +139,13 @@ def _compiler() -> Finding:
 
 def _gl() -> Finding:
     """Can MuJoCo draw? It may take down its process, so ask another one."""
-    backend = os.environ.get("MUJOCO_GL", "default")
-    ok, said = _python_says("import mujoco; mujoco.GLContext(8, 8).make_current(); print('works')")
-    fix = "for pictures of MuJoCo envs: apt-get install libegl1 and set MUJOCO_GL=egl"
-    return Finding(f"GL ({backend})", said, "" if ok else fix, needed=False)
+    code = (
+        "import envs, gymnasium as gym; e = gym.make('mcpilco/MujocoCartPoleSwingUp-v0',"
+        "render_mode='rgb_array'); e.reset(seed=0); e.render(); print('works')"
+    )
+    ok, said = _python_says(code)
+    fix = "for pictures of MuJoCo envs: apt-get install libegl1 libgl1-mesa-dri"
+    return Finding("MuJoCo draws", said, "" if ok else fix, needed=False)
 
 
 def _viewer() -> Finding:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import choose_trial, open_env, use_one_thread
-from mcpilco.typing import InputError, RunFolderError
+from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_thread
+from mcpilco.typing import InputError
 
 _MEASURES = {
     "return": "return [-]",
@@ -50,7 +50,7 @@ class Evaluate:
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)
-        env = open_env(run.config["env"], run.config["env_kwargs"])
+        env = open_run_env(run)
         with contextlib.closing(env):
             agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
@@ -86,28 +86,6 @@ class Evaluate:
             for name, value in outcome.items():
                 samples.setdefault(name, []).append(value)
         return samples
-
-
-def finished_trial(run: Any, trial: int | None) -> int:
-    """The trial asked for, or the last."""
-    none = f"{run.path} holds no finished trial yet; train until the first one ends."
-    return choose_trial(run.finished_trials(), trial, none)
-
-
-def agent_of(run: Any, trial: int, env: Any) -> Any:
-    """The run's agent with the policy of one trial; without an env it predicts only."""
-    import torch
-
-    from mcpilco.agent import MCPILCO
-
-    agent = MCPILCO.load(run.agent_path, env)
-    policy = {name: torch.from_numpy(a) for name, a in run.read_arrays(trial, "policy").items()}
-    try:
-        agent.policy.load_state_dict(policy)
-    except RuntimeError as error:
-        path = run.arrays_path(trial, "policy")
-        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
-    return agent
 
 
 def _report(samples: Mapping[str, list[float]]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +17,7 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.plant import Plant
+    from mcpilco.recordings import Recording
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class Gap:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.gap.investigate import investigate
+        from mcpilco.correction import correction_of, write_correction
+        from mcpilco.gap import investigate
         from mcpilco.gap.report import summary, write_json
 
         plant = self._plant()
@@ -63,6 +66,9 @@ class Gap:
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")
+        if gap.verdict != "too_poor":
+            correction = correction_of(gap.corrected, plant)
+            write_correction(self.out / "corrected.json", correction)
         for line in summary(gap):
             print(line)
         print(f"Written: {self.out / 'gap.json'}")
@@ -74,7 +80,7 @@ class Gap:
 
             plant = plant_of(self.plant)
         else:
-            from envs.plants import PLANTS
+            from envs import PLANTS
 
             if self.plant not in PLANTS:
                 raise InputError(
@@ -84,35 +90,35 @@ class Gap:
             plant = PLANTS[self.plant]()
         return plant.where(**numbers("--set", self.set))
 
-    def _read(self, plant: Plant) -> list:
+    def _read(self, plant: Plant) -> list[Recording]:
+        """The recordings that can be read, at one sampling time; says what is wrong with others."""
+        good = self._readable(plant, self.recordings, self.dt)
+        if len({round(recording.dt, 9) for recording in good}) > 1:
+            names = {recording.name for recording in good}
+            paths = [path for path in self.recordings if path.stem in names]
+            good = self._readable(plant, paths, good[0].dt)
+        for recording in good:
+            for remark in recording.remarks:
+                print(f"{recording.name}: {remark}", file=sys.stderr)
+        return good
+
+    def _readable(self, plant: Plant, paths: Sequence[Path], dt: float | None) -> list[Recording]:
         from mcpilco.recordings import read_recordings
 
-        layout = plant.layout
-        columns = dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns))
-        names = {
-            "angles": plant.angles,
-            "velocities": tuple((k, k + 1) for k in range(0, len(layout.states), 2)),
-            "columns": columns,
-        }
+        states = plant.layout.states
         good, bad = read_recordings(
-            self.recordings, layout.states, layout.inputs, dt=self.dt, **names
+            paths,
+            states,
+            plant.layout.inputs,
+            angles=plant.angles,
+            velocities=tuple((k, k + 1) for k in range(0, len(states), 2)),
+            columns=dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns)),
+            dt=dt,
         )
         for error in bad:
             print(f"left out: {error}", file=sys.stderr)
         if not good:
             raise InputError("none of the recordings can be read; mend one of the faults above.")
-        if len({round(recording.dt, 9) for recording in good}) > 1:
-            dt = self.dt or good[0].dt
-            good, _ = read_recordings(
-                [p for p in self.recordings if p.stem in {r.name for r in good}],
-                layout.states,
-                layout.inputs,
-                dt=dt,
-                **names,
-            )
-        for recording in good:
-            for remark in recording.remarks:
-                print(f"{recording.name}: {remark}", file=sys.stderr)
         return good
 
     def _uncertainty(self) -> float | dict[str, float]:

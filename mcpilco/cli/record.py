@@ -12,9 +12,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from mcpilco.cli.evaluate import agent_of, finished_trial
 from mcpilco.cli.options import optional
-from mcpilco.cli.system import open_env, use_one_thread
+from mcpilco.cli.system import agent_of, finished_trial, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import EnvError, InputError, RecordingError
 
@@ -162,7 +161,7 @@ def _actor(policy: str, run: Any, task: Any, low: Any, high: Any, steps: int) ->
 
     if run is None:
         return excite if policy == "excitation" else draw
-    agent = agent_of(run, finished_trial(run, None), None)
+    agent = agent_of(run, finished_trial(run, None))
     if (agent.task.state_names, agent.task.input_names) != (task.state_names, task.input_names):
         raise EnvError(
             f"The policy in {run.path} expected the states {', '.join(agent.task.state_names)} and "

@@ -6,6 +6,7 @@ import dataclasses
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.config import PRESETS
@@ -14,7 +15,9 @@ from mcpilco.typing import InputError, RunFolderError
 if TYPE_CHECKING:
     import gymnasium as gym
 
+    from mcpilco.agent import MCPILCO
     from mcpilco.config import Config
+    from mcpilco.run_folder import RunFolder
 
 
 def use_one_thread() -> None:
@@ -55,6 +58,25 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     return make_env(env_id, **kwargs)
 
 
+def open_run_env(run: RunFolder) -> gym.Env:
+    """The env that a run was trained in; code that lies in the run folder itself is not executed.
+
+    Raises:
+        RunFolderError: the env's module lies in the run folder.
+        EnvError: the env cannot be made.
+    """
+    env_id = run.config["env"]
+    module = env_id.rpartition(":")[0]
+    folder = run.path.resolve()
+    for place in {*sys.path, os.getcwd()} if module else ():
+        if Path(place or ".", *module.split(".")).resolve().is_relative_to(folder):
+            raise RunFolderError(
+                f"{run.path} names the env {env_id!r}, whose module would be taken from the run "
+                "folder itself, where nothing is executed; move the module out, if you trust it."
+            )
+    return open_env(env_id, run.config["env_kwargs"])
+
+
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
     """The trial asked for, or the last of those that there are.
 
@@ -69,3 +91,33 @@ def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
     if asked not in trials:
         raise InputError(f"--trial must be one of {', '.join(map(str, trials))}, got {asked}.")
     return asked
+
+
+def finished_trial(run: RunFolder, asked: int | None) -> int:
+    """The finished trial asked for, or the last.
+
+    Raises:
+        RunFolderError: none is finished.
+        InputError: the one asked for is not.
+    """
+    none = f"{run.path} holds no finished trial yet; train until the first one ends."
+    return choose_trial(run.finished_trials(), asked, none)
+
+
+def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
+    """The run's agent with the policy of one trial.
+
+    Raises:
+        RunFolderError: a file is missing or damaged, or the files do not belong together.
+        EnvError: the env does not fit.
+    """
+    from mcpilco.agent import MCPILCO
+    from mcpilco.agent_file import load_policy
+
+    agent = MCPILCO.load(run.agent_path, env)
+    try:
+        load_policy(agent.policy, run.read_arrays(trial, "policy"))
+    except ValueError as error:
+        path = run.arrays_path(trial, "policy")
+        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
+    return agent

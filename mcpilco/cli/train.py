@@ -8,6 +8,8 @@ import os
 import re
 import shlex
 import shutil
+import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,9 +20,10 @@ from typing import Annotated, Any, Literal
 from mcpilco.cli.options import optional
 from mcpilco.cli.system import numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, McPilcoError
 
 _OUT = "runs/out"
+_TRIALS = 4
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Train:
     """setting of the agent, and of the cart-pole"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
-    trials: int = 4
+    trials: Annotated[int | None, optional("INT", f"{_TRIALS}, or those of the run resumed")] = None
     """policies to learn, each from one more rollout; a rollout of random inputs comes first"""
     out: Annotated[Path | None, optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")] = (
         None
@@ -45,6 +48,11 @@ class Train:
     """show no progress"""
     tensorboard: bool = False
     """write event files for TensorBoard into the run folder too"""
+    live: bool = False
+    """show each rollout and the policy search in the viewer; without a display, for a browser"""
+    resume: Annotated[Path | None, optional("RUN", "none")] = None
+    """go on with this run, which was interrupted or shall have more trials; all else about it is
+    in its folder"""
 
     def __call__(self) -> int:
         """Train, and return the exit code.
@@ -52,11 +60,13 @@ class Train:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        if self.trials < 1:
+        if self.trials is not None and self.trials < 1:
             raise InputError(f"--trials must be at least 1, got {self.trials}.")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}.")
         use_one_thread()
+        if self.resume is not None:
+            return self._go_on()
 
         from mcpilco.agent import MCPILCO
         from mcpilco.run_folder import RunFolder
@@ -66,15 +76,48 @@ class Train:
         with contextlib.closing(env):
             agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed)
             run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
-            try:
-                with self._callbacks(run) as callbacks:
-                    agent.learn((self.trials + 1) * agent.horizon, callback=callbacks)
-            except KeyboardInterrupt:
-                print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
-                return 130
+            with run.writing():
+                return self._learn(agent, run)
+
+    def _go_on(self) -> int:
+        """The rest of a run."""
+        from mcpilco.cli.resume import reopened
+
+        given = dataclasses.replace(
+            self, resume=None, trials=None, quiet=False, tensorboard=False, live=False
+        )
+        if given != Train():
+            raise InputError(
+                "--resume takes env, preset, seed, horizon and folder from the run; "
+                "beside it stand only --trials, --quiet, --tensorboard and --live."
+            )
+        assert self.resume is not None
+        with reopened(self.resume, self.trials) as (run, agent):
+            return self._learn(agent, run)
+
+    def _learn(self, agent: Any, run: Any) -> int:
+        """Learn the trials that the run lacks, say where they are, and return the exit code."""
+        rest = run.config["trials"] - len(run.finished_trials())
+        episodes = rest + (agent.transitions is None)
+        try:
+            with self._watched(run), self._callbacks(run) as callbacks:
+                if rest:
+                    agent.learn(episodes * agent.horizon, callback=callbacks)
+                else:  # it was stopped after its last trial
+                    from mcpilco.callbacks import as_callback
+
+                    as_callback(callbacks).on_training_start(agent, 0)
+                    as_callback(callbacks).on_training_end()
+        except KeyboardInterrupt:
+            print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
+            return 130
+        except McPilcoError:
+            print(f"mcpilco: stopped; {_saved(run)}", file=sys.stderr)
+            raise
         where = shlex.quote(str(run.path))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
+        print(f"Read of it: {_command()} report {where}")
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 
@@ -92,9 +135,29 @@ class Train:
             "env_kwargs": env_kwargs,
             "preset": self.preset,
             "seed": self.seed,
-            "trials": self.trials,
+            "trials": _TRIALS if self.trials is None else self.trials,
             "config": dataclasses.asdict(config),
         }
+
+    @contextlib.contextmanager
+    def _watched(self, run: Any) -> Iterator[None]:
+        """With `--live`, a `mcpilco view` beside the training, which outlives it until closed."""
+        if not self.live:
+            yield
+            return
+        from mcpilco.visual.viewer import has_display
+
+        command = [sys.executable, "-m", "mcpilco.cli", "view", str(run.path), "--live"]
+        with subprocess.Popen(command if has_display() else [*command, "--web"]) as viewer:
+            try:
+                yield
+            except BaseException:
+                viewer.send_signal(signal.SIGINT)
+                raise
+            if viewer.poll() is None:
+                print("The training has ended; close the viewer, or press Ctrl-C.", flush=True)
+                with contextlib.suppress(KeyboardInterrupt):
+                    viewer.wait()
 
     @contextlib.contextmanager
     def _callbacks(self, run: Any) -> Iterator[list[Any]]:
@@ -102,9 +165,11 @@ class Train:
         from mcpilco.callbacks import JsonLines, Progress, TensorBoard
         from mcpilco.recorder import Recorder
 
-        callbacks = [JsonLines(run.policy_steps_path), Recorder(run)]
-        if self.tensorboard:
-            callbacks.append(TensorBoard(run.path / "tensorboard"))
+        callbacks = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
+        events = run.path / "tensorboard"
+        if self.tensorboard or events.exists():
+            done = [run.result(trial)["policy_steps"] for trial in run.finished_trials()]
+            callbacks.append(TensorBoard(events, earlier_steps=sum(done)))
         if not self.quiet:
             callbacks.append(Progress())
         with contextlib.ExitStack() as stack:
@@ -117,12 +182,13 @@ def _saved(run: Any) -> str:
     """A sentence on what an interrupted run holds."""
     trials = run.finished_trials()
     where = shlex.quote(str(run.path))
+    go_on = f"go on with `mcpilco train --resume {where}`"
     if trials:
         saved = "trial 1 is" if len(trials) == 1 else f"trials 1 to {trials[-1]} are"
-        return f"{saved} saved in {run.path}; see `mcpilco view {where}`."
-    if run.recording_path(0).exists():
-        return f"no trial was finished, the exploration is saved in {run.path}."
-    return f"nothing was measured yet; {run.path} holds the configuration only."
+        return f"{saved} saved in {run.path}; see `mcpilco view {where}`, or {go_on}."
+    if run.agent_path.exists():
+        return f"no trial was finished, the exploration is saved in {run.path}; {go_on}."
+    return f"nothing was measured yet; {run.path} holds the configuration only; {go_on}."
 
 
 def _command() -> str:

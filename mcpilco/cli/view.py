@@ -2,24 +2,41 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
+import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import tyro
+
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import choose_trial
+from mcpilco.cli.system import choose_trial, open_env
+from mcpilco.typing import InputError, McPilcoError
+
+_LOOK_S = 1.0
+"""between two looks at a run that is being written [s]"""
 
 
 @dataclass(frozen=True)
 class View:
-    """Look at the rollouts of a run in the Rerun viewer."""
+    """Look at the rollouts of a run in the Rerun viewer, one trial after another."""
 
     run: RunPath
     """run folder"""
-    trial: Annotated[int | None, optional("INT", "the last")] = None
-    """whose rollout; 0 is the exploration"""
+    other: Annotated[
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(metavar="[RUN_B]", help_behavior_hint="(default: none)"),
+    ] = None
+    """another run of the same system, to lay over the first"""
+    trial: Annotated[int | None, optional("INT", "all, one after another")] = None
+    """this rollout alone; 0 is the exploration"""
     web: bool = False
     """look with a browser, until Ctrl-C"""
+    live: bool = False
+    """follow a run that is being trained"""
     screenshot: Annotated[Path | None, optional("FILE", "none")] = None
     """write a picture to this file instead; needs no display"""
     at: Annotated[float | None, optional("FLOAT", "the end")] = None
@@ -32,25 +49,87 @@ class View:
             McPilcoError: a wrong input; the sentence says which.
         """
         from mcpilco.run_folder import RunFolder
-        from mcpilco.visual.viewer import open_viewer, screenshot
 
-        run = RunFolder.open(self.run)
-        trial = _recorded(run, self.trial)
-        path = run.recording_path(trial)
-        if self.screenshot is None:
-            open_viewer([path], web=self.web)
-        else:
-            at = _duration(run, trial) if self.at is None else self.at
-            print(screenshot(path, self.screenshot, at))
+        runs = [RunFolder.open(path) for path in (self.run, self.other) if path is not None]
+        if self.live:
+            self._follow(runs)
+            return 0
+        trials = [_recorded(run) for run in runs]
+        with tempfile.TemporaryDirectory() as folder:
+            film = Path(folder) / "film.rrd"
+            if len(runs) == 1 and (self.trial is not None or len(trials[0]) == 1):
+                trial = choose_trial(trials[0], self.trial, "")
+                self._show(runs[0].recording_path(trial), lambda: _duration(runs[0], trial))
+            else:
+                end_s = _write_film(film, runs, self.trial)
+                self._show(film, lambda: end_s)
         return 0
 
+    def _show(self, recording: Path, end_s: Any) -> None:
+        """The recording in the viewer, or a picture of it."""
+        from mcpilco.visual.viewer import open_viewer, screenshot
 
-def _recorded(run: Any, trial: int | None) -> int:
-    """The trial asked for, or the last that has a recording."""
+        if self.screenshot is None:
+            open_viewer([recording], web=self.web)
+        else:
+            at = end_s() if self.at is None else self.at
+            print(screenshot(recording, self.screenshot, at))
+
+    def _follow(self, runs: list[Any]) -> None:
+        """Show what a run learns, until the viewer is closed."""
+        if len(runs) > 1 or self.screenshot is not None or self.trial is not None:
+            raise InputError("--live follows one run: it takes no RUN_B, --trial or --screenshot.")
+        import rerun as rr
+
+        from mcpilco.follow import Follower
+        from mcpilco.visual.viewer import live_viewer
+
+        with live_viewer(web=self.web) as viewer, contextlib.suppress(KeyboardInterrupt):
+            rec = rr.RecordingStream("mcpilco", send_properties=False)
+            rec.connect_grpc(viewer.url)
+            rec.send_recording_name(runs[0].path.resolve().name)
+            follower = Follower(runs[0], _scene(runs[0]), rec)
+            try:
+                while not viewer.closed and not follower.finished:
+                    follower.look()
+                    time.sleep(_LOOK_S)
+                viewer.wait()
+            finally:
+                rec.disconnect()
+
+
+def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
+    """A film of the runs; returns its end [s]."""
+    from mcpilco.film import Reel, write_film
+    from mcpilco.history import read_history
+
+    reels = []
+    for run in runs:
+        history = read_history(run)
+        for problem in history.problems:
+            print(f"mcpilco: left out: {problem}", file=sys.stderr)
+        reels.append(Reel(history, _scene(run)))
+    return write_film(path, reels, trial)
+
+
+def _scene(run: Any) -> Any:
+    """How the run's env draws its states; None, with a note, where it cannot be made here."""
+    try:
+        with contextlib.closing(open_env(run.config["env"], run.config["env_kwargs"])) as env:
+            return getattr(env.unwrapped, "scene", None)
+    except McPilcoError as error:
+        print(f"mcpilco: without the scene: {' '.join(str(error).split())}", file=sys.stderr)
+        return None
+
+
+def _recorded(run: Any) -> list[int]:
+    """The trials that have a recording."""
     names = (path.stem for path in (run.path / "rollouts").glob("*.rrd"))
     trials = sorted(int(name) for name in names if name.isdecimal())
-    none = f"{run.path} holds no recording yet; train until the first rollout ends."
-    return choose_trial(trials, trial, none)
+    choose_trial(
+        trials, None, f"{run.path} holds no recording yet; train until the first rollout ends."
+    )
+    return trials
 
 
 def _duration(run: Any, trial: int) -> float:

@@ -1,1 +1,5 @@
-"""Where simulation and measurement disagree, which effect is missing, and what adding it is worth."""
+"""Where simulation and recordings disagree, which effect is missing, and what adding it is worth."""
+
+from mcpilco.gap.investigate import Gap, investigate
+
+__all__ = ["Gap", "investigate"]

@@ -74,7 +74,10 @@ class Fit:
 
 
 def run(
-    model: Model, windows: Windows, theta: Float[np.ndarray, "S p"], starts: Float[np.ndarray, "S W X"]
+    model: Model,
+    windows: Windows,
+    theta: Float[np.ndarray, "S p"],
+    starts: Float[np.ndarray, "S W X"],
 ) -> Float[np.ndarray, "S W X T"]:
     """Simulated measurements of S parameter vectors, each on all windows."""
     S, W = starts.shape[:2]

@@ -1,4 +1,4 @@
-"""The whole workflow: recordings and a plant go in, what is missing and the corrected plant come out."""
+"""The whole workflow: a plant and recordings go in, what is missing and a corrected plant come out."""
 
 from __future__ import annotations
 
@@ -116,7 +116,9 @@ def investigate(
         named=named,
         corrected=corrected,
         where=locate(best if verdict == "unknown" else null, windows),
-        comparison=compare(model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
+        comparison=compare(
+            model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)
+        ),
         events=spans,
         experiments=(),
         train=names[0],
@@ -189,9 +191,7 @@ def _priors(
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:
     """Effects that these recordings could show."""
     measured = windows.measured.any(axis=(0, 2))
-    unseen = {
-        name for name, seen in zip(plant.layout.states, measured, strict=True) if not seen
-    }
+    unseen = {name for x, name in enumerate(plant.layout.states) if not measured[x]}
     return [active for active in plant.candidates() if active.target not in unseen]
 
 
@@ -219,10 +219,7 @@ def _corrected(best: Fit) -> Plant:
     """The plant with the effects and parameters of a fit."""
     parameters, _ = best.model.decode(best.theta[None])
     names = [parameter.name for parameter in best.model.plant.parameters]
-    changed = {
-        name: float(parameters[0, names.index(name)])
-        for name in best.model.priors
-    }
+    changed = {name: float(parameters[0, names.index(name)]) for name in best.model.priors}
     freed = len(best.model.freed)
     pairs = [(active, values[0]) for active, values in best.model.told(best.theta[None])[freed:]]
     return best.model.plant.where(**changed).having(pairs)

@@ -46,15 +46,24 @@ class Model:
             return None
         return list(self.priors).index(name)
 
+    def _parameter(self, active: Active) -> str:
+        """The parameter that one of the freed effects comes down to."""
+        name = self.plant.parameter_of(active)
+        assert name is not None
+        return name
+
     def having(self, active: Active) -> Model:
         """This model with one effect more."""
         if self.frees(active) is None:
             return replace(self, actives=(*self.actives, active))
-        freed = {self.plant.parameter_of(active): np.inf}
+        freed = {self._parameter(active): np.inf}
         return replace(self, priors={**self.priors, **freed}, freed=(*self.freed, active))
 
     def grown(
-        self, theta: Float[np.ndarray, " p"], active: Active, values: Sequence[float]
+        self,
+        theta: Float[np.ndarray, " p"],
+        active: Active,
+        values: Sequence[float] | Float[np.ndarray, " n"],
     ) -> tuple[Model, Float[np.ndarray, " n"]]:
         """The model with one effect more, and theta with its values."""
         model = self.having(active)
@@ -70,7 +79,7 @@ class Model:
     ) -> tuple[Model, Float[np.ndarray, " n"]]:
         """The model without one of its effects, and theta; `prior` is that of a parameter."""
         if active in self.freed:
-            held = {self.plant.parameter_of(active): prior}
+            held = {self._parameter(active): prior}
             rest = tuple(other for other in self.freed if other != active)
             return replace(self, priors={**self.priors, **held}, freed=rest), theta
         span = self.spans()[self.actives.index(active)]
@@ -85,7 +94,7 @@ class Model:
         names = [parameter.name for parameter in self.plant.parameters]
         freed = []
         for active in self.freed:
-            column = names.index(self.plant.parameter_of(active))
+            column = names.index(self._parameter(active))
             nominal = self.plant.nominal[column]
             found = parameters[:, column : column + 1]
             relative = active.effect.neutral[0] == 1.0  # a gain is told relative to the nominal one
@@ -159,7 +168,10 @@ class Model:
         found[self.nuisances :] = np.where(
             self.logarithmic[self.nuisances :],
             found[self.nuisances :],
-            np.minimum(found[self.nuisances :], np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :])),
+            np.minimum(
+                found[self.nuisances :],
+                np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :]),
+            ),
         )
         return found
 

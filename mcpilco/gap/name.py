@@ -60,7 +60,8 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     windows = remembered(model, windows, theta, windows.guess)
     starts = settle(model, windows, theta, windows.guess)
     null = fit(model, windows, theta, starts)
-    best, beam, seen = null, [null], {frozenset(): null}
+    best, beam = null, [null]
+    seen: dict[frozenset[Active], Fit] = {frozenset(): null}
     scores: list[Score] = []
     for level in range(MOST):
         grown: list[Fit] = []
@@ -108,13 +109,16 @@ def _grow(known: Fit, score: Score, windows: Windows) -> Fit:
 
 
 def _without_superfluous(
-    best: Fit, windows: Windows, seen: dict[frozenset[Active], Fit], priors: Mapping[str, float],
+    best: Fit,
+    windows: Windows,
+    seen: dict[frozenset[Active], Fit],
+    priors: Mapping[str, float],
     needed: float,
 ) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
     for active in best.model.named if len(best.model.named) > 1 else ():
         parameter = best.model.plant.parameter_of(active)
-        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter, np.inf))
+        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
         key = frozenset(model.named)
         smaller = fit(model, windows, theta, best.starts, iterations=12)
         if key not in seen or smaller.chi2 < seen[key].chi2:
@@ -193,8 +197,8 @@ def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
     ):
         units = active.effect.units(layout, active.target)
         estimates = {
-            symbol.name: Estimate(*(float(x) for x in ends), unit)
-            for symbol, *ends, unit in zip(
+            symbol.name: Estimate(float(value), float(least), float(most), unit)
+            for symbol, value, least, most, unit in zip(
                 active.effect.symbols, values[0], lows[0], highs[0], units, strict=True
             )
             if symbol.told

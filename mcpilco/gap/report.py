@@ -80,10 +80,8 @@ def summary(gap: Gap) -> list[str]:
         lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
     if gap.where:
         worst = gap.where[0]
-        lines.append(
-            f"The nominal plant misses {worst.channel} most ({100 * worst.share:.0f} % of the misfit), "
-            f"{worst.condition}."
-        )
+        share = f"{100 * worst.share:.0f} % of the misfit"
+        lines.append(f"Missed most is {worst.channel} ({share}), {worst.condition}.")
     if gap.comparison is not None:
         found = gap.comparison
         lines.append(

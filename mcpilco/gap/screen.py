@@ -10,7 +10,6 @@ from jaxtyping import Float
 
 from mcpilco.effects import Probe
 from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
-from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
 

@@ -52,7 +52,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self.y)
 
-    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice) -> Windows:
+    def __getitem__(
+        self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice
+    ) -> Windows:
         """Some of the windows."""
         return Windows(
             self.y[chosen],

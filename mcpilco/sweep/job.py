@@ -165,6 +165,7 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "policy_steps": result.policy_steps,
         "cpu_s": round(result.cpu_s, 3),
         "wall_s": round(result.wall_s, 3),
+        **({"failure": result.failure} if result.failure else {}),
     }
 
 

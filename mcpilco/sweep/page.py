@@ -8,7 +8,7 @@ from typing import Any
 
 from mcpilco.archive import write_bytes
 from mcpilco.run_folder import read_json
-from mcpilco.sweep.summary import markdown, spread_cell
+from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
 from mcpilco.typing import InputError
 
 BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
@@ -50,6 +50,30 @@ def fill(page: Path, parts: Sequence[str], template: Path | None = None) -> None
     head, tail = text.split(BEGIN)[0], text.split(END)[1]
     results = "\n\n".join(part.strip() for part in parts if part)
     write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
+
+
+def outcomes(summary: Mapping[str, Any]) -> str:
+    """A table of what each amount of experience gave; a row that the env does not tell is left out.
+
+    Args:
+        summary: of `mcpilco.sweep.summary.summarise`.
+    """
+    rows = {
+        "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
+        "p over fresh rollouts of each policy [%]": lambda trial: mean_cell(trial["p"]),
+        "time within 10 degrees of upright [s]": lambda trial: spread_cell(trial["time_up_s"], 2),
+        "distance of the cart [m]": lambda trial: spread_cell(trial["mean_abs_cart_m"], 2),
+        "predicted cost [-]": lambda trial: spread_cell(trial["predicted_cost"], 1),
+        "real cost [-]": lambda trial: spread_cell(trial["real_cost"], 1),
+    }
+    trials = summary["trials"]
+    header = ["after", *(f"{trial['experience_s']:g} s" for trial in trials)]
+    cells = [(name, *map(cell, trials)) for name, cell in rows.items()]
+    return (
+        f"{markdown(header, [row for row in cells if any(row[1:])])}\n"
+        "In brackets: 95 % intervals for success and p, Wilson's and the bootstrap's over seeds; "
+        "for all else the quartiles, beside the median. Costs are sums over an episode."
+    )
 
 
 def costs(summaries: Mapping[str, Mapping[str, Any]]) -> str:

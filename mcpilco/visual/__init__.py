@@ -14,8 +14,15 @@ _HOME = {
     "open_viewer": "viewer",
     "screenshot": "viewer",
     "plot_states": "plots",
+    "plot_state": "plots",
+    "plot_input": "plots",
     "plot_costs": "plots",
     "plot_learning": "plots",
+    "plot_search": "plots",
+    "plot_times": "plots",
+    "plot_coverage": "plots",
+    "plot_errors": "plots",
+    "plot_policy": "plots",
 }
 
 __all__ = [
@@ -24,8 +31,15 @@ __all__ = [
     "Shape",
     "open_viewer",
     "plot_costs",
+    "plot_coverage",
+    "plot_errors",
+    "plot_input",
     "plot_learning",
+    "plot_policy",
+    "plot_search",
+    "plot_state",
     "plot_states",
+    "plot_times",
     "screenshot",
     "write_recording",
 ]

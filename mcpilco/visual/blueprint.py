@@ -13,6 +13,7 @@ TIMELINE = "sim_time"
 """seconds since the start of the rollout; `step` counts the same instants"""
 
 WORLD, STATES, INPUTS, COST, ABOUT = "world", "states", "inputs", "cost", "about"
+LEARNING, SEARCH = "learning", "search"
 """top-level entities of a recording"""
 
 _NIGHT = (18, 20, 26)
@@ -30,14 +31,27 @@ def entity(*parts: str) -> str:
     return rr.new_entity_path(list(parts)).lstrip("/")
 
 
-def build_blueprint(task: TaskSpec, extent: Float[np.ndarray, "N 3"] | None) -> rrb.Blueprint:
+def build_blueprint(
+    task: TaskSpec,
+    extent: Float[np.ndarray, "N 3"] | None,
+    *,
+    film: bool = False,
+    live: bool = False,
+) -> rrb.Blueprint:
     """The layout: the scene over the notes, and a plot for each state, each input and the cost.
 
     Args:
         task: names and units of states and inputs.
         extent: points that the camera must see [m]; None where there is no scene to show.
+        film: several trials follow one another; show what each one cost.
+        live: more is to come; follow it, and show the policy search.
     """
-    plots = rrb.Grid(*_plots(task), grid_columns=2, name="curves")
+    views: list[rrb.View] = [*_plots(task)]
+    if film:
+        views.append(_curve(LEARNING, "cost of an episode [-]"))
+    if live:
+        views.append(rrb.BarChartView(origin=SEARCH, name="policy search: predicted cost [-]"))
+    plots = rrb.Grid(*views, grid_columns=2, name="curves")
     about = rrb.TextDocumentView(origin=ABOUT, name="about")
     if extent is None:
         body = rrb.Horizontal(about, plots, column_shares=[1, 3])
@@ -46,7 +60,12 @@ def build_blueprint(task: TaskSpec, extent: Float[np.ndarray, "N 3"] | None) -> 
         body = rrb.Horizontal(left, plots, column_shares=[1, 1])
     return rrb.Blueprint(
         body,
-        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="playing", loop_mode="all"),
+        rrb.TimePanel(
+            timeline=TIMELINE,
+            state="collapsed",
+            play_state="following" if live else "playing",
+            loop_mode="off" if live else "all",
+        ),
         rrb.SelectionPanel(state="hidden"),
         auto_layout=False,
         auto_views=False,
@@ -59,16 +78,17 @@ def _plots(task: TaskSpec) -> list[rrb.TimeSeriesView]:
     titles = {entity(STATES, name): f"{name} [{unit}]" for name, unit in states}
     titles |= {entity(INPUTS, name): f"{name} [{unit}]" for name, unit in inputs}
     titles |= {COST: "cost [-]"}
-    return [
-        rrb.TimeSeriesView(
-            origin=path,
-            name=title,
-            axis_x=rrb.archetypes.TimeAxis(link="LinkToGlobal"),
-            plot_legend=rrb.PlotLegend(visible=False),
-            background=rrb.archetypes.PlotBackground(color=_NIGHT),
-        )
-        for path, title in titles.items()
-    ]
+    return [_curve(path, title) for path, title in titles.items()]
+
+
+def _curve(path: str, title: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=path,
+        name=title,
+        axis_x=rrb.archetypes.TimeAxis(link="LinkToGlobal"),
+        plot_legend=rrb.PlotLegend(visible=False),
+        background=rrb.archetypes.PlotBackground(color=_NIGHT),
+    )
 
 
 def _scene_view(extent: Float[np.ndarray, "N 3"]) -> rrb.Spatial3DView:

@@ -9,24 +9,56 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int
 
-from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout
 from mcpilco.task import TaskSpec
 from mcpilco.visual.blueprint import COST, INPUTS, STATES, TIMELINE, WORLD, entity
 from mcpilco.visual.scene import Scene, Shape
 
-# Opaque colours: Rerun does not blend lines in 3D.
-_SYSTEM = (245, 245, 245)
-_OBSERVED = (240, 170, 60)
-_MODEL = (70, 150, 255)
-_PARTICLES = (110, 115, 125)
-_DIM = (66, 72, 88)
-_MARKERS = (150, 156, 168)
+RGB = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Colors:
+    """How a run is drawn. Opaque: Rerun does not blend lines in 3D."""
+
+    system: RGB = (245, 245, 245)
+    """the rollout on the system"""
+    observed: RGB | None = (240, 170, 60)
+    """what the agent saw of it; None leaves it out"""
+    model: RGB = (70, 150, 255)
+    """the median of the particles"""
+    particles: RGB = (110, 115, 125)
+    """in the plots"""
+    tails: RGB = (66, 72, 88)
+    """latest paths of the particles"""
+    markers: RGB = (150, 156, 168)
+    """the particles in the scene"""
+    bodies: RGB | None = None
+    """all bodies; None keeps each one's own colour"""
+
+
+OVERLAID = (
+    Colors(observed=None, bodies=(200, 205, 215)),
+    Colors(
+        system=(255, 160, 50),
+        observed=None,
+        model=(255, 95, 95),
+        particles=(125, 100, 70),
+        tails=(86, 66, 44),
+        markers=(180, 140, 95),
+        bodies=(225, 140, 50),
+    ),
+)
+"""of two runs in one picture"""
+
 _TARGET = (90, 210, 120)
 
-COLORS_IN_WORDS = (
-    "White: the system. Orange: what the agent saw of it. "
-    "Blue: the median of the particles, for the cost their mean. Grey: the particles."
+_MODEL_IN_WORDS = "Blue: the median of the particles, for the cost their mean. Grey: the particles."
+COLORS_IN_WORDS = f"White: the system. Orange: what the agent saw of it. {_MODEL_IN_WORDS}"
+FILM_IN_WORDS = f"White: the system. {_MODEL_IN_WORDS}"
+OVERLAID_IN_WORDS = (
+    "White: the system in the first run, blue the median of its particles. "
+    "Orange: the system in the second run, red the median of its particles."
 )
 
 _LINES = 30
@@ -46,6 +78,21 @@ class Track:
     rec: rr.RecordingStream
     dt: float
     """sampling time [s]"""
+    start_s: float = 0.0
+    """when it begins on the timeline [s]"""
+    first: int = 0
+    """step at which it begins"""
+    colors: Colors = Colors()
+    gap: bool = False
+    """break the curves after the last step, for another rollout follows on the timeline"""
+    group: str = ""
+    """sets the entities of one run apart from those of another"""
+
+    def under(self, *parts: str) -> str:
+        """The path of these parts; the group's name follows what a view shows all of."""
+        root = 2 if parts[0] in (STATES, INPUTS) else 1
+        groups = (self.group,) if self.group else ()
+        return entity(*parts[:root], *groups, *parts[root:])
 
     def still(self, path: str, *what: rr.AsComponents) -> None:
         """Show this at all times."""
@@ -55,8 +102,8 @@ class Track:
         """Show one row at each of the steps first, first + 1, ..."""
         steps = np.arange(first, first + rows)
         index = [
-            rr.TimeColumn(TIMELINE, duration=steps * self.dt),
-            rr.TimeColumn("step", sequence=steps),
+            rr.TimeColumn(TIMELINE, duration=self.start_s + steps * self.dt),
+            rr.TimeColumn("step", sequence=self.first + steps),
         ]
         self.rec.send_columns(path, index, columns, strict=True)
 
@@ -67,36 +114,43 @@ def log_scene(track: Track, scene: Scene, rollout: Rollout) -> None:
     track.still(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     for i, (shape, position) in enumerate(scene.fixed):
         track.still(
-            entity(WORLD, "fixed", str(i)), _solid(shape), rr.Transform3D(translation=position)
+            track.under(WORLD, "fixed", str(i)),
+            _solid(shape, shape.color),
+            rr.Transform3D(translation=position),
         )
     for name, pose in scene.poses(states).items():
-        path = entity(WORLD, "bodies", name)
+        path = track.under(WORLD, "bodies", name)
         motion = rr.Transform3D.columns(translation=pose.translation, quaternion=pose.quaternion)
-        track.still(path, _solid(scene.shapes[name]))
+        shape = scene.shapes[name]
+        track.still(path, _solid(shape, track.colors.bodies or shape.color))
         track.moving(path, 0, len(states), motion)
     if scene.target is not None:
         target = rr.Points3D([scene.target], colors=[_TARGET], radii=rr.Radius.ui_points(7))
-        track.still(entity(WORLD, "target"), target)
-    _log_tails(track, entity(WORLD, "tail"), scene.marker(states)[:, None], _SYSTEM, 1.0)
+        track.still(track.under(WORLD, "target"), target)
+    _log_tails(
+        track, track.under(WORLD, "tail"), scene.marker(states)[:, None], track.colors.system, 1.0
+    )
 
 
 def log_particles(track: Track, scene: Scene, prediction: Prediction) -> None:
     """The marker of every particle at each step, and the latest paths of some."""
     markers = scene.marker(prediction.states)  # (T + 1, P, 3)
     rows, particles, _ = markers.shape
-    path = entity(WORLD, "particles")
-    track.still(path, rr.Points3D.from_fields(colors=[_MARKERS], radii=rr.Radius.ui_points(2.5)))
+    path = track.under(WORLD, "particles")
+    track.still(
+        path, rr.Points3D.from_fields(colors=[track.colors.markers], radii=rr.Radius.ui_points(2.5))
+    )
     points = rr.Points3D.columns(positions=markers.reshape(-1, 3)).partition([particles] * rows)
     track.moving(path, 0, rows, points)
     shown = markers[:, _some(particles, _TAILS)]
-    _log_tails(track, entity(WORLD, "particle_tails"), shown, _DIM, 0.5)
+    _log_tails(track, track.under(WORLD, "particle_tails"), shown, track.colors.tails, 0.5)
 
 
 def _log_tails(
     track: Track,
     path: str,
     markers: Float[np.ndarray, "T P 3"],
-    color: tuple[int, int, int],
+    color: RGB,
     width: float,
 ) -> None:
     """At each step, where each marker has lately been; the first points repeat."""
@@ -110,26 +164,35 @@ def _log_tails(
 
 
 def log_curves(
-    track: Track, task: TaskSpec, rollout: Rollout, prediction: Prediction | None
+    track: Track,
+    task: TaskSpec,
+    rollout: Rollout,
+    prediction: Prediction | None,
+    costs: Float[np.ndarray, " T"] | None,
 ) -> None:
     """States between steps, inputs held through each step, costs at the end of each."""
     for i, name in enumerate(task.state_names):
         if prediction is not None:
             particles = prediction.states[:, :, i]
-            _log_spread(track, entity(STATES, name), 0, particles, np.median(particles, axis=1))
-        if rollout.states is not None:
-            _log_line(track, entity(STATES, name, "system"), 0, rollout.states[:, i])
-        _log_dots(track, entity(STATES, name, "observed"), 0, rollout.observations[:, i])
+            _log_spread(
+                track, track.under(STATES, name), 0, particles, np.median(particles, axis=1)
+            )
+        if rollout.states is not None or track.colors.observed is None:
+            _log_line(track, track.under(STATES, name, "system"), 0, rollout.shown_states[:, i])
+        if track.colors.observed is not None:
+            _log_dots(track, track.under(STATES, name, "observed"), 0, rollout.observations[:, i])
     for i, name in enumerate(task.input_names):
         if prediction is not None:
             particles = prediction.inputs[:, :, i]
             median = np.median(particles, axis=1)
-            _log_spread(track, entity(INPUTS, name), 0, particles, median, "StepAfter")
-        _log_line(track, entity(INPUTS, name, "system"), 0, rollout.inputs[:, i], hold="StepAfter")
+            _log_spread(track, track.under(INPUTS, name), 0, particles, median, "StepAfter")
+        _log_line(
+            track, track.under(INPUTS, name, "system"), 0, rollout.inputs[:, i], hold="StepAfter"
+        )
     if prediction is not None:
-        _log_spread(track, COST, 1, prediction.costs, prediction.costs.mean(axis=1))
-    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
-    _log_line(track, entity(COST, "system"), 1, costs)
+        _log_spread(track, track.under(COST), 1, prediction.costs, prediction.costs.mean(axis=1))
+    if costs is not None:
+        _log_line(track, track.under(COST, "system"), 1, costs)
 
 
 def _log_spread(
@@ -141,10 +204,10 @@ def _log_spread(
     hold: Hold = "Linear",
 ) -> None:
     """Some of the particles, as many series of one entity, and a line in their middle."""
-    shown = particles[:, _some(particles.shape[1], _LINES)]
+    shown = _ended(track, particles[:, _some(particles.shape[1], _LINES)])
     rows, series = shown.shape
     style = rr.SeriesLines(
-        colors=[_PARTICLES] * series,
+        colors=[track.colors.particles] * series,
         widths=[0.8] * series,
         names=[f"particle {i}" for i in range(series)],
         interpolation_mode=hold,
@@ -152,7 +215,7 @@ def _log_spread(
     columns = rr.Scalars.columns(scalars=shown.reshape(-1)).partition([series] * rows)
     track.still(f"{path}/particles", style)
     track.moving(f"{path}/particles", first, rows, columns)
-    _log_line(track, f"{path}/predicted", first, middle, _MODEL, hold)
+    _log_line(track, f"{path}/predicted", first, middle, track.colors.model, hold)
 
 
 def _log_line(
@@ -160,32 +223,44 @@ def _log_line(
     path: str,
     first: int,
     values: Float[np.ndarray, " T"],
-    color: tuple[int, int, int] = _SYSTEM,
+    color: RGB | None = None,
     hold: Hold = "Linear",
 ) -> None:
     name = path.rsplit("/", 1)[-1]
-    track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name, interpolation_mode=hold))
+    style = rr.SeriesLines(
+        colors=color or track.colors.system, widths=2.5, names=name, interpolation_mode=hold
+    )
+    track.still(path, style)
+    values = _ended(track, values)
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 
 
+def _ended(track: Track, values: Float[np.ndarray, T * b]) -> Float[np.ndarray, rows * b]:
+    """The values, with a row that Rerun draws as a gap where another rollout follows."""
+    gap = np.full((int(track.gap), *values.shape[1:]), np.nan)
+    return np.concatenate([values, gap])
+
+
 def _log_dots(track: Track, path: str, first: int, values: Float[np.ndarray, " T"]) -> None:
-    style = rr.SeriesPoints(colors=_OBSERVED, markers="circle", marker_sizes=2.0, names="observed")
+    style = rr.SeriesPoints(
+        colors=track.colors.observed, markers="circle", marker_sizes=2.0, names="observed"
+    )
     track.still(path, style)
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 
 
-def _solid(shape: Shape) -> rr.AsComponents:
+def _solid(shape: Shape, color: RGB) -> rr.AsComponents:
     """The shape, centred at its own origin."""
     if shape.kind == "box":
-        return rr.Boxes3D(half_sizes=[shape.size], colors=[shape.color], fill_mode="solid")
+        return rr.Boxes3D(half_sizes=[shape.size], colors=[color], fill_mode="solid")
     if shape.kind == "sphere":
-        return rr.Ellipsoids3D(radii=[shape.size[0]], colors=[shape.color], fill_mode="solid")
+        return rr.Ellipsoids3D(radii=[shape.size[0]], colors=[color], fill_mode="solid")
     radius, half_length = shape.size
     return rr.Capsules3D(
         lengths=[2 * half_length],
         radii=[radius],
         translations=[(0.0, 0.0, -half_length)],  # Rerun's capsule runs from its origin along +z
-        colors=[shape.color],
+        colors=[color],
         fill_mode="solid",
     )
 

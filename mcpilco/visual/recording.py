@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,8 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float
 
+from mcpilco.archive import write_bytes
+from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError
@@ -49,38 +50,40 @@ def write_recording(
         RunFolderError: the file cannot be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     known = {key: value for key, value in (properties or {}).items() if value is not None}
+    return write_file(path, _recording(rollout, prediction, task, scene, name, known))
+
+
+def write_file(path: Path, content: bytes) -> Path:
+    """The path of the file written, whole or not at all; missing folders are made.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.touch()  # Python's errors name their cause, Rerun's do not
-        try:
-            _write(partial, rollout, prediction, task, scene, name, known)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
     except OSError as error:
         raise RunFolderError(
-            f"The recording {path} cannot be written ({error.strerror or error}); "
-            "choose a folder that you may write to, with space left."
+            f"Cannot write {path}: {error.strerror or error}; choose another folder."
         ) from error
-    return path
+    return write_bytes(path, content)
 
 
-def _write(
-    path: Path,
+def _recording(
     rollout: Rollout,
     prediction: Prediction | None,
     task: TaskSpec,
     scene: Scene | None,
     name: str,
     properties: dict[str, Any],
-) -> None:
+) -> bytes:
+    """The content of the file; what Rerun writes itself names no cause where it fails."""
     # Rerun's own properties hold the time of day, which would make equal rollouts unequal files.
     rec = rr.RecordingStream(
         "mcpilco", recording_id=_identity(name, rollout), send_properties=False
     )
-    rec.save(path, default_blueprint=build_blueprint(task, _extent(scene, rollout)))
+    content = rr.binary_stream(rec)
+    rec.send_blueprint(build_blueprint(task, extent_of(scene, rollout)))
     rec.send_recording_name(name)
     if properties:
         rec.send_property("run", rr.AnyValues(**properties))
@@ -90,9 +93,11 @@ def _write(
         log_scene(track, scene, rollout)
         if prediction is not None:
             log_particles(track, scene, prediction)
-    log_curves(track, task, rollout, prediction)
-    rec.flush()
+    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
+    log_curves(track, task, rollout, prediction, costs)
+    written = content.read()
     rec.disconnect()
+    return written or b""
 
 
 def _identity(name: str, rollout: Rollout) -> str:
@@ -109,7 +114,7 @@ def _notes(name: str, properties: Mapping[str, Property]) -> str:
     return "\n\n".join([f"### {name}", ", ".join(shown), COLORS_IN_WORDS])
 
 
-def _extent(scene: Scene | None, rollout: Rollout) -> Float[np.ndarray, "N 3"] | None:
+def extent_of(scene: Scene | None, rollout: Rollout) -> Float[np.ndarray, "N 3"] | None:
     """Where the bodies, the marker and the target are during the rollout [m]."""
     if scene is None:
         return None

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,18 +43,70 @@ def open_viewer(paths: Sequence[str | Path], *, web: bool = False) -> None:
         RunFolderError: a file is missing.
         InputError: there is no display to open a window on, or the viewer does not start.
     """
-    files = [_existing(path) for path in paths]
-    if not web and not _has_display():
+    files = [str(_existing(path)) for path in paths]
+    with _viewer(web, files) as (viewer, _):
+        _wait(viewer)
+
+
+@contextmanager
+def live_viewer(*, web: bool = False) -> Iterator[LiveViewer]:
+    """A viewer that waits for what is streamed to it; it ends with the context.
+
+    Args:
+        web: as for `open_viewer`.
+
+    Raises:
+        InputError: there is no display to open a window on, or the viewer does not start.
+    """
+    with _viewer(web, []) as (viewer, port):
+        if not _listens(viewer, port):
+            raise InputError(f"The Rerun viewer does not listen on {_LOCALHOST}:{port}.")
+        yield LiveViewer(viewer, f"rerun+http://{_LOCALHOST}:{port}/proxy")
+
+
+@dataclass(frozen=True)
+class LiveViewer:
+    """A viewer that is open."""
+
+    process: subprocess.Popen
+    """the viewer"""
+    url: str
+    """where `rerun.RecordingStream.connect_grpc` sends to"""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the user has closed it."""
+        return self.process.poll() is not None
+
+    def wait(self) -> None:
+        """Until the viewer is closed; in a browser, until Ctrl-C."""
+        _wait(self.process)
+
+
+@contextmanager
+def _viewer(web: bool, files: Sequence[str]) -> Iterator[tuple[subprocess.Popen, int]]:
+    """A viewer in a window or for a browser, and the port that it takes recordings on."""
+    if not web and not has_display():
         raise InputError(
             "The viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set; "
             "use --web to look with a browser, or --screenshot to write a picture."
         )
-    command = [_executable(), "--bind", _LOCALHOST, "--port", str(_free_port(_PORT))]
+    port = _free_port(_PORT)
+    command = [_executable(), "--bind", _LOCALHOST, "--port", str(port)]
     if web:
         command += ["--serve-web", "--web-viewer-port", str(_free_port(_WEB_PORT))]
-    command += map(str, files)
+    # In a session of its own, so that Ctrl-C ends the viewer after what streams to it.
+    viewer = subprocess.Popen([*command, *files], start_new_session=True)
     try:
-        code = subprocess.run(command, check=False).returncode
+        yield viewer, port
+    finally:
+        viewer.terminate()
+        viewer.wait()
+
+
+def _wait(viewer: subprocess.Popen) -> None:
+    try:
+        code = viewer.wait()
     except KeyboardInterrupt:
         return
     if code != 0:
@@ -187,7 +240,8 @@ def _existing(path: str | Path) -> Path:
     return path.resolve()
 
 
-def _has_display() -> bool:
+def has_display() -> bool:
+    """Whether a window can be opened."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

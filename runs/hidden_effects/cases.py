@@ -151,11 +151,26 @@ def joint_effects(system: System, rng: np.random.Generator, size: float):
 
 
 JOINT = (
-    "viscous_friction", "coulomb_friction", "stribeck_friction", "quadratic_drag",
-    "asymmetric_friction", "spring", "hardening_spring", "constant_force", "position_ripple", "armature",
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "quadratic_drag",
+    "asymmetric_friction",
+    "spring",
+    "hardening_spring",
+    "constant_force",
+    "position_ripple",
+    "armature",
 )
 BODY = ("body_mass", "center_of_mass", "body_inertia")
-ACTUATOR = ("actuator_gain", "actuator_dead_zone", "actuator_saturation", "actuator_delay", "actuator_lag", "backlash")
+ACTUATOR = (
+    "actuator_gain",
+    "actuator_dead_zone",
+    "actuator_saturation",
+    "actuator_delay",
+    "actuator_lag",
+    "backlash",
+)
 SENSOR = ("sensor_offset", "sensor_scale", "sensor_delay")
 SYMBOL = {
     "body_mass": "m_d",
@@ -185,7 +200,7 @@ class Tier:
     outside: bool = False
     """whether one is hidden that is not in the catalogue"""
     laboratory: bool = False
-    """nominal parameters off by 1 to 3 %, noise correlated, stamps that jitter, outliers, feedback"""
+    """parameters off by 1 to 3 %, noise correlated, stamps that jitter, outliers, feedback"""
 
 
 TIERS = {
@@ -244,7 +259,17 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
                 feedback[u, 2 * j : 2 * j + 2] = 0.2 * system.limit[u], 0.05 * system.limit[u]
         drives = np.array(system.drives)
         states = simulate(
-            system.kind, start, commands, feedback, DT, body, joint, actuator, drives, GRAVITY, width
+            system.kind,
+            start,
+            commands,
+            feedback,
+            DT,
+            body,
+            joint,
+            actuator,
+            drives,
+            GRAVITY,
+            width,
         )
         if not np.isfinite(states).all() or np.abs(states).max() > 1e3:
             return None
@@ -263,7 +288,11 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         return {"name": name, "target": system.joints[j], "parameters": told}
     if name in BODY:
         hinges = [j for j in range(len(system.bodies)) if not system.slides[j]]
-        j = int(rng.integers(len(system.bodies))) if name == "body_mass" else int(rng.choice(hinges))
+        j = (
+            int(rng.integers(len(system.bodies)))
+            if name == "body_mass"
+            else int(rng.choice(hinges))
+        )
         part = size * rng.uniform(0.1, 0.3) * rng.choice([-1, 1])
         if name == "body_mass":
             value = part * body[j, 0]
@@ -277,7 +306,11 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         else:
             value = abs(part) * body[j, 2]
             body[j, 2] += value
-        return {"name": name, "target": system.bodies[j], "parameters": {SYMBOL[name]: float(value)}}
+        return {
+            "name": name,
+            "target": system.bodies[j],
+            "parameters": {SYMBOL[name]: float(value)},
+        }
     if name in ACTUATOR:
         u = int(rng.integers(len(system.inputs)))
         limit = system.limit[u]
@@ -293,7 +326,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         actuator[u, ACTUATOR.index(name)] = value
         target = "actuator" if len(system.inputs) == 1 else system.inputs[u]
         return {"name": name, "target": target, "parameters": {SYMBOL[name]: float(value)}}
-    positions = [k for k in range(0, len(system.states), 2)]
+    positions = list(range(0, len(system.states), 2))
     if name == "sensor_offset":  # the zero of a cart's position can be seen by nothing
         positions = [k for k in positions if not system.slides[k // 2]]
     k = int(rng.choice(positions))
@@ -354,9 +387,15 @@ def excitation(rng: np.random.Generator, limit: float, number: int) -> np.ndarra
         f0, f1 = rng.uniform(0.1, 0.3), rng.uniform(1.5, 3.0)
         x = np.sin(2 * np.pi * (f0 * t + (f1 - f0) * t**2 / (2 * SECONDS)) + rng.uniform(0, 6))
     elif kind == 1:
-        x = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.2, 2.5, 6)) / 2.5
+        x = (
+            sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.2, 2.5, 6))
+            / 2.5
+        )
     elif kind == 2:
         x = np.repeat(rng.uniform(-1, 1, T), rng.integers(10, 30))[:T]
     else:
-        x = 0.4 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * t) + 0.3 * np.repeat(rng.uniform(-1, 1, T), 25)[:T]
+        x = (
+            0.4 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * t)
+            + 0.3 * np.repeat(rng.uniform(-1, 1, T), 25)[:T]
+        )
     return np.clip(x, -1, 1) * limit * rng.uniform(0.6, 1.0)

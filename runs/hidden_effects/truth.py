@@ -10,8 +10,23 @@ from numba import njit
 
 STEP = 2.5e-4
 CART_POLE, PENDULUM, DOUBLE_PENDULUM = range(3)
-# per joint: viscous, coulomb, stribeck extra, stribeck speed, drag, plus, minus, spring, cubic, constant, sin, cos, n, armature
-VISCOUS, COULOMB, EXTRA, SPEED, DRAG, PLUS, MINUS, SPRING, CUBIC, CONSTANT, SIN, COS, WAVES, ARMATURE = range(14)
+# numbers of a joint
+(
+    VISCOUS,
+    COULOMB,
+    EXTRA,
+    SPEED,
+    DRAG,
+    PLUS,
+    MINUS,
+    SPRING,
+    CUBIC,
+    CONSTANT,
+    SIN,
+    COS,
+    WAVES,
+    ARMATURE,
+) = range(14)
 # outside the catalogue: detent (magnet), feeding energy, patch, coupling
 DETENT, FEED, PATCH, COUPLING = range(14, 18)
 NUMBERS = 18
@@ -81,6 +96,7 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
     last = np.zeros(U)
     level = np.zeros(U)
     out = np.empty((T, 2 * J))
+    half = 0.5 * STEP
     tau = np.zeros(J)
     a1, a2, a3, a4 = np.zeros(J), np.zeros(J), np.zeros(J), np.zeros(J)
     for k in range(T):
@@ -104,7 +120,7 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
             t = k * dt + (i + 0.5) * STEP
             tau[:] = 0.0
             for u in range(U):
-                at = int(math.floor((t - actuator[u, 3]) / dt))
+                at = math.floor((t - actuator[u, 3]) / dt)
                 goal = shaped[max(at, 0), u]
                 if actuator[u, 4] > 0.0:
                     decay = math.exp(-STEP / actuator[u, 4])
@@ -114,9 +130,12 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                 else:
                     tau[drives[u]] += goal
             acceleration(kind, q, v, tau, body, joint, g, width, a1)
-            acceleration(kind, q + 0.5 * STEP * v, v + 0.5 * STEP * a1, tau, body, joint, g, width, a2)
-            acceleration(kind, q + 0.5 * STEP * (v + 0.5 * STEP * a1), v + 0.5 * STEP * a2, tau, body, joint, g, width, a3)
-            acceleration(kind, q + STEP * (v + 0.5 * STEP * a2), v + STEP * a3, tau, body, joint, g, width, a4)
+            v2 = v + half * a1
+            acceleration(kind, q + half * v, v2, tau, body, joint, g, width, a2)
+            v3 = v + half * a2
+            acceleration(kind, q + half * v2, v3, tau, body, joint, g, width, a3)
+            v4 = v + STEP * a3
+            acceleration(kind, q + STEP * v3, v4, tau, body, joint, g, width, a4)
             q = q + STEP * v + STEP**2 / 6.0 * (a1 + a2 + a3)
             v = v + STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
     return out

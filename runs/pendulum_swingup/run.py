@@ -19,8 +19,7 @@ from typing import Any
 import tyro
 
 from mcpilco.cli.sweep import Sweep
-from mcpilco.sweep.page import costs, failures, fill, machines
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
+from mcpilco.sweep.page import costs, failures, fill, machines, outcomes
 
 HERE = Path(__file__).parent
 ENV = "mcpilco/Pendulum-v0"
@@ -57,13 +56,11 @@ def main() -> int:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    page = out / "README.md"
-    if not page.exists():
-        page.write_bytes((HERE / "README.md").read_bytes())
     summary = json.loads((out / "results" / PRESET / "summary.json").read_text(encoding="utf-8"))
     summaries = {PRESET: summary}
-    parts = [verdict(summary), table(summary)] if summary["trials"] else []
-    fill(page, [*parts, costs(summaries), failures(summaries), machines(summaries)])
+    parts = [verdict(summary), outcomes(summary)] if summary["trials"] else []
+    parts += [costs(summaries), failures(summaries), machines(summaries)]
+    fill(out / "README.md", parts, template=HERE / "README.md")
 
 
 def verdict(summary: Mapping[str, Any]) -> str:
@@ -73,25 +70,6 @@ def verdict(summary: Mapping[str, Any]) -> str:
     return (
         "Seeds that swung the pendulum up and held it: in the test rollout of at least one trial "
         f"{once} of {len(seeds)}, in that of the last trial {last} of {len(seeds)}."
-    )
-
-
-def table(summary: Mapping[str, Any]) -> str:
-    """What each amount of experience gave."""
-    rows = {
-        "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
-        "p over fresh rollouts of each policy [%]": lambda trial: mean_cell(trial["p"]),
-        "time within 10 degrees of upright [s]": lambda trial: spread_cell(trial["time_up_s"], 2),
-        "predicted cost [-]": lambda trial: spread_cell(trial["predicted_cost"], 1),
-        "real cost [-]": lambda trial: spread_cell(trial["real_cost"], 1),
-    }
-    trials = summary["trials"]
-    header = ["after", *(f"{trial['experience_s']:g} s" for trial in trials)]
-    cells = [(name, *map(cell, trials)) for name, cell in rows.items()]
-    return (
-        f"{markdown(header, cells)}\n"
-        "In brackets: 95 % intervals for success and p, Wilson's and the bootstrap's over seeds; "
-        "for all else the quartiles, beside the median. Costs are sums over an episode of 40 steps."
     )
 
 

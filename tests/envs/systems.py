@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from ctypes.util import find_library
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 import envs
+from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
+from envs.mujoco_cartpole_vector import MujocoCartPoleSwingUpVectorEnv
 from envs.swing_up_env import SwingUpEnv
 from envs.swing_up_vector import SwingUpVectorEnv
 
@@ -47,7 +50,22 @@ SYSTEMS = [
     System(
         "mcpilco/CartPoleSwingUp-v0", envs.CartPoleSwingUpEnv, envs.CartPoleSwingUpVectorEnv, 30
     ),
+    System(
+        "mcpilco/MujocoCartPoleSwingUp-v0",
+        MujocoCartPoleSwingUpEnv,
+        MujocoCartPoleSwingUpVectorEnv,
+        30,
+    ),
     System("mcpilco/Pendulum-v0", envs.PendulumEnv, envs.PendulumVectorEnv, 40),
 ]
 
 each_system = pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.id)
+
+needs_gl = pytest.mark.skipif(
+    not (find_library("EGL") or find_library("OSMesa")), reason="no library of OpenGL is here"
+)
+each_drawn_system = pytest.mark.parametrize(
+    "system",
+    [pytest.param(system, marks=needs_gl if "Mujoco" in system.id else ()) for system in SYSTEMS],
+    ids=lambda system: system.id,
+)

@@ -12,7 +12,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from mcpilco.typing import InputError
-from tests.envs.systems import each_system
+from tests.envs.systems import each_drawn_system, each_system
 
 
 @pytest.fixture
@@ -24,12 +24,12 @@ def strict():
         yield
 
 
-@each_system
+@each_drawn_system
 def test_gymnasium_checker_is_content(strict, system):
     check_env(gym.make(system.id, render_mode="rgb_array").unwrapped)
 
 
-@each_system
+@each_drawn_system
 def test_stable_baselines3_checker_is_content(strict, system):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
     checker.check_env(gym.make(system.id, render_mode="rgb_array"))
@@ -227,7 +227,7 @@ def test_sampling_time_is_free(system):
     assert infos[-1]["time_up_s"] == pytest.approx(1.0)
 
 
-@each_system
+@each_drawn_system
 def test_picture_follows_the_state(system):
     env = system.single(render_mode="rgb_array")
     env.reset(options={"state": system.state()})

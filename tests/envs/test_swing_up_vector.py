@@ -8,19 +8,19 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from mcpilco.typing import InputError
-from tests.envs.systems import each_system
+from tests.envs.systems import each_drawn_system, each_system
 
 QUIET = {"start_std": 0.0, "noise_std": 0.0}
 
 
 @each_system
 def test_make_vec_gives_the_vector_env(system):
-    batch = gym.make_vec(system.id, num_envs=3, gravity=9.0)
+    batch = gym.make_vec(system.id, num_envs=3, noise_std=0.02)
     assert isinstance(batch.unwrapped, system.batch)
     assert batch.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     assert batch.observation_space.shape == (3, system.width)
     assert batch.action_space.shape == (3, 1)
-    assert batch.unwrapped.swing_up.dynamics.gravity == 9.0
+    assert batch.unwrapped.swing_up.noise_std == (0.02,) * system.width
     assert batch.unwrapped.task == gym.make(system.id).unwrapped.task
 
 
@@ -105,7 +105,7 @@ def test_no_limit_never_truncates(system):
     assert not any(batch.step(np.zeros((1, 1)))[3].any() for _ in range(system.steps + 10))
 
 
-@each_system
+@each_drawn_system
 def test_pictures_are_those_of_the_single_env(system):
     states = [system.state(), system.state(2.0)]
     batch = system.batch(2, render_mode="rgb_array")

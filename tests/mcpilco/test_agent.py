@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -25,7 +26,7 @@ from mcpilco.config import PRESETS, Config
 from mcpilco.episode import run_episode
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
-from mcpilco.typing import EnvError, InputError
+from mcpilco.typing import EnvError, InputError, NotPositiveDefiniteError
 from tests.mcpilco.point import DT, STEPS, TASK, TINY, PointEnv
 
 
@@ -200,10 +201,13 @@ def test_learning_in_two_calls_equals_one() -> None:
     assert twice.trials == 3
 
 
-def test_only_the_first_reset_is_seeded() -> None:
-    env = PointEnv()
-    make_agent(seed=7, env=env).learn(3 * STEPS)
-    assert env.seeds == [7, None, None]
+def test_each_reset_has_a_seed_of_its_own() -> None:
+    envs = PointEnv(), PointEnv()
+    make_agent(seed=7, env=envs[0]).learn(4 * STEPS)
+    make_agent(seed=8, env=envs[1]).learn(4 * STEPS)
+    seeds = [*envs[0].seeds, *envs[1].seeds]
+    assert len(set(seeds)) == 8
+    assert None not in seeds
 
 
 @pytest.mark.parametrize(("warm", "expected"), [(True, True), (False, False)])
@@ -239,16 +243,85 @@ def test_too_few_timesteps_are_answered_with_a_sentence(spent: int, needed: int)
     assert agent.num_timesteps == spent
 
 
-def test_nan_from_the_env_during_a_trial_is_an_error_that_names_the_step() -> None:
-    env = PointEnv()
-    agent = make_agent(env=env).learn(2 * STEPS)
-    before = numbers_of(agent)
-    env.bad, env.bad_at = np.array([np.nan, 0.0]), 3
-    with pytest.raises(EnvError, match=r"observation .*nan.* at step 3"):
-        agent.learn(STEPS)
-    assert numbers_of(agent) == before
+class Failing(PointEnv):
+    """Raises at some steps of its life, counted over all episodes."""
+
+    def __init__(self, *at: int) -> None:
+        super().__init__()
+        self.at = at
+
+    def step(self, action):
+        if len(self.actions) + 1 in self.at:
+            self.actions.append(action)
+            raise OSError("the motor is off")
+        return super().step(action)
+
+
+@pytest.mark.parametrize(
+    ("env", "reason"),
+    [
+        (Failing(STEPS + 3), "OSError at step 3: the motor is off"),
+        (PointEnv(bad=np.array([np.nan, 0.0]), bad_at=3), r"observation .*nan.* at step 3"),
+    ],
+)
+def test_an_episode_that_breaks_off_ends_its_trial_and_not_the_run(env, reason: str) -> None:
+    env.bad_at, bad_at = None, env.bad_at
+    agent = make_agent(env=env)
+    learning = agent.learning(3 * STEPS)
+    request = next(learning)  # explored
+    env.bad_at = bad_at
+    request = learning.send(request.answer())  # the first trial
     env.bad_at = None
-    assert agent.learn(STEPS).results[-1].trial == 2  # and it can go on
+    with pytest.raises(StopIteration):
+        learning.send(request.answer())
+    broken, whole = agent.results
+    assert re.search(reason, broken.failure)
+    assert len(broken.rollout) == 2
+    assert broken.success is False
+    assert broken.prediction is not None
+    assert (whole.failure, whole.trial, len(whole.rollout)) == (None, 2, STEPS)
+    assert agent.num_timesteps == 2 * STEPS + 2  # what was measured is kept
+    assert whole.experience_s == pytest.approx((STEPS + 2) * DT)
+
+
+def test_an_env_that_fails_at_once_ends_the_run_which_can_go_on() -> None:
+    """As if nothing had been: there was nothing to learn from the trial."""
+    agent = make_agent(env=Failing(STEPS + 1))
+    with pytest.raises(EnvError, match="OSError at step 1"):
+        agent.learn(2 * STEPS)
+    assert (agent.results, agent.trials, agent.num_timesteps) == ([], 0, STEPS)
+    agent.learn(STEPS)
+    assert numbers_of(agent) == numbers_of(make_agent().learn(2 * STEPS))
+
+
+@pytest.mark.parametrize("where", ["fit", "search"])
+def test_a_model_that_cannot_be_made_ends_its_trial_and_not_the_run(
+    monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """The last policy is tried again, for data that may mend it."""
+
+    def singular(*_):
+        raise NotPositiveDefiniteError("no factor\nat all")
+
+    agent = make_agent().learn(2 * STEPS)
+    policy = agent.policy.weights.detach().clone()
+    with monkeypatch.context() as patch:
+        if where == "fit":
+            patch.setattr(agent.model.gp, "nlml", singular)
+        else:
+            patch.setattr(PolicySearch, "run", singular)
+        agent.learn(STEPS)
+    agent.learn(STEPS)
+    _, failed, after = agent.results
+    assert failed.failure == "No policy could be learned: no factor at all"
+    assert math.isnan(failed.predicted_cost)
+    assert failed.prediction is None
+    assert (failed.trial, failed.starts, failed.policy_steps) == (2, 0, 0)
+    assert len(failed.rollout) == STEPS
+    expected = agent.env.unwrapped.actions[2 * STEPS]
+    assert failed.rollout.inputs[0] == expected
+    assert (after.failure, after.experience_s) == (None, pytest.approx(3 * STEPS * DT))
+    assert not torch.equal(agent.policy.weights, policy)
 
 
 def test_a_model_that_only_answers_nan_leaves_a_usable_policy(
@@ -265,6 +338,8 @@ def test_a_model_that_only_answers_nan_leaves_a_usable_policy(
     (result,) = agent.results
     assert math.isnan(result.predicted_cost)
     assert result.starts == 2
+    assert result.failure == "The model predicted no finite cost for any policy."
+    assert result.prediction is None
     assert "given up" in caplog.text
     assert np.isfinite(agent.predict(np.zeros(2))[0]).all()
     assert all(value.isfinite().all() for value in agent.policy.state_dict().values())

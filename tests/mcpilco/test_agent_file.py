@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import math
 import os
 import zipfile
 from collections.abc import Callable
@@ -107,23 +108,29 @@ def test_learning_goes_on_with_the_next_trial_and_the_last_policy(saved: Path) -
     torch.testing.assert_close(agent.policy.centres.detach(), before)
 
 
-def test_the_search_goes_on_with_the_random_numbers_it_had(saved: Path) -> None:
-    """Until the env's own come in: the search of the next trial is that of the saved agent."""
-    uninterrupted = make_agent().learn(4 * STEPS).results[2]
-    resumed = MCPILCO.load(saved, PointEnv()).learn(STEPS).results[0]
-    assert resumed.trial == uninterrupted.trial == 3
-    assert resumed.predicted_cost == uninterrupted.predicted_cost
-    np.testing.assert_array_equal(resumed.prediction.states, uninterrupted.prediction.states)
-
-
-def test_going_on_is_reproducible_and_seeds_the_env_anew(saved: Path) -> None:
-    envs = [PointEnv(), PointEnv()]
-    first, second = (MCPILCO.load(saved, env).learn(2 * STEPS) for env in envs)
-    for mine, its in zip(first.results, second.results, strict=True):
+def test_a_loaded_agent_learns_what_the_saved_one_would_have_learned(
+    saved: Path, tmp_path: Path
+) -> None:
+    """To the last bit: searches, the env's starts and noises, and the file that comes of them."""
+    uninterrupted = make_agent().learn(5 * STEPS)
+    resumed = MCPILCO.load(saved, PointEnv()).learn(2 * STEPS)
+    for mine, its in zip(resumed.results, uninterrupted.results[2:], strict=True):
+        assert (mine.trial, mine.predicted_cost) == (its.trial, its.predicted_cost)
+        np.testing.assert_array_equal(mine.prediction.states, its.prediction.states)
         np.testing.assert_array_equal(mine.rollout.observations, its.rollout.observations)
-    seeds = envs[0].seeds
-    assert seeds[1:] == [None]
-    assert seeds[0] not in (None, 3)  # the first rollout was seeded with 3
+    first, second = (agent.save(tmp_path / "a").read_bytes() for agent in (uninterrupted, resumed))
+    assert first == second
+
+
+def test_an_agent_of_the_first_format_is_read(
+    learned: MCPILCO, saved: Path, tmp_path: Path
+) -> None:
+    about, groups = read_groups(saved)
+    groups["generator"] = {"state": np.zeros(5056, np.uint8)}
+    older = {**about, "format": 1, "exploration": {"bit_generator": "PCG64"}}
+    agent = MCPILCO.load(write_groups(tmp_path / "older.npz", older, groups), PointEnv())
+    assert_same_actions(agent, learned)
+    assert agent.learn(STEPS).trials == 3
 
 
 def test_without_an_env_learning_is_answered_with_a_sentence(saved: Path) -> None:
@@ -203,14 +210,11 @@ def with_width(width: int) -> Callable:
         without("policy", "weights"),
         without("gp", "noise_floor"),
         without("bounds", "low"),
-        without("generator", "state"),
         without("transitions", "inputs"),
         with_array("policy", "weights", np.ones((6, 2))),
         with_array("policy", "weights", np.full((6, 1), np.nan)),
         with_array("policy", "weights", np.array(["a"])),
         with_array("policy", "more", 1.0),
-        with_array("generator", "state", np.zeros(10, np.uint8)),
-        with_array("generator", "state", np.zeros(5056, np.uint8)),
         with_array("transitions", "states", np.ones((3 * STEPS, 5))),
         with_array("transitions", "states", np.ones((2, 2))),
         with_array("transitions", "states", np.full((3 * STEPS, 2), np.inf)),
@@ -227,9 +231,13 @@ def with_width(width: int) -> Callable:
         with_entry("seed", -1),
         with_entry("trials", "two"),
         with_entry("trials", -2),
+        with_entry("trials", True),
+        with_entry("trials", 1.5),
         with_entry("reference_cost", None),
-        with_entry("exploration", {}),
-        with_entry("exploration", {"bit_generator": "os.system", "state": {}}),
+        with_entry("reference_cost", math.inf),
+        with_entry("config", {"policy": {"bases": 10**9}}),
+        with_entry("config", {"model": {"degree": 10**9}}),
+        lambda about, groups: groups.pop("transitions"),
         with_entry("horizon", "long"),
     ],
 )

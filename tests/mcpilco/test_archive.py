@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import pickle
@@ -15,13 +16,22 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from mcpilco import archive
-from mcpilco.archive import read_arrays, read_groups, write_arrays, write_bytes, write_groups
+from mcpilco.archive import (
+    leftovers,
+    read_arrays,
+    read_groups,
+    read_text,
+    replacing,
+    write_arrays,
+    write_bytes,
+    write_groups,
+)
 from mcpilco.typing import RunFolderError
 
 same_folder = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None
 )
-names = st.text("abcdefghij_.0123456789", min_size=1, max_size=8)
+names = st.text("abcdefghij_.0123456789", min_size=1, max_size=8).filter(lambda name: name != "..")
 numbers = hnp.arrays(
     st.sampled_from([np.float64, np.float32, np.int64, np.uint8, np.bool_]),
     hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),
@@ -180,3 +190,95 @@ def test_a_failed_write_leaves_the_old_content_and_nothing_else(
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def zipped(**members: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return buffer.getvalue()
+
+
+def npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("name", ["../x.npy", "a/../../x.npy", "/tmp/x.npy", "..\\x.npy", "x.py"])
+def test_a_member_that_is_no_array_of_the_file_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "folder" / "a.npz"
+    path.parent.mkdir()
+    path.write_bytes(zipped(**{name: npy(np.ones(3))}))
+    with pytest.raises(RunFolderError, match="more than plain arrays: no array"):
+        read_arrays(path)
+    assert list(tmp_path.rglob("*")) == [path.parent, path]
+
+
+def test_a_name_that_appears_twice_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as file:
+        file.writestr("x.npy", npy(np.ones(3)))
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            file.writestr("x.npy", npy(np.ones(3)))
+    with pytest.raises(RunFolderError, match="twice"):
+        read_arrays(tmp_path / "a.npz")
+
+
+def test_what_would_take_too_much_memory_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "LARGEST", 5000)
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(300)), "y.npy": npy(np.zeros(300))}))
+    with pytest.raises(RunFolderError, match="5056 bytes unpacked, of at most 5000"):
+        read_arrays(path)
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(300))}))
+    assert len(read_arrays(path)["x"]) == 300
+
+
+@pytest.mark.parametrize("shape", [(10**12,), (2**31, 2**31, 2**31), (9,), (7,), (-8,)])
+def test_an_array_that_claims_another_size_is_refused(tmp_path: Path, shape: tuple) -> None:
+    """Before room is made for it."""
+    content = npy(np.zeros(8))
+    longer = content.replace(b"(8,), }", f"{shape}, }}".encode())
+    head = longer[:10] + longer[10:-64].rstrip(b" \n").ljust(117) + b"\n" + bytes(64)
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": head}))
+    with pytest.raises(RunFolderError, match="plain arrays"):
+        read_arrays(path)
+
+
+def test_records_are_no_plain_arrays(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(2, [("a", float)]))}))
+    with pytest.raises(RunFolderError, match="type"):
+        read_arrays(path)
+
+
+@pytest.mark.parametrize("read", [read_arrays, read_text])
+def test_a_device_is_not_read(tmp_path: Path, read) -> None:
+    """It would have no end."""
+    (tmp_path / "a").symlink_to("/dev/zero")
+    with pytest.raises(RunFolderError, match="it is no file"):
+        read(tmp_path / "a")
+
+
+def test_a_text_that_is_too_long_is_refused(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(archive, "LARGEST_TEXT", 10)
+    (tmp_path / "a").write_text("x" * 11)
+    with pytest.raises(RunFolderError, match="11 bytes, of at most 10"):
+        read_text(tmp_path / "a")
+
+
+def test_what_a_killed_writer_leaves_is_known(tmp_path: Path) -> None:
+    path = write_bytes(tmp_path / "a", b"old")
+    mine = tmp_path / ".mine.tmp"
+    mine.touch()
+    with contextlib.suppress(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_bytes(b"ne")
+        assert leftovers(tmp_path) == [temporary]
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"old"
+    assert leftovers(tmp_path) == []
+    assert mine.exists()

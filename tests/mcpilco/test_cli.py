@@ -111,9 +111,10 @@ def test_train_ends_with_the_run_folder_and_the_next_commands(tmp_path, fake, ca
     path = tmp_path / "my run"
     assert main(["train", *RUN, "--out", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-3:] == [
+    assert lines[-4:] == [
         f"Run folder: {path}",
         f"Look at it: mcpilco view '{path}'",
+        f"Read of it: mcpilco report '{path}'",
         f"Judge it:   mcpilco evaluate '{path}'",
     ]
     assert RunFolder.open(path).finished_trials() == [1, 2]
@@ -316,12 +317,12 @@ def test_wrong_evaluations_are_refused(trained, capsys, arguments, sentence):
     assert sentence in refused(capsys, "evaluate", str(trained), *arguments)
 
 
-@pytest.mark.parametrize("command", ["evaluate", "view"])
+@pytest.mark.parametrize("command", ["evaluate", "view", "report"])
 def test_missing_run_is_refused(tmp_path, capsys, command):
     assert "holds no run" in refused(capsys, command, str(tmp_path / "nothing"))
 
 
-@pytest.mark.parametrize("command", ["evaluate", "view"])
+@pytest.mark.parametrize("command", ["evaluate", "view", "report"])
 def test_corrupted_config_is_refused(trained, capsys, command):
     path = trained / "config.json"
     path.write_text(path.read_text()[:40])
@@ -363,23 +364,104 @@ def shown(monkeypatch):
     return calls
 
 
-def test_view_opens_the_last_trial_or_the_one_asked_for(trained, shown):
+def test_view_opens_a_film_of_all_trials_or_the_one_asked_for(trained, shown):
     assert main(["view", str(trained)]) == 0
     assert main(["view", str(trained), "--trial", "0", "--web"]) == 0
-    rollouts = trained / "rollouts"
-    assert shown == [([rollouts / "02.rrd"], False), ([rollouts / "00.rrd"], True)]
+    ((film,), window), second = shown
+    assert (film.name, window) == ("film.rrd", False)
+    assert second == ([trained / "rollouts" / "00.rrd"], True)
 
 
 def test_picture_is_of_the_end_unless_told(trained, shown, tmp_path):
     picture = ["--screenshot", str(tmp_path / "a.png")]
     assert main(["view", str(trained), *picture]) == 0
+    assert main(["view", str(trained), *picture, "--trial", "2"]) == 0
     assert main(["view", str(trained), *picture, "--at", "0.2"]) == 0
-    assert [call[2] for call in shown] == [pytest.approx(0.5), 0.2]
+    film_s = 3 * 0.5 + 2 * 0.5  # three rollouts of five steps of 0.1 s, and two pauses
+    assert [call[2] for call in shown] == [pytest.approx(film_s), pytest.approx(0.5), 0.2]
+
+
+def test_two_runs_are_overlaid_and_their_films_end_together(trained, shown, tmp_path):
+    other = tmp_path / "other"
+    assert main(["train", *RUN, "--seed", "5", "--out", str(other)]) == 0
+    picture = ["--screenshot", str(tmp_path / "a.png")]
+    assert main(["view", str(trained), str(other), *picture]) == 0
+    assert main(["view", str(trained), str(other), "--trial", "1", *picture]) == 0
+    assert [call[2] for call in shown] == [pytest.approx(2.5), pytest.approx(0.5)]
+
+
+def test_runs_of_two_systems_are_not_overlaid(trained, shown, strange, capsys):
+    assert main(["train", "--env", "strange:Strange/Point-v0", *RUN, "--out", "point"]) == 0
+    sentence = refused(capsys, "view", str(trained), "point")
+    assert "of one system" in sentence
+    assert "pole_angle" in sentence
+
+
+def test_run_whose_env_is_gone_is_shown_without_its_scene(trained, shown, capsys):
+    path = trained / "config.json"
+    path.write_text(path.read_text().replace(CART_POLE, "nowhere/Gone-v0"))
+    assert main(["view", str(trained)]) == 0
+    assert "without the scene" in capsys.readouterr().err
+    assert len(shown) == 1
+
+
+def test_trial_that_cannot_be_read_is_named_and_left_out(trained, shown, capsys):
+    (trained / "trials" / "01" / "particles.npz").write_bytes(b"nothing")
+    assert main(["view", str(trained)]) == 0
+    assert "left out: " in capsys.readouterr().err
+    assert len(shown) == 1
+
+
+@pytest.mark.parametrize("more", [["--trial", "1"], ["--screenshot", "a.png"], ["."]])
+def test_live_follows_one_run_as_a_whole(trained, shown, capsys, more, monkeypatch):
+    monkeypatch.chdir(trained)
+    assert "--live follows one run" in refused(capsys, "view", str(trained), "--live", *more)
+
+
+def test_training_that_is_watched_starts_a_viewer_that_follows_it(tmp_path, fake, monkeypatch):
+    started = []
+
+    class Viewer:
+        def __init__(self, command):
+            started.append(command)
+
+        __enter__ = lambda self: self  # noqa: E731
+        __exit__ = lambda self, *_: None  # noqa: E731
+        poll = lambda self: 0  # noqa: E731
+
+    monkeypatch.setattr("mcpilco.cli.train.subprocess.Popen", Viewer)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    path = tmp_path / "run"
+    assert main(["train", *RUN, "--live", "--out", str(path)]) == 0
+    ((*_, view, run, live, web),) = started
+    assert (view, run, live, web) == ("view", str(path), "--live", "--web")
+    assert RunFolder.open(path).finished_trials() == [1, 2]
 
 
 def test_trial_without_recording_is_refused(trained, shown, capsys):
     sentence = refused(capsys, "view", str(trained), "--trial", "3")
     assert "--trial must be one of 0, 1, 2, got 3" in sentence
+
+
+# report -------------------------------------------------------------------------------------------
+
+
+def test_report_lies_in_the_run_folder_unless_told(trained, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    assert main(["report", str(trained)]) == 0
+    assert main(["report", str(trained), "--out", str(tmp_path / "sub" / "page.html")]) == 0
+    first, second = (line.strip() for line in capsys.readouterr().out.splitlines())
+    assert first == str(trained / "report.html")
+    assert (tmp_path / "sub" / "page.html").read_text() == (trained / "report.html").read_text()
+    assert second.endswith("page.html")
+
+
+def test_report_that_cannot_be_written_is_refused(trained, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    (tmp_path / "file").touch()
+    sentence = refused(capsys, "report", str(trained), "--out", str(tmp_path / "file" / "a.html"))
+    assert "Cannot write" in sentence
 
 
 # doctor -------------------------------------------------------------------------------------------
@@ -423,7 +505,7 @@ def program(*argv: str, **kwargs) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, **kwargs)
 
 
-@pytest.mark.parametrize("command", [[], ["train"], ["evaluate"], ["view"], ["doctor"]])
+@pytest.mark.parametrize("command", [[], ["train"], ["evaluate"], ["view"], ["report"], ["doctor"]])
 def test_help_imports_nothing_slow(command):
     code = (
         "import sys; from mcpilco.cli import main; code = main(sys.argv[1:]);"

@@ -154,6 +154,20 @@ def test_presets_are_what_they_are_named_after() -> None:
     assert later.model.subset_threshold == 0.5
 
 
+@pytest.mark.parametrize(
+    ("env_id", "described"),
+    [
+        ("mcpilco/CartPoleSwingUp-v0", True),
+        ("envs:mcpilco/MujocoCartPoleSwingUp-v0", True),
+        ("mcpilco/Pendulum-v0", False),
+        ("mine:My/CartPoleSwingUp-v0", False),
+    ],
+)
+def test_keywords_of_a_preset_describe_the_cart_poles_and_no_other_env(env_id, described) -> None:
+    preset = PRESETS["tro2022"]
+    assert preset.keywords(env_id) == (preset.env_kwargs if described else {})
+
+
 def test_reading_a_config_does_not_wait_for_torch() -> None:
     code = "import sys, mcpilco.config; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)

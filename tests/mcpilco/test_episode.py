@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcpilco.data import Rollout
-from mcpilco.episode import run_episode
+from mcpilco.episode import BrokenEpisodeError, run_episode
 from mcpilco.typing import EnvError
 from tests.mcpilco.point import DT, PointEnv
 
@@ -116,3 +116,30 @@ def test_a_true_state_that_is_not_finite_is_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(PointEnv, "step", lambda self, action: (*step(self, action)[:4], bad))
     with pytest.raises(EnvError, match=r'info\["state"\] .*nan.* at step 1'):
         run(PointEnv())
+
+
+def test_what_breaks_off_tells_the_steps_before() -> None:
+    whole = run(PointEnv(), seed=0)
+    with pytest.raises(BrokenEpisodeError) as broken:
+        run(PointEnv(bad=None, bad_at=4), seed=0)
+    rollout = broken.value.rollout
+    np.testing.assert_array_equal(rollout.observations, whole.observations[:4])
+    np.testing.assert_array_equal(rollout.states, whole.states[:4])
+    np.testing.assert_array_equal(rollout.inputs, whole.inputs[:3])
+    np.testing.assert_array_equal(rollout.rewards, whole.rewards[:3])
+    assert rollout.outcome == {"is_success": 0.0}
+
+
+@pytest.mark.parametrize("method", ["reset", "step"])
+def test_what_the_env_raises_is_named(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
+    def broken(*_, **__):
+        raise ConnectionError("no robot")
+
+    monkeypatch.setattr(PointEnv, method, broken)
+    with pytest.raises(EnvError, match=r"raised ConnectionError at step \d: no robot; mend"):
+        run(PointEnv())
+
+
+def test_an_error_of_the_policy_is_not_blamed_on_the_env() -> None:
+    with pytest.raises(ZeroDivisionError):
+        run_episode(PointEnv(), lambda _: 1 / 0, 3, DT)

@@ -29,10 +29,11 @@ def run(tmp_path):
 def test_run_folder_holds_all_that_is_promised(run, agent):
     agent.learn(3 * STEPS, Recorder(run))
     names = {"policy", "gp", "transitions", "rollout", "particles"}
-    expected = {"config.json", "metrics.csv", "summary.json", "agent.npz"}
+    expected = {"config.json", "task.json", "metrics.csv", "summary.json", "agent.npz"}
     expected |= {f"rollouts/{trial:02d}.rrd" for trial in (0, 1, 2)}
     expected |= {"trials/00/rollout.npz", "trials/00/transitions.npz"}
     expected |= {f"trials/{trial:02d}/{name}.npz" for trial in (1, 2) for name in names}
+    expected |= {f"trials/{trial:02d}/result.json" for trial in (1, 2)}
     files = {
         path.relative_to(run.path).as_posix() for path in run.path.rglob("*") if path.is_file()
     }

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcpilco.run_folder import FORMAT, METRICS, RunFolder, versions
+from mcpilco.metrics import METRICS
+from mcpilco.run_folder import FORMAT, RunFolder, versions
 from mcpilco.typing import RunFolderError
 from tests.mcpilco.fakes import make_result
 
@@ -20,7 +21,8 @@ CONFIG = {
     "config": {"horizon": None},
 }
 COLUMNS = (
-    "trial,experience_s,predicted_cost,real_cost,success,time_up_s,mean_abs_cart_m,wall_s,cpu_s"
+    "trial,experience_s,predicted_cost,real_cost,success,time_up_s,mean_abs_cart_m,wall_s,cpu_s,"
+    "failure"
 )
 
 
@@ -153,9 +155,10 @@ def test_metrics_do_not_depend_on_numpy_scalars(run, tmp_path):
         "trial,cost\n1,2\n",
         COLUMNS.replace("wall_s", "seconds") + "\n",
         COLUMNS + "\n1,3.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,1,,,six,7.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,maybe,,,6.0,7.0\n",
-        COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,8.0\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,1,,,six,7.0,\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,maybe,,,6.0,7.0,\n",
+        COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,,8.0\n",
+        COLUMNS + "\n2,3.0,4.0,5.0,1,,,6.0,7.0,\n",
     ],
 )
 def test_damaged_metrics_are_an_error(run, text):
@@ -250,3 +253,38 @@ def test_failed_write_leaves_the_old_file_whole(run, monkeypatch):
         run.write_summary({"real_cost": 2.0})
     assert (run.path / "summary.json").read_bytes() == before
     assert leftovers(run) == []
+
+
+# Results ------------------------------------------------------------------------------------------
+
+
+def test_a_result_reads_back_as_it_was(run):
+    result = replace(make_result(1), real_cost=float("inf"), failure="no robot, no result")
+    (run.path / "trials" / "01").mkdir()
+    run.write_result(result)
+    read = run.result(1)
+    assert read["real_cost"] is None  # infinity is no JSON
+    assert read["failure"] == "no robot, no result"
+    assert read["noise_std"] == list(result.noise_std)
+    run.add_metrics(result)
+    assert run.metrics() == [{column: read[column] for column in METRICS}]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("trial", 2), ("real_cost", "a"), ("real_cost", []), ("wall_s", None), ("success", 2)),
+        *(("failure", 3), ("policy_steps", "many"), ("policy_steps", -1), ("cpu_s", {})),
+    ],
+)
+def test_a_damaged_result_is_an_error(run, key, value):
+    (run.path / "trials" / "01").mkdir()
+    run.write_result(make_result(1))
+    path = run.path / "trials" / "01" / "result.json"
+    values = json.loads(path.read_text())
+    path.write_text(json.dumps({**values, key: value}))
+    with pytest.raises(RunFolderError, match=r"result\.json is damaged"):
+        run.result(1)
+    path.write_text(json.dumps({name: values[name] for name in values if name != key}))
+    with pytest.raises(RunFolderError, match=r"result\.json is damaged"):
+        run.result(1)

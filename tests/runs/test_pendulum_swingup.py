@@ -1,13 +1,11 @@
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import sys
 from pathlib import Path
 
 import pytest
 
-from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
 from mcpilco.sweep.page import BEGIN, END
 
 RUN = Path(__file__).parent.parent.parent / "runs" / "pendulum_swingup" / "run.py"
@@ -21,17 +19,6 @@ def run():
     spec.loader.exec_module(module)
     yield module
     del sys.modules[spec.name]
-
-
-@pytest.fixture
-def hasty(monkeypatch):
-    """A preset that learns nothing in no time."""
-    search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
-    config = dataclasses.replace(
-        PRESETS["default"].config, policy=PolicyConfig(bases=10), search=search
-    )
-    preset = dataclasses.replace(PRESETS["default"], config=config)
-    monkeypatch.setitem(PRESETS, "default", preset)
 
 
 def test_run_trains_its_seeds_and_writes_its_page_and_goes_on(

@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from mcpilco.config import Config, PolicyConfig, SearchConfig
 from mcpilco.costs import QuadraticCost
+from mcpilco.streams import Streams
 from mcpilco.task import TaskSpec
 
 HERE = __name__
@@ -45,7 +46,7 @@ class Broken(Point):
 
 
 class Unlucky(Point):
-    """Breaks where its first seed is 1, once it has seen a whole episode."""
+    """Breaks for the agent of seed 1, once it has seen a whole episode."""
 
     def __init__(self):
         self.episodes, self.first = 0, None
@@ -56,7 +57,7 @@ class Unlucky(Point):
         return super().reset(seed=seed)
 
     def step(self, action):
-        if self.first == 1 and self.episodes > 1:
+        if self.first == Streams(1).reset(0) and self.episodes > 1:
             raise ValueError("no luck")
         return super().step(action)
 

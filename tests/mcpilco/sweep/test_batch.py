@@ -64,7 +64,7 @@ def test_a_result_is_json_and_names_the_device():
 def test_a_seed_that_fails_loses_no_other():
     outcomes = run(UNLUCKY, range(3))
     assert isinstance(outcomes[1], Failure)
-    assert outcomes[1].reason == "ValueError: no luck"
+    assert outcomes[1].reason.startswith("EnvError: The env raised ValueError at step 1: no luck")
     assert "in step" in outcomes[1].details
     assert [len(outcomes[seed]["trials"]) for seed in (0, 2)] == [2, 2]
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines, read_summaries
+from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines, outcomes, read_summaries
 from mcpilco.typing import InputError
 
 SPREAD = {"median": 30.0, "q1": 25.0, "q3": 35.04}
@@ -78,3 +78,18 @@ def test_a_machine_is_named_once_with_the_presets_that_ran_on_it():
     text = machines({"a": SUMMARY, "b": SUMMARY})
     assert text.count("Zen") == 1
     assert "- `a`, `b`: Zen, 2 cores; python 3.11" in text
+
+
+def test_outcomes_have_a_column_a_trial_and_leave_out_what_the_env_does_not_tell():
+    share = {"rate": 0.5, "mean": 0.25, "low": 0.1, "high": 0.9}
+    told = {
+        **dict.fromkeys(("success", "p"), share),
+        **dict.fromkeys(("time_up_s", "predicted_cost", "real_cost"), SPREAD),
+        "mean_abs_cart_m": None,
+    }
+    text = outcomes({"trials": [{"experience_s": time, **told} for time in (2.5, 5.0)]})
+    assert "| after | 2.5 s | 5 s |" in text
+    assert "| success of one rollout a policy [%] | 50.0 (10–90) | 50.0 (10–90) |" in text
+    assert "| p over fresh rollouts of each policy [%] | 25.0 (10–90) | 25.0 (10–90) |" in text
+    assert "| real cost [-] | 30.0 (25.0–35.0) | 30.0 (25.0–35.0) |" in text
+    assert "cart" not in text

@@ -4,10 +4,10 @@ import builtins
 
 import numpy as np
 import pytest
-import torch
 
+from mcpilco.costs import costs_along
 from mcpilco.typing import InputError
-from mcpilco.visual.plots import plot_costs, plot_learning, plot_states
+from mcpilco.visual.plots import plot_costs, plot_input, plot_states
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -65,26 +65,27 @@ def test_states_refuse_too_few_axes(rollout, task) -> None:
         plot_states(rollout, None, task, [plt.subplots()[1]])
 
 
+def test_inputs_are_held_through_their_step(rollout, prediction, task) -> None:
+    ax = plot_input(rollout, prediction, task, 0)
+    system = line(ax, "system")
+    assert system.get_drawstyle() == "steps-post"
+    np.testing.assert_array_equal(system.get_ydata(), rollout.inputs[:, 0])
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "force [N]")
+
+
 def test_costs_are_drawn_at_the_end_of_their_step(rollout, prediction, task) -> None:
-    ax = plot_costs(rollout, prediction, task)
+    costs = costs_along(task.cost, rollout.states[1:], rollout.inputs)
+    ax = plot_costs(costs, prediction, rollout.dt)
     np.testing.assert_allclose(line(ax, "system").get_xdata(), rollout.times[1:])
-    costs = task.cost(torch.from_numpy(rollout.states[1:]), torch.from_numpy(rollout.inputs))
     np.testing.assert_array_equal(line(ax, "system").get_ydata(), costs)
     np.testing.assert_array_equal(line(ax, "mean").get_ydata(), prediction.costs.mean(axis=1))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "cost [-]")
 
 
-def test_learning_fills_the_marks_of_successes_only(results) -> None:
-    ax = plot_learning(results)
-    marks = ax.collections[-1]
-    faces = marks.get_facecolors()
-    assert (faces[0, :3].min(), faces[1, :3].max()) == (1.0, 0.0)  # white, black
-    np.testing.assert_array_equal(marks.get_offsets(), [[3.0, 20.0], [6.0, 9.5]])
-
-
-def test_learning_needs_a_trial() -> None:
-    with pytest.raises(InputError, match="at least one trial"):
-        plot_learning([])
+def test_costs_that_are_not_known_are_left_out(prediction) -> None:
+    labels = [drawn.get_label() for drawn in plot_costs(None, prediction, 0.1).lines]
+    assert "mean" in labels
+    assert "system" not in labels
 
 
 def test_missing_matplotlib_names_the_extra(rollout, task, monkeypatch) -> None:
@@ -97,4 +98,4 @@ def test_missing_matplotlib_names_the_extra(rollout, task, monkeypatch) -> None:
 
     monkeypatch.setattr(builtins, "__import__", without_matplotlib)
     with pytest.raises(InputError, match=r"mcpilco\[report\]"):
-        plot_costs(rollout, None, task)
+        plot_costs(rollout.rewards, None, rollout.dt)

@@ -1,0 +1,195 @@
+"""What a MuJoCo model looks like: a scene of its shapes in 3D, and a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
+
+from envs.look import HEIGHT, INPUT_COLOR, WIDTH
+from envs.offscreen import Offscreen
+from mcpilco.visual.scene import Pose, Scene, Shape
+
+_KINDS: dict[mujoco.mjtGeom, tuple[Literal["box", "capsule", "sphere"], tuple[int, ...]]] = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", (0,)),
+    mujoco.mjtGeom.mjGEOM_CAPSULE: ("capsule", (0, 1)),
+    mujoco.mjtGeom.mjGEOM_CYLINDER: ("capsule", (0, 1)),
+    mujoco.mjtGeom.mjGEOM_BOX: ("box", (0, 1, 2)),
+}
+"""kind of geom -> kind of shape, and which of the geom's sizes it takes; a cylinder's ends are
+rounded off, other kinds are left out"""
+_DRAWN_GROUPS = 3
+"""MuJoCo's viewers show the groups of geoms below this one"""
+
+# lengths in those of the pole, as for the analytic cart-pole [-]
+_DISTANCE = 3.6
+_MARGIN = 1.6
+_ARROW = 1.0  # of which MuJoCo draws half
+_ARROW_RADIUS = 0.03
+_ELEVATION = -12.0
+"""of the camera [deg]"""
+
+
+class Posture:
+    """Where the parts of a model are, as a function of its joints' positions."""
+
+    def __init__(self, model: mujoco.MjModel, joints: tuple[str, ...], tip: str) -> None:
+        """The posture of a model.
+
+        Args:
+            model: the model.
+            joints: those of which a state holds position and velocity, in its order.
+            tip: the site to mark a state by; where there is none, it is the centre of mass of the
+                last joint's body.
+        """
+        self.model = model
+        self._data = mujoco.MjData(model)
+        self._addresses = [int(model.joint(name).qposadr[0]) for name in joints]
+        self._site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, tip)
+        self._last = int(model.joint(joints[-1]).bodyid[0])
+
+    def at(self, state: Float[np.ndarray, " X"]) -> mujoco.MjData:
+        """The model in a state, good until the next call."""
+        self._data.qpos[self._addresses] = state[0::2]
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
+        mujoco.mj_camlight(self.model, self._data)
+        return self._data
+
+    def marker(self, states: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b 3"]:
+        """The point that stands for a state [m]."""
+        points = np.empty((*states.shape[:-1], 3))
+        for index in np.ndindex(*states.shape[:-1]):
+            data = self.at(states[index])
+            points[index] = data.xipos[self._last] if self._site < 0 else data.site_xpos[self._site]
+        return points
+
+    def hinge(self, state: Float[np.ndarray, " X"]) -> Float[np.ndarray, " 3"]:
+        """Where the last joint's body begins [m]."""
+        return self.at(state).xpos[self._last].copy()
+
+
+def scene(posture: Posture, target: Float[np.ndarray, " X"]) -> Scene:
+    """The model in 3D: the geoms that MuJoCo's own viewer shows, as far as they are simple.
+
+    Args:
+        posture: of the model.
+        target: the state whose marker is where the marker should go.
+    """
+    model = posture.model
+    shapes = {_name(model, i): _shape(model, i) for i in range(model.ngeom) if _drawn(model, i)}
+
+    def poses(states: Float[np.ndarray, "T X"]) -> Mapping[str, Pose]:
+        positions = np.empty((len(states), model.ngeom, 3))
+        rotations = np.empty((len(states), model.ngeom, 9))
+        for k, state in enumerate(states):
+            data = posture.at(state)
+            positions[k], rotations[k] = data.geom_xpos, data.geom_xmat
+        return {
+            _name(model, i): Pose(positions[:, i], _quaternions(rotations[:, i]))
+            for i in range(model.ngeom)
+            if _drawn(model, i)
+        }
+
+    x, y, z = posture.marker(target).tolist()
+    return Scene(shapes=shapes, poses=poses, marker=posture.marker, target=(x, y, z))
+
+
+class MujocoPicture:
+    """Draws a model in a state from the side, with the force on its first body."""
+
+    def __init__(self, posture: Posture) -> None:
+        """A picture that opens OpenGL when it first draws."""
+        self._posture = posture
+        rest = np.zeros(2 * posture.model.njnt)
+        along = posture.marker(rest) - posture.hinge(rest)
+        self._length = float(np.hypot(along[0], along[2]))
+        self._scene = mujoco.MjvScene(posture.model, maxgeom=posture.model.ngeom + 1000)
+        self._camera = mujoco.MjvCamera()
+        self._camera.azimuth, self._camera.elevation = 90.0, _ELEVATION
+        self._camera.distance = _DISTANCE * self._length
+        self._offscreen: Offscreen | None = None
+
+    def __call__(
+        self, state: Float[np.ndarray, " X"], push: float = 0.0
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """The picture.
+
+        Args:
+            state: positions and velocities of the joints, in turn.
+            push: force, relative to its limit, in [-1, 1].
+
+        Raises:
+            EnvError: there is no OpenGL here.
+        """
+        model, length = self._posture.model, self._length
+        if self._offscreen is None:
+            self._offscreen = Offscreen(model, WIDTH, HEIGHT)
+        hinge = self._posture.hinge(state)
+        x = float(hinge[0])
+        self._camera.lookat = [x - min(max(x, -_MARGIN * length), _MARGIN * length), *hinge[1:]]
+        mujoco.mjv_updateScene(
+            model,
+            self._posture.at(state),
+            mujoco.MjvOption(),
+            None,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        if push:
+            self._add_arrow(hinge, push)
+        return self._offscreen.draw(self._scene)
+
+    def close(self) -> None:
+        """Gives OpenGL back."""
+        if self._offscreen is not None:
+            self._offscreen.close()
+            self._offscreen = None
+
+    def _add_arrow(self, hinge: Float[np.ndarray, " 3"], push: float) -> None:
+        """Puts the force into the scene, in front of the hinge."""
+        length = self._length
+        size = length * np.array([_ARROW_RADIUS, _ARROW_RADIUS, _ARROW * abs(push)])
+        start = hinge + length * np.array([math.copysign(0.3, push), -0.2, 0.0])
+        # an arrow points along z, which is turned to x here, or to -x
+        turn = Rotation.from_euler("y", math.copysign(90.0, push), degrees=True).as_matrix()
+        color = np.array([*INPUT_COLOR, 255], dtype=np.float32) / 255.0
+        mujoco.mjv_initGeom(
+            self._scene.geoms[self._scene.ngeom],
+            mujoco.mjtGeom.mjGEOM_ARROW.value,
+            size,
+            start,
+            turn.ravel(),
+            color,
+        )
+        self._scene.ngeom += 1
+
+
+def _drawn(model: mujoco.MjModel, i: int) -> bool:
+    """Whether a geom is visible, and of a kind that a scene has."""
+    visible = model.geom_group[i] < _DRAWN_GROUPS and model.geom_rgba[i, 3] > 0
+    return bool(visible) and mujoco.mjtGeom(model.geom_type[i]) in _KINDS
+
+
+def _name(model: mujoco.MjModel, i: int) -> str:
+    return model.geom(i).name or f"geom_{i}"
+
+
+def _shape(model: mujoco.MjModel, i: int) -> Shape:
+    """A geom as a shape."""
+    kind, sizes = _KINDS[mujoco.mjtGeom(model.geom_type[i])]
+    material = model.geom_matid[i]
+    rgba = model.geom_rgba[i] if material < 0 else model.mat_rgba[material]
+    red, green, blue = np.rint(255 * rgba[:3]).astype(int).tolist()
+    return Shape(kind, tuple(model.geom_size[i, list(sizes)].tolist()), (red, green, blue))
+
+
+def _quaternions(matrices: Float[np.ndarray, "T 9"]) -> Float[np.ndarray, "T 4"]:
+    """Rotations as x, y, z, w."""
+    return Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()

@@ -1,0 +1,40 @@
+"""`mcpilco export`: a run's policy as a file that numpy alone can act with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from mcpilco.cli.options import RunPath, optional
+from mcpilco.cli.system import agent_of, finished_trial
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a run's policy as plain arrays, to act with numpy alone."""
+
+    run: RunPath
+    """run folder"""
+    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
+    """the .npz file to write; one that is there is replaced"""
+    trial: Annotated[int | None, optional("INT", "the last")] = None
+    """whose policy"""
+
+    def __call__(self) -> int:
+        """Write, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        from mcpilco.policy_file import write_policy
+        from mcpilco.run_folder import RunFolder
+
+        run = RunFolder.open(self.run)
+        trial = finished_trial(run, self.trial)
+        agent = agent_of(run, trial)
+        path = write_policy(self.file, agent.policy, agent.task)
+        print(f"Policy of trial {trial}: {path}")
+        return 0

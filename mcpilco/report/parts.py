@@ -1,0 +1,82 @@
+"""What a page is made of: sections with figures and tables; a figure is a picture in the page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_INCHES = (4.4, 2.8)
+_MARGINS = {"left": 0.15, "right": 0.97, "bottom": 0.17, "top": 0.96}
+"""room for labels, in parts of the picture; matplotlib's own layouts draw each one several times"""
+_DPI = 110
+"""of what a picture holds as pixels"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A plot as part of a page."""
+
+    source: str
+    """an SVG as data URI"""
+    says: str
+    """what it shows, for those who cannot see it"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text under a header."""
+
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of a page."""
+
+    title: str
+    text: str = ""
+    pictures: Sequence[Picture] = ()
+    tables: Sequence[Table] = ()
+    key: bool = False
+    """explain the colours of a rollout"""
+    folded: bool = False
+    """show the title only, until it is clicked"""
+
+
+def draw(says: str, plot: Callable[[Axes], object]) -> Picture:
+    """The picture that a function draws on new axes; equal drawings make equal pictures.
+
+    Raises:
+        InputError: matplotlib cannot draw the values, which is so where they are beyond all scales.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    settings: Any = {
+        "font.size": 9,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "mcpilco",
+        "text.parse_math": False,  # a state's name is no formula
+    }
+    with matplotlib.rc_context(settings):
+        figure = Figure(figsize=_INCHES)
+        figure.subplots_adjust(**_MARGINS)
+        ax = figure.subplots()
+        ax.spines[["top", "right"]].set_visible(False)
+        content = io.BytesIO()
+        try:
+            plot(ax)
+            figure.savefig(content, format="svg", dpi=_DPI, metadata={"Date": None})
+        except (ValueError, OverflowError) as error:
+            raise InputError(f"{says}: the values cannot be drawn ({error}).") from error
+    code = base64.b64encode(content.getvalue()).decode()
+    return Picture(f"data:image/svg+xml;base64,{code}", says)

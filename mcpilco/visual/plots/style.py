@@ -1,0 +1,91 @@
+"""What all plots share: colours, new axes, the band of the particles, shades by trial."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SYSTEM, MODEL, PARTICLES = "black", "tab:blue", "0.55"
+QUANTILES = (5, 95)
+"""between which the band lies [%]"""
+_LINES = 30
+"""particles drawn as lines"""
+_PANEL_INCHES = (4.2, 2.6)
+_LIGHTEST = 0.35
+"""shade of the first trial's line; the last one's is 1 [-]"""
+
+
+def new_axes(count: int = 1) -> list[Axes]:
+    """So many axes of a new figure, in two columns.
+
+    Raises:
+        InputError: matplotlib is missing.
+    """
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError as error:
+        raise InputError(
+            "Plots need matplotlib; install it with: pip install 'mcpilco[report]'"
+        ) from error
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    width, height = _PANEL_INCHES
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(width * columns, height * rows), squeeze=False, layout="constrained"
+    )
+    for spare in axes.flat[count:]:
+        figure.delaxes(spare)
+    return list(axes.flat[:count])
+
+
+def draw_particles(
+    ax: Axes,
+    times: Float[np.ndarray, " T"],
+    particles: Float[np.ndarray, "T P"],
+    middle: Float[np.ndarray, " T"],
+    name: str,
+    held: bool = False,
+) -> None:
+    """The band of the particles, some of them as lines, and a line in their middle.
+
+    Args:
+        ax: where to draw.
+        times: of the rows [s].
+        particles: one value for each time and particle.
+        middle: their median or mean.
+        name: which of the two.
+        held: each value holds until the next one.
+    """
+    low, high = np.percentile(particles, QUANTILES, axis=1)
+    label = f"particles, {QUANTILES[0]} to {QUANTILES[1]} %"
+    step: Literal["post"] | None = "post" if held else None
+    style = "steps-post" if held else "default"
+    ax.fill_between(
+        times, low, high, color=PARTICLES, alpha=0.3, linewidth=0, label=label, step=step
+    )
+    count = particles.shape[1]
+    shown = particles[:, np.linspace(0, count - 1, min(count, _LINES)).round().astype(int)]
+    # As pixels, for many lines would make a vector picture heavy.
+    ax.plot(
+        times, shown, color=PARTICLES, alpha=0.5, linewidth=0.4, drawstyle=style, rasterized=True
+    )
+    ax.plot(times, middle, color=MODEL, label=name, drawstyle=style)
+
+
+def trial_shades(count: int) -> list[Any]:
+    """A blue for each trial, the later the darker."""
+    from matplotlib import colormaps
+
+    return [colormaps["Blues"](shade) for shade in np.linspace(_LIGHTEST, 1.0, count)]
+
+
+def add_legend(ax: Axes) -> None:
+    """A legend without a frame, small."""
+    ax.legend(frameon=False, fontsize="small")
