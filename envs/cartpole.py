@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,9 @@ from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
 """of the default cost: cart position [m], pole angle [rad]"""
+
+MEASURED = {"all": None, "positions": (0, 2)}
+"""which states the keyword `measured` stands for; None: all"""
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
 
@@ -54,6 +58,10 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | 1   | cart velocity | q1'    | rest       | 0.01        | m/s   |
     | 2   | pole angle    | q2     | hanging    | 0.01        | rad   |
     | 3   | pole velocity | q2'    | rest       | 0.01        | rad/s |
+
+    With `measured="positions"`, as the id `mcpilco/CartPoleSwingUpPositions-v0` makes it, the shape
+    is (2,): cart position and pole angle, with the same noise. Whoever needs the velocities must
+    estimate them; the true ones are in `info`.
 
     The pole is upright at pi, at -pi, and so on: the angle counts turns, it is not wrapped. It
     grows as the tip of the hanging pole moves towards positive cart positions.
@@ -100,6 +108,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | `dt`                | time for which a force is held                   | 0.1        | s      |
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
+    | `measured`          | `"all"` states, or `"positions"` only            | "all"      |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
@@ -127,11 +136,14 @@ class CartPoleSwingUpEnv(SwingUpEnv):
         dt: float = 0.1,
         start_std: OneOrFour = 0.1,
         noise_std: OneOrFour = 0.01,
+        measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
     ) -> None:
         """The keywords are listed above under Arguments."""
+        if measured not in MEASURED:
+            raise InputError(f'measured must be "all" or "positions", got {measured!r}.')
         dynamics = CartPoleDynamics(
             cart_mass=cart_mass,
             pole_mass=pole_mass,
@@ -148,6 +160,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             cost=_read_cost(cost, cost_lengthscales),
             angle=2,
             cart=0,
+            measured=MEASURED[measured],
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
 

@@ -22,6 +22,7 @@ from mcpilco.engine import rollout_of
 from mcpilco.episode import run_episode
 from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
+from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
@@ -86,6 +87,9 @@ class MCPILCO:
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.policy = blank_policy(self.config.policy, self.task, self.low, self.high)
         self.model = Model(self.config.model, self.task)
+        partly = self.task.measured is not None
+        self.perception = Perception(self.config.estimator, self.task) if partly else None
+        """what makes states of measurements; None where states are measured"""
         self.generator = torch.Generator().manual_seed(self.seed)
         self.exploration = np.random.default_rng(self.seed)
         self.transitions: Transitions | None = None
@@ -184,7 +188,7 @@ class MCPILCO:
         found = yield request
         watch.resume(found.spent)
         self.policy = found.best.policy
-        record = self._run_episode(self._act)
+        record = self._run_episode(self.controller())
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
             trial=trial,
@@ -208,6 +212,8 @@ class MCPILCO:
         self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
     ) -> SearchRequest:
         """The search for the trial's policy."""
+        observer = None if self.perception is None else self.perception.adapt(self._data)
+        observer = observer if self.config.estimator.modelled else None
         problem = Problem(
             dynamics=dynamics,
             cost=self.task.cost,
@@ -215,7 +221,8 @@ class MCPILCO:
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=rollout_of(self.config, dynamics, self.policy),
+            rollout=rollout_of(self.config, dynamics, self.policy, observer),
+            observer=observer,
         )
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy()
@@ -230,8 +237,11 @@ class MCPILCO:
 
     def _run_episode(self, act: Callable[[np.ndarray], np.ndarray]) -> Rollout:
         """A rollout on the system, which joins the data."""
-        record = run_episode(self.env, act, self.horizon, self.task.dt, seed=self.reset_seed)
-        self.reset_seed = None
+        width = len(self.task.state_names)
+        seed, self.reset_seed = self.reset_seed, None
+        record = run_episode(self.env, act, self.horizon, self.task.dt, seed=seed, width=width)
+        if self.perception is not None:
+            record = self.perception.digest(record)
         rows = record.transitions()
         self.transitions = rows if self.transitions is None else self.transitions + rows
         return record
@@ -247,35 +257,58 @@ class MCPILCO:
 
     def predict(
         self,
-        observation: Float[np.ndarray, "*b X"],
+        observation: Float[np.ndarray, "*b Y"],
         state: Any = None,
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch; the state is unchanged, there is no memory.
+        """The action for one observation or a batch.
+
+        Where states are measured in part, the agent estimates them from the measurements so far:
+        pass the state that the last call returned, as with recurrent policies. Else there is no
+        memory, and the state is returned as it came.
 
         Args:
             observation: in the env's units.
-            state: returned as it came.
-            episode_start: not used.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
             deterministic: not used; the policy is deterministic.
 
         Raises:
-            InputError: the observation has another width, or is not finite.
+            InputError: the observation has another width, or is not finite; or the state belongs to
+                other observations.
         """
         observation = np.asarray(observation, dtype=np.float64)
-        names = self.task.state_names
+        names = tuple(self.task.state_names[i] for i in self.task.observed)
         if observation.shape[-1:] != (len(names),) or not np.isfinite(observation).all():
             raise InputError(
                 f"predict expects finite observations of {len(names)} numbers {names}, "
                 f"got shape {observation.shape}: {observation}."
             )
+        if self.perception is not None:
+            memory = None if state is None else state[0]
+            observation, memory = self.perception.see(observation, memory, episode_start)
+            state = (memory,)
         action = np.clip(self._act(observation), self.low, self.high)
         return action.astype(self.env.action_space.dtype), state
 
-    def _act(self, observation: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b U"]:
+    def controller(self) -> Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]:
+        """What acts for one episode, or a batch that begins together: from observation to action.
+
+        It remembers what `predict` returns as its state; each episode needs a new one.
+        """
+        state = None
+
+        def act(observation: Float[np.ndarray, "*b Y"]) -> Float[np.ndarray, "*b U"]:
+            nonlocal state
+            action, state = self.predict(observation, state)
+            return action
+
+        return act
+
+    def _act(self, states: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b U"]:
         with torch.no_grad():
-            return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()
+            return self.policy(torch.as_tensor(states, dtype=torch.float64)).numpy()
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.

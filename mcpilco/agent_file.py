@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 """version of the file"""
-STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt")
+STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt", "measured")
 """entries of a task that give the arrays their meaning"""
 
 
@@ -61,6 +61,8 @@ class SavedAgent:
             raise ValueError("its policy is not finite")
         agent.policy.load_state_dict(policy)
         agent.model.gp.load_arrays(self.arrays["gp"])
+        if agent.perception is not None:
+            agent.perception.load_arrays(self.arrays["perception"])
         agent.generator.set_state(torch.from_numpy(self.arrays["generator"]["state"]))
         agent.exploration.bit_generator.state = self.about["exploration"]
         agent.trials = int(self.about["trials"])
@@ -100,6 +102,8 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "gp": agent.model.gp.to_arrays(),
         "transitions": {} if agent.transitions is None else vars(agent.transitions),
     }
+    if agent.perception is not None:
+        groups["perception"] = agent.perception.to_arrays()
     return write_groups(_npz(path), about, groups)
 
 

@@ -23,6 +23,7 @@ def run_episode(
     dt: float,
     seed: int | None = None,
     options: dict[str, Any] | None = None,
+    width: int | None = None,
 ) -> Rollout:
     """Reset the env, act until the horizon or the end of the episode, and return the record.
 
@@ -33,6 +34,7 @@ def run_episode(
         dt: sampling time [s], for the record.
         seed: passed to `env.reset`.
         options: passed to `env.reset`.
+        width: X, of the true states that the env may tell; None: as wide as its observations.
 
     Raises:
         EnvError: the env returned a value that is not finite, or of another shape than its space.
@@ -58,7 +60,7 @@ def run_episode(
         observations=np.array(observations),
         inputs=np.array(inputs),
         rewards=np.array(rewards),
-        states=_true_states(infos, shape),
+        states=_true_states(infos, shape if width is None else (width,)),
         outcome={key: float(info[key]) for key in OUTCOMES if key in info},
     )
 
@@ -66,7 +68,7 @@ def run_episode(
 def _true_states(
     infos: Sequence[Mapping[str, Any]], shape: tuple[int, ...] | None
 ) -> Float[np.ndarray, "T_plus_1 X"] | None:
-    """`info["state"]` of each step; None where it is absent, or is not made like an observation."""
+    """`info["state"]` of each step; None where it is absent, or has another shape."""
     states = [info.get("state") for info in infos]
     if any(state is None or np.shape(state) != shape for state in states):
         return None

@@ -114,6 +114,7 @@ def _rollout_arrays(rollout: Rollout) -> dict[str, np.ndarray]:
         "inputs": rollout.inputs,
         "rewards": rollout.rewards,
     }
-    if rollout.states is not None:
-        arrays["states"] = rollout.states
+    for name in ("states", "estimates", "smoothed"):
+        if getattr(rollout, name) is not None:
+            arrays[name] = getattr(rollout, name)
     return arrays | {f"outcome.{key}": np.array(value) for key, value in rollout.outcome.items()}

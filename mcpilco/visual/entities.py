@@ -18,6 +18,7 @@ from mcpilco.visual.scene import Scene, Shape
 # Opaque colours: Rerun does not blend lines in 3D.
 _SYSTEM = (245, 245, 245)
 _OBSERVED = (240, 170, 60)
+_ESTIMATED = (225, 95, 160)
 _MODEL = (70, 150, 255)
 _PARTICLES = (110, 115, 125)
 _DIM = (66, 72, 88)
@@ -26,6 +27,7 @@ _TARGET = (90, 210, 120)
 
 COLORS_IN_WORDS = (
     "White: the system. Orange: what the agent saw of it. "
+    "Pink: what it made of that, where it saw a part: dots by then, a line afterwards. "
     "Blue: the median of the particles, for the cost their mean. Grey: the particles."
 )
 
@@ -119,7 +121,15 @@ def log_curves(
             _log_spread(track, entity(STATES, name), 0, particles, np.median(particles, axis=1))
         if rollout.states is not None:
             _log_line(track, entity(STATES, name, "system"), 0, rollout.states[:, i])
-        _log_dots(track, entity(STATES, name, "observed"), 0, rollout.observations[:, i])
+        if i in task.observed:
+            seen = rollout.observations[:, task.observed.index(i)]
+            _log_dots(track, entity(STATES, name, "observed"), 0, seen)
+        if rollout.estimates is not None:
+            path = entity(STATES, name, "estimated")
+            _log_dots(track, path, 0, rollout.estimates[:, i], _ESTIMATED)
+        if rollout.smoothed is not None:
+            path = entity(STATES, name, "smoothed")
+            _log_line(track, path, 0, rollout.smoothed[:, i], _ESTIMATED)
     for i, name in enumerate(task.input_names):
         if prediction is not None:
             particles = prediction.inputs[:, :, i]
@@ -168,8 +178,15 @@ def _log_line(
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 
 
-def _log_dots(track: Track, path: str, first: int, values: Float[np.ndarray, " T"]) -> None:
-    style = rr.SeriesPoints(colors=_OBSERVED, markers="circle", marker_sizes=2.0, names="observed")
+def _log_dots(
+    track: Track,
+    path: str,
+    first: int,
+    values: Float[np.ndarray, " T"],
+    color: tuple[int, int, int] = _OBSERVED,
+) -> None:
+    name = path.rsplit("/", 1)[-1]
+    style = rr.SeriesPoints(colors=color, markers="circle", marker_sizes=2.0, names=name)
     track.still(path, style)
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 

@@ -59,10 +59,10 @@ def plot_states(
                 label="median",
             )
         ax.plot(rollout.times, rollout.shown_states[:, i], color=_SYSTEM, label="system")
-        if rollout.states is not None:
+        if i in task.observed and (rollout.states is not None or rollout.smoothed is not None):
             ax.plot(
                 rollout.times,
-                rollout.observations[:, i],
+                rollout.observations[:, task.observed.index(i)],
                 ".",
                 color=_SYSTEM,
                 markersize=3,
