@@ -107,6 +107,9 @@ class FakeAgent:
             action = self.policy(torch.as_tensor(observation)).numpy()
         return action, state
 
+    def controller(self):
+        return lambda observation: self.predict(observation)[0]
+
     def save(self, path):
         arrays = {name: value.numpy() for name, value in self.policy.state_dict().items()}
         return write_arrays(Path(path), arrays)
