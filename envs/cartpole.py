@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +20,9 @@ from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
 """of the default cost: cart position [m], pole angle [rad]"""
+
+MEASURED = {"all": None, "positions": (0, 2)}
+"""which states the keyword `measured` stands for; None: all"""
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
 
@@ -55,6 +59,10 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | 1   | cart velocity | q1'    | rest       | 0.01        | m/s   |
     | 2   | pole angle    | q2     | hanging    | 0.01        | rad   |
     | 3   | pole velocity | q2'    | rest       | 0.01        | rad/s |
+
+    With `measured="positions"`, as the id `mcpilco/CartPoleSwingUpPositions-v0` makes it, the shape
+    is (2,): cart position and pole angle, with the same noise. Whoever needs the velocities must
+    estimate them; the true ones are in `info`.
 
     The pole is upright at pi, at -pi, and so on: the angle counts turns, it is not wrapped. It
     grows as the tip of the hanging pole moves towards positive cart positions.
@@ -101,6 +109,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | `dt`                | time for which a force is held                   | 0.1        | s      |
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
+    | `measured`          | `"all"` states, or `"positions"` only            | "all"      |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
@@ -128,6 +137,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
         dt: float = 0.1,
         start_std: OneOrFour = 0.1,
         noise_std: OneOrFour = 0.01,
+        measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
@@ -148,6 +158,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             noise_std=noise_std,
             cost=cost,
             cost_lengthscales=cost_lengthscales,
+            measured=measured,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
 
@@ -161,12 +172,15 @@ def cart_pole_swing_up(
     noise_std: OneOrFour,
     cost: Cost | None,
     cost_lengthscales: Sequence[float],
+    measured: Literal["all", "positions"],
 ) -> SwingUp:
     """The task of `CartPoleSwingUpEnv`, whatever simulates it; the keywords are its arguments.
 
     Raises:
         InputError: a value does not fit.
     """
+    if measured not in MEASURED:
+        raise InputError(f'measured must be "all" or "positions", got {measured!r}.')
     return SwingUp(
         dynamics=dynamics,
         input_limit=force_limit,
@@ -176,6 +190,7 @@ def cart_pole_swing_up(
         cost=_read_cost(cost, cost_lengthscales),
         angle=2,
         cart=0,
+        measured=MEASURED[measured],
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,14 @@ from mcpilco.agent_file import reading, write_agent
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import PRESETS, Config
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.controller import Act, Controller, remembering
 from mcpilco.costs import costs_along
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.engine import rollout_of
 from mcpilco.episode import BrokenEpisodeError, run_episode
 from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
+from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch, SearchResult
@@ -90,6 +92,9 @@ class MCPILCO:
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.policy = blank_policy(self.config.policy, self.task, self.low, self.high)
         self.model = Model(self.config.model, self.task)
+        partly = self.task.measured is not None
+        self.perception = Perception(self.config.estimator, self.task) if partly else None
+        """what makes states of measurements; None where states are measured"""
         self.streams = Streams(self.seed)
         self.transitions: Transitions | None = None
         self.reference_cost = 1.0
@@ -173,7 +178,9 @@ class MCPILCO:
     def _explore(self) -> Rollout:
         """One rollout of uniform random inputs."""
         inputs = self.streams.inputs(trial=0)
-        record, _ = self._run_episode(lambda _: inputs.uniform(self.low, self.high), trial=0)
+        record, _ = self._run_episode(
+            lambda _: inputs.uniform(self.low, self.high), trial=0, perception=self.perception
+        )
         self.reference_cost = float(self._costs(record).mean())
         self.policy = self._random_policy(self.streams.search(trial=0))
         return record
@@ -183,12 +190,16 @@ class MCPILCO:
         trial, experience = self.trials + 1, len(self._data)
         events.on_trial_start(trial)
         watch = Stopwatch()
-        found, no_policy = yield from self._improve(trial, events, watch)
-        policy, prediction = self.policy, None
+        known = self.perception and self.perception.adapted(self._data)
+        found, no_policy = yield from self._improve(trial, known, events, watch)
+        controller, prediction = Controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
-            policy, prediction = found.best.policy, found.best.prediction(SHOWN_PARTICLES)
-        record, broken = self._run_episode(lambda seen: _act(policy, seen), trial)
-        self.policy = policy
+            controller = Controller(found.best.policy, known)
+            prediction = found.best.prediction(SHOWN_PARTICLES)
+        record, broken = self._run_episode(
+            remembering(controller.answer), trial, controller.perception
+        )
+        self.policy, self.perception = controller.policy, controller.perception
         failures = [failure for failure in (no_policy, broken) if failure]
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
@@ -211,13 +222,13 @@ class MCPILCO:
         )
 
     def _improve(
-        self, trial: int, events: Callback, watch: Stopwatch
+        self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
     ) -> Learning[tuple[SearchResult | None, str | None]]:
         """What the search for a better policy found, or why there is none to try."""
         found, model = None, self.model.gp.to_arrays()
         try:
             events.on_model_fitted(self.model.fit(self._data))
-            request = self._request(self.model.dynamics(self._data), trial, events)
+            request = self._request(self.model.dynamics(self._data), perception, trial, events)
             watch.pause()
             try:
                 found = yield request
@@ -231,9 +242,15 @@ class MCPILCO:
         return found, self._failed(trial, "The model predicted no finite cost for any policy.")
 
     def _request(
-        self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
+        self,
+        dynamics: Dynamics | UncertainDynamics,
+        perception: Perception | None,
+        trial: int,
+        events: Callback,
     ) -> SearchRequest:
         """The search for the trial's policy."""
+        modelled = self.config.estimator.modelled
+        observer = perception.observer if perception is not None and modelled else None
         problem = Problem(
             dynamics=dynamics,
             cost=self.task.cost,
@@ -241,7 +258,8 @@ class MCPILCO:
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=rollout_of(self.config, dynamics, self.policy),
+            rollout=rollout_of(self.config, dynamics, self.policy, observer),
+            observer=observer,
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
@@ -256,14 +274,17 @@ class MCPILCO:
         return random_policy(numbers, self.task, self.low, self.high, seen, generator)
 
     def _run_episode(
-        self, act: Callable[[np.ndarray], np.ndarray], trial: int
+        self, act: Act, trial: int, perception: Perception | None
     ) -> tuple[Rollout, str | None]:
         """A rollout on the system, which joins the data, and why it broke off if it did."""
         seed, failure = self.streams.reset(trial), None
+        width = len(self.task.state_names)
         try:
-            record = run_episode(self.env, act, self.horizon, self.task.dt, seed=seed)
+            record = run_episode(self.env, act, self.horizon, self.task.dt, seed=seed, width=width)
         except BrokenEpisodeError as error:
             record, failure = error.rollout, self._failed(trial, str(error))
+        if perception is not None:
+            record = perception.digest(record)
         rows = record.transitions()
         self.transitions = rows if self.transitions is None else self.transitions + rows
         return record, failure
@@ -285,31 +306,44 @@ class MCPILCO:
 
     def predict(
         self,
-        observation: Float[np.ndarray, "*b X"],
+        observation: Float[np.ndarray, "*b Y"],
         state: Any = None,
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch; the state is unchanged, there is no memory.
+        """The action for one observation or a batch.
+
+        Where states are measured in part, the agent estimates them from the measurements so far:
+        pass the state that the last call returned, as with recurrent policies. Else there is no
+        memory, and the state is returned as it came.
 
         Args:
             observation: in the env's units.
-            state: returned as it came.
-            episode_start: not used.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
             deterministic: not used; the policy is deterministic.
 
         Raises:
-            InputError: the observation has another width, or is not finite.
+            InputError: the observation has another width, or is not finite; or the state belongs to
+                other observations.
         """
         observation = np.asarray(observation, dtype=np.float64)
-        names = self.task.state_names
+        names = tuple(self.task.state_names[i] for i in self.task.measured_states)
         if observation.shape[-1:] != (len(names),) or not np.isfinite(observation).all():
             raise InputError(
                 f"predict expects finite observations of {len(names)} numbers {names}, "
                 f"got shape {observation.shape}: {observation}."
             )
-        action = np.clip(_act(self.policy, observation), self.low, self.high)
-        return action.astype(self.env.action_space.dtype), state
+        controller = Controller(self.policy, self.perception)
+        action, state = controller.answer(observation, state, episode_start)
+        return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state
+
+    def controller(self) -> Act:
+        """What acts for one episode, or a batch that begins together: from observation to action.
+
+        It remembers what `predict` returns as its state; each episode needs a new one.
+        """
+        return remembering(self.predict)
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
@@ -346,11 +380,3 @@ class MCPILCO:
             agent = cls("SumOfGaussians", env, config=config, seed=seed, task=task)
             saved.restore(agent)
         return agent
-
-
-def _act(
-    policy: SumOfGaussians, observation: Float[np.ndarray, "*b X"]
-) -> Float[np.ndarray, "*b U"]:
-    """What a policy answers, in the env's unit."""
-    with torch.no_grad():
-        return policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()

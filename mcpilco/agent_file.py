@@ -27,7 +27,7 @@ FORMAT = 2
 """version of the file"""
 READABLE = (1, 2)
 """versions that are read; 1 also held the state of random generators, which is no longer needed"""
-STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt")
+STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt", "measured")
 """entries of a task that give the arrays their meaning"""
 
 
@@ -38,7 +38,8 @@ class SavedAgent:
     about: Mapping[str, Any]
     """numbers and names"""
     arrays: Mapping[str, Mapping[str, np.ndarray]]
-    """bounds, policy, gp, and transitions where there are any"""
+    """bounds, policy, gp; transitions where there are any, perception where states are measured in
+    part"""
 
     @property
     def config(self) -> Config:
@@ -67,6 +68,8 @@ class SavedAgent:
             raise ValueError(f"its reference_cost is {reference_cost}")
         load_policy(agent.policy, self.arrays["policy"])
         agent.model.gp.load_arrays(self.arrays["gp"])
+        if agent.perception is not None:
+            agent.perception.load_arrays(self.arrays["perception"])
         agent.trials, agent.reference_cost = trials, reference_cost
         if "transitions" in self.arrays:
             rows = Transitions(**self.arrays["transitions"])
@@ -112,6 +115,8 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "gp": agent.model.gp.to_arrays(),
         "transitions": {} if agent.transitions is None else vars(agent.transitions),
     }
+    if agent.perception is not None:
+        groups["perception"] = agent.perception.to_arrays()
     return write_groups(_npz(path), about, groups)
 
 

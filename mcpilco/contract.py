@@ -49,7 +49,7 @@ def task_of(env: gym.Env, task: TaskSpec | None) -> TaskSpec:
             f"{_name(env)} shows {shows}. Give it a mcpilco.task.TaskSpec that names its states, "
             "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...)."
         )
-    _check_width(env, env.observation_space, "observation", len(task.state_names))
+    _check_width(env, env.observation_space, "observation", len(task.measured_states))
     _check_width(env, env.action_space, "action", len(task.input_names))
     return task
 
@@ -109,7 +109,7 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
             horizon: time limit [steps].
         """
         self.task = task
-        self.observation_space = Box(-np.inf, np.inf, (len(task.state_names),), np.float64)
+        self.observation_space = Box(-np.inf, np.inf, (len(task.measured_states),), np.float64)
         self.action_space = Box(low, high, dtype=low.dtype.type)
         self.spec = EnvSpec("Absent-v0", max_episode_steps=horizon)
 

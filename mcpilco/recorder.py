@@ -53,13 +53,14 @@ class Recorder(Callback):
 
     def on_trial_end(self, result: TrialResult) -> None:
         """Writes all that the trial brought."""
-        policy = self._agent.policy.state_dict()
+        policy, perception = self._agent.policy.state_dict(), self._agent.perception
         arrays = {
             "transitions": vars(result.rollout.transitions()),
             "rollout": _rollout_arrays(result.rollout, self._agent.task),
             "particles": {} if result.prediction is None else vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
             "gp": self._agent.model.gp.to_arrays(),
+            "perception": {} if perception is None else perception.to_arrays(),
         }
         for name, content in arrays.items():
             if content:
@@ -123,6 +124,7 @@ def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:
         "rewards": rollout.rewards,
         "costs": costs_along(task.cost, rollout.shown_states[1:], rollout.inputs),
     }
-    if rollout.states is not None:
-        arrays["states"] = rollout.states
+    for name in ("states", "estimates", "smoothed"):
+        if getattr(rollout, name) is not None:
+            arrays[name] = getattr(rollout, name)
     return arrays | {f"outcome.{key}": np.array(value) for key, value in rollout.outcome.items()}

@@ -41,6 +41,12 @@ class TaskSpec:
     """standard deviation of the state at reset, in each state's unit"""
     cost: Cost
     """differentiable cost of (states, inputs), in torch"""
+    measured: tuple[int, ...] | None = None
+    """which states are observed, in this order; None: all. One that is not must be the velocity of
+    one that is, and is estimated"""
+    measurement_std: tuple[float, ...] | None = None
+    """noise standard deviation of each of `measured`, in its unit; None: estimated from the first
+    recording"""
 
     def __post_init__(self) -> None:
         width = len(self.state_names)
@@ -64,6 +70,7 @@ class TaskSpec:
                 f"TaskSpec.start_std must be finite and not negative, got {self.start_std}."
             )
         self._check_structure()
+        self._check_measured()
 
     def _check_structure(self) -> None:
         width = len(self.state_names)
@@ -79,6 +86,37 @@ class TaskSpec:
                 "TaskSpec.velocities must give each position one velocity, which is the position "
                 f"of no other pair, got {self.velocities}; leave the pair of an acceleration out."
             )
+
+    def _check_measured(self) -> None:
+        if self.measured is None:
+            if self.measurement_std is not None:
+                raise InputError(
+                    "TaskSpec.measurement_std belongs to states measured in part; "
+                    "name them in TaskSpec.measured, or leave it out."
+                )
+            return
+        known = {*self.measured, *(v for q, v in self.velocities if q in self.measured)}
+        hidden = [name for i, name in enumerate(self.state_names) if i not in known]
+        outside = [i for i in self.measured if not 0 <= i < len(self.state_names)]
+        if outside or len(set(self.measured)) < len(self.measured) or hidden:
+            raise InputError(
+                "TaskSpec.measured must index different states, among them the position of each "
+                f"that is not measured, got {self.measured}"
+                + (f", which tells nothing of {', '.join(hidden)}." if hidden else ".")
+            )
+        stds = self.measurement_std
+        if stds is not None and not (
+            len(stds) == len(self.measured) and all(s > 0 and math.isfinite(s) for s in stds)
+        ):
+            raise InputError(
+                "TaskSpec.measurement_std must be positive and finite, one for each of the "
+                f"{len(self.measured)} measured states, got {stds}; None estimates it."
+            )
+
+    @property
+    def measured_states(self) -> tuple[int, ...]:
+        """Which states an observation holds, in order."""
+        return tuple(range(len(self.state_names))) if self.measured is None else self.measured
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the cost, which is a function."""

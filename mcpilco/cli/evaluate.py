@@ -77,7 +77,7 @@ class Evaluate:
         for seed in seeds:
             rollout = run_episode(
                 agent.env,
-                lambda observation: agent.predict(observation, deterministic=True)[0],
+                agent.controller(),
                 agent.horizon,
                 agent.task.dt,
                 seed=int(seed),

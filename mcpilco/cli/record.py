@@ -168,7 +168,7 @@ def _actor(policy: str, run: Any, task: Any, low: Any, high: Any, steps: int) ->
             f"the inputs {', '.join(agent.task.input_names)}, got an env with "
             f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
         )
-    return lambda rng: lambda observation: agent.predict(observation, deterministic=True)[0]
+    return lambda rng: agent.controller()
 
 
 def _make_folder(folder: Path, paths: list[Path]) -> None:

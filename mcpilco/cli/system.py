@@ -105,7 +105,7 @@ def finished_trial(run: RunFolder, asked: int | None) -> int:
 
 
 def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
-    """The run's agent with the policy of one trial.
+    """The run's agent with the policy of one trial, and the estimator that it was learned behind.
 
     Raises:
         RunFolderError: a file is missing or damaged, or the files do not belong together.
@@ -117,7 +117,9 @@ def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
     agent = MCPILCO.load(run.agent_path, env)
     try:
         load_policy(agent.policy, run.read_arrays(trial, "policy"))
+        if agent.perception is not None:
+            agent.perception.load_arrays(run.read_arrays(trial, "perception"))
     except ValueError as error:
-        path = run.arrays_path(trial, "policy")
-        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
+        path = run.arrays_path(trial, "policy").parent
+        raise RunFolderError(f"{path} holds no policy of this agent: {error}") from error
     return agent

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mcpilco.callbacks import Callback
 from mcpilco.config import Config
 from mcpilco.contract import make_env
@@ -140,13 +138,10 @@ class _Rows(Callback):
         """Judges the trial's policy."""
         row = _row(result)
         if self._judge is not None:
-            outcomes = self._judge.outcomes(self._act, self._agent.seed, result.trial)
+            outcomes = self._judge.outcomes(self._agent.controller, self._agent.seed, result.trial)
             means = {name: _number(values.mean()) for name, values in outcomes.items()}
             row["p"], row["fresh_return"] = means.get("is_success"), means["return"]
         self.trials.append(row)
-
-    def _act(self, observations: np.ndarray) -> np.ndarray:
-        return self._agent.predict(observations)[0]
 
 
 def _row(result: TrialResult) -> dict[str, Any]:

@@ -76,6 +76,7 @@ class FakeAgent:
         self.policy = torch.nn.Linear(len(self.task.state_names), 1, dtype=torch.float64)
         torch.nn.init.constant_(self.policy.weight, 0.1 * (seed + 1))
         self.model = SimpleNamespace(gp=SimpleNamespace(to_arrays=lambda: {"noise": np.ones(2)}))
+        self.perception = None
         self.results = []
         self.transitions = None
 
@@ -106,6 +107,9 @@ class FakeAgent:
         with torch.no_grad():
             action = self.policy(torch.as_tensor(observation)).numpy()
         return action, state
+
+    def controller(self):
+        return lambda observation: self.predict(observation)[0]
 
     def save(self, path):
         arrays = {name: value.numpy() for name, value in self.policy.state_dict().items()}
