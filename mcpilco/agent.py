@@ -16,18 +16,20 @@ from mcpilco.agent_file import reading, write_agent
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import PRESETS, Config
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from mcpilco.costs import costs_along
+from mcpilco.costs import costs_along, held
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.engine import rollout_of
 from mcpilco.episode import run_episode
 from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
+from mcpilco.observing import state_of, state_view
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
+from mcpilco.reward_cost import RewardCost, with_cost
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
 from mcpilco.stopwatch import Stopwatch
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, InputError, UncertainDynamics
+from mcpilco.typing import Cost, Dynamics, InputError, UncertainDynamics
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
@@ -58,13 +60,14 @@ class MCPILCO:
 
         Args:
             policy: `"SumOfGaussians"`.
-            env: a Gymnasium env with one-dimensional Box spaces that shows a `task`, or its id.
+            env: a Gymnasium env with one-dimensional Box spaces, or its id.
             preset: name of a configuration, see `mcpilco.config.PRESETS`; with the id of the
                 cart-pole it also sets the env's keywords.
             config: the numbers themselves; takes precedence over `preset`.
             seed: of everything random; equal seeds give equal results.
             verbose: 0 silent, 1 shows progress.
-            task: what to know of the env, where it does not show it.
+            task: what to know of the env, where it does not show it as `task`; without either it
+                is guessed, with a warning, where the env's class, model or names tell.
 
         Raises:
             InputError: an argument is unknown.
@@ -81,7 +84,7 @@ class MCPILCO:
         self.env = make_env(env, **keywords)
         self.seed = int(seed)
         self.verbose = verbose
-        self.task = task_of(self.env, task)
+        self.task = with_cost(task_of(self.env, task))
         self.low, self.high = input_bounds(self.env)
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.policy = blank_policy(self.config.policy, self.task, self.low, self.high)
@@ -110,8 +113,9 @@ class MCPILCO:
     ) -> MCPILCO:
         """Spend `total_timesteps` steps of the env, rounded up to whole rollouts; return the agent.
 
-        The first call spends one rollout on random inputs; each further rollout is a trial: fit the
-        model to all data, search a policy, try it. Calling again continues.
+        The first call spends one rollout on random inputs, or `Config.exploration` steps; each
+        further rollout is a trial: fit the model to all data, search a policy, try it. Calling
+        again continues.
 
         Args:
             total_timesteps: steps of the env.
@@ -146,32 +150,69 @@ class MCPILCO:
             as_callback(shown).close()
 
     def _affordable_trials(self, total_timesteps: int) -> int:
-        explorations = int(self.transitions is None)
-        trials = math.ceil(total_timesteps / self.horizon) - explorations
+        needed = self.timesteps_of(1)
+        trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
         if trials < 1:
-            purpose = "a random rollout and a trial" if explorations else "a trial"
+            first = f"{needed - self.horizon} of random inputs and " if self._unexplored else ""
             raise InputError(
-                f"learn needs at least {(explorations + 1) * self.horizon} timesteps, "
-                f"for {purpose} of {self.horizon} steps each, got {total_timesteps}."
+                f"learn needs at least {needed} timesteps, {first}{self.horizon} for a trial, "
+                f"got {total_timesteps}."
             )
         return trials
 
+    def timesteps_of(self, trials: int) -> int:
+        """The steps that `learn` needs for so many trials, random inputs included at first."""
+        return trials * self.horizon + (self._exploration_steps if self._unexplored else 0)
+
+    @property
+    def _unexplored(self) -> bool:
+        return self.transitions is None
+
+    @property
+    def _exploration_steps(self) -> int:
+        """Steps of random inputs, before the first trial."""
+        asked = self.config.exploration
+        return self.horizon if asked is None else asked
+
     def _learn(self, trials: int, events: Callback) -> Learning[None]:
         events.on_training_start(self, trials)
-        if self.transitions is None:
-            events.on_exploration(self._explore())
+        if self._unexplored:
+            for record in self._explore():
+                events.on_exploration(record)
         for _ in range(trials):
             self.results.append((yield from self._trial(events)))
             self.trials = self.results[-1].trial
             events.on_trial_end(self.results[-1])
         events.on_training_end()
 
-    def _explore(self) -> Rollout:
-        """One rollout of uniform random inputs."""
-        record = self._run_episode(lambda _: self.exploration.uniform(self.low, self.high))
-        self.reference_cost = float(self._costs(record).mean())
+    def _explore(self) -> list[Rollout]:
+        """Rollouts of uniform random inputs: as many as it takes, where they end early."""
+        records: list[Rollout] = []
+        while (left := self._exploration_steps - self.num_timesteps) > 0:
+            steps = min(left, self.horizon)
+            records.append(
+                self._run_episode(lambda _: self.exploration.uniform(self.low, self.high), steps)
+            )
+        self._learn_cost(records)
         self.policy = self._random_policy()
-        return record
+        return records
+
+    def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
+        """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
+
+        Args:
+            random: rollouts of random inputs, where these are the first.
+        """
+        cost = self.task.cost
+        if isinstance(cost, RewardCost):
+            if random:
+                cost.baseline = float(
+                    np.mean([held(record.rewards, self.horizon) for record in random])
+                )
+            cost.fit()
+            self.reference_cost = cost.reference
+        elif random:
+            self.reference_cost = float(np.mean([self._costs(record) for record in random]))
 
     def _trial(self, events: Callback) -> Learning[TrialResult]:
         """Learn the model, search the policy, try it."""
@@ -179,12 +220,13 @@ class MCPILCO:
         events.on_trial_start(trial)
         watch = Stopwatch()
         events.on_model_fitted(self.model.fit(data))
+        self._learn_cost()
         request = self._request(self.model.dynamics(data), trial, events)
         watch.pause()
         found = yield request
         watch.resume(found.spent)
         self.policy = found.best.policy
-        record = self._run_episode(self._act)
+        record = self._run_episode(self._act, self.horizon)
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
             trial=trial,
@@ -210,7 +252,7 @@ class MCPILCO:
         """The search for the trial's policy."""
         problem = Problem(
             dynamics=dynamics,
-            cost=self.task.cost,
+            cost=self._cost,
             start_mean=torch.tensor(self.task.start_mean, dtype=torch.float64),
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
@@ -228,17 +270,32 @@ class MCPILCO:
         numbers = self.config.policy
         return random_policy(numbers, self.task, self.low, self.high, seen, self.generator)
 
-    def _run_episode(self, act: Callable[[np.ndarray], np.ndarray]) -> Rollout:
+    def _run_episode(self, act: Callable[[np.ndarray], np.ndarray], steps: int) -> Rollout:
         """A rollout on the system, which joins the data."""
-        record = run_episode(self.env, act, self.horizon, self.task.dt, seed=self.reset_seed)
+        env = state_view(self.env, self.task)
+        record = run_episode(env, act, steps, self.task.dt, seed=self.reset_seed)
         self.reset_seed = None
+        if isinstance(self.task.cost, RewardCost):
+            self.task.cost.add(record)
         rows = record.transitions()
         self.transitions = rows if self.transitions is None else self.transitions + rows
         return record
 
     def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
-        """Cost at the end of each step of a rollout on the system [-]."""
-        return costs_along(self.task.cost, record.shown_states[1:], record.inputs)
+        """Cost at the end of each step of a rollout on the system [-].
+
+        An episode that ended early has its last cost to the end of the horizon.
+        """
+        if isinstance(self._cost, RewardCost):
+            costs = self._cost.of_rewards(record.rewards)
+        else:
+            costs = costs_along(self._cost, record.shown_states[1:], record.inputs)
+        return held(costs, self.horizon)
+
+    @property
+    def _cost(self) -> Cost:
+        assert self.task.cost is not None, "with_cost has seen to it"
+        return self.task.cost
 
     @property
     def _data(self) -> Transitions:
@@ -247,7 +304,7 @@ class MCPILCO:
 
     def predict(
         self,
-        observation: Float[np.ndarray, "*b X"],
+        observation: Float[np.ndarray, "*b O"],
         state: Any = None,
         episode_start: Any = None,
         deterministic: bool = True,
@@ -264,18 +321,19 @@ class MCPILCO:
             InputError: the observation has another width, or is not finite.
         """
         observation = np.asarray(observation, dtype=np.float64)
-        names = self.task.state_names
-        if observation.shape[-1:] != (len(names),) or not np.isfinite(observation).all():
+        shape = self.env.observation_space.shape
+        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
+            names = "" if self.task.observed else f" {self.task.state_names}"
             raise InputError(
-                f"predict expects finite observations of {len(names)} numbers {names}, "
+                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, "
                 f"got shape {observation.shape}: {observation}."
             )
-        action = np.clip(self._act(observation), self.low, self.high)
+        action = np.clip(self._act(state_of(self.task, observation)), self.low, self.high)
         return action.astype(self.env.action_space.dtype), state
 
-    def _act(self, observation: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b U"]:
+    def _act(self, state: Float[np.ndarray, "*b X"]) -> Float[np.ndarray, "*b U"]:
         with torch.no_grad():
-            return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()
+            return self.policy(torch.as_tensor(state, dtype=torch.float64)).numpy()
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
@@ -297,7 +355,8 @@ class MCPILCO:
         Args:
             path: of the file.
             env: an env like the one it learned in, or its id; without one it can predict only.
-            task: what to know of the env, where it does not show it.
+            task: what to know of the env, where it does not show it; else what it knew when it was
+                saved, but for a cost that was given as a function: it cannot learn on without.
 
         Raises:
             RunFolderError: the file is missing, damaged, or not an agent of this env.
@@ -306,8 +365,14 @@ class MCPILCO:
         with reading(Path(path)) as saved:
             if env is None:
                 env = AbsentEnv(
-                    saved.task, **saved.arrays["bounds"], horizon=saved.about["horizon"]
+                    saved.task,
+                    **saved.arrays["bounds"],
+                    horizon=saved.about["horizon"],
+                    width=saved.about.get("observations"),
                 )
+            env = make_env(env)
+            if task is None and getattr(env.unwrapped, "task", None) is None:
+                task = saved.task_for(env)
             config, seed = saved.config, saved.about["seed"]
             agent = cls("SumOfGaussians", env, config=config, seed=seed, task=task)
             saved.restore(agent)

@@ -9,13 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 
 from mcpilco.archive import read_groups, write_groups
 from mcpilco.config import Config, from_dict
 from mcpilco.data import Transitions
-from mcpilco.task import TaskSpec
+from mcpilco.guess import guess_task
+from mcpilco.reward_cost import RewardCost
+from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import EnvError, RunFolderError
 
 if TYPE_CHECKING:
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 """version of the file"""
-STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt")
+STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt", "observed")
 """entries of a task that give the arrays their meaning"""
 
 
@@ -44,7 +47,15 @@ class SavedAgent:
     @property
     def task(self) -> TaskSpec:
         """What the agent knew of its env, but for the cost."""
-        return TaskSpec.from_json(self.about["task"])
+        task = TaskSpec.from_json(self.about["task"])
+        return dataclasses.replace(task, cost=None) if "cost" in self.arrays else task
+
+    def task_for(self, env: gym.Env) -> TaskSpec:
+        """The same with the cost that was guessed of this env, where it was."""
+        task, guess = self.task, guess_task(env) if self.task.cost is unknown_cost else None
+        if guess is None or str(guess.task.cost) != self.about.get("cost"):
+            return task
+        return dataclasses.replace(task, cost=guess.task.cost)
 
     def restore(self, agent: MCPILCO) -> None:
         """Give a new agent all that the saved one had learned.
@@ -61,6 +72,8 @@ class SavedAgent:
             raise ValueError("its policy is not finite")
         agent.policy.load_state_dict(policy)
         agent.model.gp.load_arrays(self.arrays["gp"])
+        if isinstance(agent.task.cost, RewardCost) and "cost" in self.arrays:
+            agent.task.cost.load_arrays(self.arrays["cost"])
         agent.generator.set_state(torch.from_numpy(self.arrays["generator"]["state"]))
         agent.exploration.bit_generator.state = self.about["exploration"]
         agent.trials = int(self.about["trials"])
@@ -86,7 +99,9 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "format": FORMAT,
         "config": dataclasses.asdict(agent.config),
         "task": agent.task.to_json(),
+        "cost": str(agent.task.cost),
         "horizon": agent.horizon,
+        "observations": agent.env.observation_space.shape[0],
         "seed": agent.seed,
         "trials": agent.trials,
         "reference_cost": agent.reference_cost,
@@ -98,6 +113,7 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "generator": {"state": agent.generator.get_state().numpy()},
         "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
         "gp": agent.model.gp.to_arrays(),
+        "cost": agent.task.cost.to_arrays() if isinstance(agent.task.cost, RewardCost) else {},
         "transitions": {} if agent.transitions is None else vars(agent.transitions),
     }
     return write_groups(_npz(path), about, groups)

@@ -1,4 +1,4 @@
-"""The command line: `mcpilco train`, `evaluate`, `sweep`, `view` and `doctor`.
+"""The command line: `mcpilco train`, `evaluate`, `sweep`, `view`, `check-env` and `doctor`.
 
 This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
 gymnasium) when it runs, so that `--help` answers at once.
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from mcpilco.cli.check_env import CheckEnv
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.sweep import Sweep
@@ -33,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Sweep | View | Doctor,
+            Train | Evaluate | Sweep | View | CheckEnv | Doctor,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

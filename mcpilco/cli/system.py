@@ -6,6 +6,7 @@ import dataclasses
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.config import PRESETS
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import gymnasium as gym
 
     from mcpilco.config import Config
+    from mcpilco.task import TaskSpec
 
 
 def use_one_thread() -> None:
@@ -30,13 +32,25 @@ def use_one_thread() -> None:
     threadpool_limits(1)
 
 
-def numbers(preset_name: str, env_id: str, horizon: int | None) -> tuple[Config, dict[str, Any]]:
-    """The agent's configuration and the env's keywords, of a preset and a horizon in steps."""
+def numbers(
+    preset_name: str, env_id: str, horizon: int | None, exploration: int | None = None
+) -> tuple[Config, dict[str, Any]]:
+    """The agent's configuration and the env's keywords, of a preset.
+
+    Args:
+        preset_name: of `mcpilco.config.PRESETS`.
+        env_id: of the env.
+        horizon: of a rollout [steps]; None: the env's time limit.
+        exploration: random inputs at first [steps]; None: one rollout.
+    """
     preset = PRESETS[preset_name]
     env_kwargs = preset.keywords(env_id)
+    config = preset.config
+    if exploration is not None:
+        config = dataclasses.replace(config, exploration=exploration)
     if horizon is None:
-        return preset.config, env_kwargs
-    config = dataclasses.replace(preset.config, horizon=horizon)
+        return config, env_kwargs
+    config = dataclasses.replace(config, horizon=horizon)
     return config, {**env_kwargs, "max_episode_steps": horizon}
 
 
@@ -53,6 +67,17 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     if here not in sys.path:  # the module may lie where the user is, as with `python -m`
         sys.path.append(here)
     return make_env(env_id, **kwargs)
+
+
+def given_task(path: Path | None) -> TaskSpec | None:
+    """The task in the file that the user names, if any; Python in it is executed.
+
+    Raises:
+        InputError: the file holds no task.
+    """
+    from mcpilco.task_file import load_task
+
+    return None if path is None else load_task(path)
 
 
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:

@@ -15,8 +15,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import numbers, open_env, use_one_thread
+from mcpilco.cli.options import TaskPath, optional
+from mcpilco.cli.system import given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -41,6 +41,10 @@ class Train:
     """run folder to make"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
+    task: TaskPath = None
+    """what to know of the env, where it does not show it"""
+    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
+    """steps of random inputs at first; several rollouts, where they end early"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -61,14 +65,15 @@ class Train:
         from mcpilco.agent import MCPILCO
         from mcpilco.run_folder import RunFolder
 
-        config, env_kwargs = numbers(self.preset, self.env, self.horizon)
+        config, env_kwargs = numbers(self.preset, self.env, self.horizon, self.exploration)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):
-            agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed)
+            task = given_task(self.task)
+            agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed, task=task)
             run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
             try:
                 with self._callbacks(run) as callbacks:
-                    agent.learn((self.trials + 1) * agent.horizon, callback=callbacks)
+                    agent.learn(agent.timesteps_of(self.trials), callback=callbacks)
             except KeyboardInterrupt:
                 print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
                 return 130
