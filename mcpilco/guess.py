@@ -88,6 +88,7 @@ def _pendulum(env: Any) -> TaskSpec:
         angles=(0,),
         velocities=(),
         observed=((0, 1), 2),
+        cost=TipCost((0,), (1.0,), lengthscale=1.0),
     )
 
 

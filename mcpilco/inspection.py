@@ -9,6 +9,7 @@ from typing import Literal
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.spaces import Box
 from jaxtyping import Float
 
 from mcpilco.contract import input_bounds, task_of
@@ -64,13 +65,13 @@ def inspect_env(
     except EnvError as error:
         yield Finding("fault", str(error))
         told = None
-        if not isinstance(env.observation_space, gym.spaces.Box):
+        if not all(isinstance(s, Box) for s in (env.observation_space, env.action_space)):
             return
     else:
         yield finding
     try:
         low, high = input_bounds(env)
-    except (EnvError, AssertionError) as error:
+    except EnvError as error:
         yield Finding("fault", str(error))
         return
     yield Finding("fits", f"Actions are bounded: {low.tolist()} to {high.tolist()}.")
@@ -162,10 +163,9 @@ def _record(
 
 def _as_states(task: TaskSpec, episode: Rollout) -> Rollout:
     """The same episode with states in place of observations."""
-    states = state_of(task, episode.observations)
-    if task.observed:
-        angles = list(task.angles)
-        states[:, angles] = np.unwrap(states[:, angles], axis=0)
+    states = state_of(task, episode.observations).copy()
+    angles = list(task.angles)
+    states[:, angles] = np.unwrap(states[:, angles], axis=0)
     return replace(episode, observations=states, states=None, dt=task.dt)
 
 

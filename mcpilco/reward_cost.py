@@ -99,7 +99,7 @@ class RewardCost:
     @property
     def reference(self) -> float:
         """Mean cost of a step of random inputs [-]."""
-        return float(self.of_rewards(np.array(self.baseline)))
+        return float(self.of_rewards(np.array([self.baseline]))[0])
 
     def of_rewards(self, rewards: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
         """The costs that rewards stand for [-]."""

@@ -50,14 +50,17 @@ class Case:
 
 
 CASES: Mapping[str, Case] = {
-    "pendulum": Case("Pendulum-v1", 200, 0.05, -200.0, horizon=80, trials=3),
+    "pendulum": Case("Pendulum-v1", 200, 0.05, -200.0, horizon=80, trials=2),
+    "pendulum_rewards": Case(
+        "Pendulum-v1", 200, 0.05, -200.0, horizon=80, trials=4, task=HERE / "pendulum.toml"
+    ),
     "inverted_pendulum": Case(
         "InvertedPendulum-v5",
         1000,
         0.04,
         950.0,
         horizon=60,
-        trials=3,
+        trials=2,
         exploration=100,
         task=HERE / "balance.py",
     ),
@@ -65,7 +68,7 @@ CASES: Mapping[str, Case] = {
         "InvertedDoublePendulum-v5", 1000, 0.05, 9100.0, horizon=30, trials=4, exploration=300
     ),
 }
-Name = Literal["pendulum", "inverted_pendulum", "inverted_double_pendulum"]
+Name = Literal["pendulum", "pendulum_rewards", "inverted_pendulum", "inverted_double_pendulum"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Arguments:
     """`0:5` are 0 to 4"""
     only: Name | None = None
     """one of the envs"""
-    fresh: int = 100
+    fresh: int = 20
     """whole episodes that each policy is judged by"""
     workers: int = 1
     """processes at a time"""
@@ -139,7 +142,7 @@ def overview(found: Mapping[str, Mapping[int, list[dict[str, Any]]]]) -> str:
         solved = sorted(step for step in steps if step is not None)
         rows.append(
             (
-                case.env,
+                name,
                 f"{case.threshold:g}",
                 f"{len(solved)} of {len(steps)}",
                 _spread(solved, "{:.0f}"),
@@ -148,7 +151,7 @@ def overview(found: Mapping[str, Mapping[int, list[dict[str, Any]]]]) -> str:
             )
         )
     header = [
-        "env",
+        "case",
         "solved from a mean return of",
         "seeds that solved it",
         "steps learned from, until solved",
@@ -171,7 +174,7 @@ def details(found: Mapping[str, Mapping[int, list[dict[str, Any]]]]) -> str:
     parts = []
     for name, seeds in found.items():
         count = CASES[name].trials
-        header = [CASES[name].env, *(f"trial {i + 1}" for i in range(count))]
+        header = [name, *(f"trial {i + 1}" for i in range(count))]
         rows = [
             (f"seed {seed}", *(f"{trial['fresh_return']:.1f}" for trial in trials))
             for seed, trials in seeds.items()
