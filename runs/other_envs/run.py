@@ -21,7 +21,7 @@ from typing import Any, Literal
 import tyro
 
 from mcpilco.cli.sweep import Sweep
-from mcpilco.sweep.page import costs, failures, fill, machines, read_summaries
+from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
@@ -60,12 +60,12 @@ CASES: Mapping[str, Case] = {
         0.04,
         950.0,
         horizon=60,
-        trials=2,
+        trials=5,
         exploration=100,
         task=HERE / "balance.py",
     ),
     "inverted_double_pendulum": Case(
-        "InvertedDoublePendulum-v5", 1000, 0.05, 9100.0, horizon=30, trials=4, exploration=300
+        "InvertedDoublePendulum-v5", 1000, 0.05, 9100.0, horizon=30, trials=8, exploration=300
     ),
 }
 Name = Literal["pendulum", "pendulum_rewards", "inverted_pendulum", "inverted_double_pendulum"]
@@ -116,7 +116,8 @@ def write_readme(out: Path) -> None:
     summaries = read_summaries(out / "results", CASES)
     found = {name: read_seeds(out / "results" / name) for name in summaries}
     parts = [overview(found), details(found)]
-    everywhere = costs(summaries), failures(summaries), machines(summaries)
+    broken = "\n".join(broken_off(summaries))
+    everywhere = costs(summaries), broken, machines(summaries)
     fill(out / "README.md", [*parts, *everywhere], template=HERE / "README.md")
 
 
