@@ -101,7 +101,7 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "task": agent.task.to_json(),
         "cost": str(agent.task.cost),
         "horizon": agent.horizon,
-        "observations": agent.env.observation_space.shape[0],
+        "observations": int(np.prod(agent.env.observation_space.shape or (0,))),
         "seed": agent.seed,
         "trials": agent.trials,
         "reference_cost": agent.reference_cost,

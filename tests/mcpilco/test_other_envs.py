@@ -75,7 +75,7 @@ def test_timesteps_of_trials_are_what_learn_spends(exploration: int | None) -> N
 
 
 def test_a_trial_that_ended_early_has_its_last_cost_to_the_end() -> None:
-    agent = agent_in(Swinging(ends=0.45)).learn(2 * STEPS)
+    agent = agent_in(Swinging(ends=0.3)).learn(2 * STEPS)
     (result,) = agent.results
     record = result.rollout
     assert len(record) < STEPS
