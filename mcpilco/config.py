@@ -238,6 +238,9 @@ class Config(_Checked):
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     horizon: int | None = None
     """steps of one episode; None takes the env's time limit"""
+    exploration: int | None = None
+    """steps of random inputs before the first trial, in rollouts of at most the horizon; None: one
+    horizon. Where rollouts end early there are as many as it takes"""
     engine: Literal["fused", "eager"] = "fused"
     """how particles are rolled out: compiled loops, or plain torch with the same result;
     where numba is missing, torch takes the place of the loops"""
@@ -249,6 +252,10 @@ class Config(_Checked):
         _require(
             self.horizon is None or self.horizon >= 1,
             f"horizon must be >= 1 step, got {self.horizon}; pass duration / dt.",
+        )
+        _require(
+            self.exploration is None or self.exploration >= 1,
+            f"exploration must be >= 1 step, got {self.exploration}; None is one horizon.",
         )
 
 

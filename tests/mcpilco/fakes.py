@@ -67,9 +67,9 @@ def make_result(trial: int = 1, rollout: Rollout | None = None, told: bool = Tru
 class FakeAgent:
     """Calls the callbacks as MCPILCO does, with random inputs in place of a policy."""
 
-    def __init__(self, policy, env, *, preset="default", config=None, seed=0):
+    def __init__(self, policy, env, *, preset="default", config=None, seed=0, task=None):
         self.env, self.config, self.seed = env, config, seed
-        self.task = task_of(env, None)
+        self.task = task_of(env, task)
         self.low, self.high = input_bounds(env)
         self.horizon = horizon_of(env, None if config is None else config.horizon)
         self.random = np.random.default_rng(seed)
@@ -79,6 +79,9 @@ class FakeAgent:
         self.perception = None
         self.results = []
         self.transitions = None
+
+    def timesteps_of(self, trials):
+        return (trials + 1) * self.horizon
 
     def learn(self, total_timesteps, callback=None):
         trials = total_timesteps // self.horizon - 1
