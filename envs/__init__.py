@@ -42,6 +42,13 @@ gymnasium.register(
     max_episode_steps=30,
 )
 gymnasium.register(
+    id="mcpilco/CartPoleSwingUpPositions-v0",
+    entry_point="envs.cartpole:CartPoleSwingUpEnv",
+    vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
+    max_episode_steps=30,
+    kwargs={"measured": "positions"},
+)
+gymnasium.register(
     id="mcpilco/Pendulum-v0",
     entry_point="envs.pendulum:PendulumEnv",
     vector_entry_point="envs.pendulum_vector:PendulumVectorEnv",

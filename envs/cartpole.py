@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +23,9 @@ from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
 """of the default cost: cart position [m], pole angle [rad]"""
+
+MEASURED = {"all": None, "positions": (0, 2)}
+"""which states the keyword `measured` stands for; None: all"""
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
 
@@ -58,6 +62,10 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | 1   | cart velocity | q1'    | rest       | 0.01        | m/s   |
     | 2   | pole angle    | q2     | hanging    | 0.01        | rad   |
     | 3   | pole velocity | q2'    | rest       | 0.01        | rad/s |
+
+    With `measured="positions"`, as the id `mcpilco/CartPoleSwingUpPositions-v0` makes it, the shape
+    is (2,): cart position and pole angle, with the same noise. Whoever needs the velocities must
+    estimate them; the true ones are in `info`.
 
     The pole is upright at pi, at -pi, and so on: the angle counts turns, it is not wrapped. It
     grows as the tip of the hanging pole moves towards positive cart positions.
@@ -105,6 +113,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
     | `effects`           | what the equations lack, see below               | None       |        |
+    | `measured`          | `"all"` states, or `"positions"` only            | "all"      |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
@@ -139,6 +148,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
         start_std: OneOrFour = 0.1,
         noise_std: OneOrFour = 0.01,
         effects: Effects | None = None,
+        measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
@@ -161,6 +171,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
             cost=cost,
             cost_lengthscales=cost_lengthscales,
             plant=plant,
+            measured=measured,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
 
@@ -175,12 +186,15 @@ def cart_pole_swing_up(
     cost: Cost | None,
     cost_lengthscales: Sequence[float],
     plant: Plant | None = None,
+    measured: Literal["all", "positions"],
 ) -> SwingUp:
     """The task of `CartPoleSwingUpEnv`, whatever simulates it; the keywords are its arguments.
 
     Raises:
         InputError: a value does not fit.
     """
+    if measured not in MEASURED:
+        raise InputError(f'measured must be "all" or "positions", got {measured!r}.')
     return SwingUp(
         dynamics=dynamics,
         input_limit=force_limit,
@@ -191,6 +205,7 @@ def cart_pole_swing_up(
         angle=2,
         cart=0,
         plant=plant,
+        measured=MEASURED[measured],
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -61,7 +62,7 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
     | `gravity`       | acceleration of gravity                           | 9.82        | m/s^2 |
     | `force_limit`   | largest force                                     | its own: 10 | N     |
 
-    and `dt`, `start_std`, `noise_std`, `cost`, `cost_lengthscales`, `render_mode` as
+    and `dt`, `start_std`, `noise_std`, `measured`, `cost`, `cost_lengthscales`, `render_mode` as
     `CartPoleSwingUpEnv` has them. The masses, the length, the friction and gravity belong to the
     built-in model; another one says them itself. A wrong value raises `mcpilco.typing.InputError`.
 
@@ -103,6 +104,7 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
         dt: float = 0.1,
         start_std: OneOrFour = 0.1,
         noise_std: OneOrFour = 0.01,
+        measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
@@ -128,6 +130,7 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
             noise_std=noise_std,
             cost=cost,
             cost_lengthscales=cost_lengthscales,
+            measured=measured,
         )
         posture = dynamics.posture
         super().__init__(swing_up, scene(posture, UPRIGHT), MujocoPicture(posture), render_mode)

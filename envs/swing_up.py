@@ -42,6 +42,8 @@ class SwingUp:
     """which state is the position of a cart [m]; None where there is none"""
     plant: Plant | None = None
     """the system with the effects that it is corrected by; None follows the equations of motion"""
+    measured: tuple[int, ...] | None = None
+    """which states are observed; None: all"""
 
     def __post_init__(self) -> None:
         name, unit = self.dynamics.input_name, self.dynamics.input_unit
@@ -72,13 +74,21 @@ class SwingUp:
             start_mean=(0.0,) * self.width,
             start_std=self.start_std,
             cost=self.cost,
+            measured=self.measured,
+            measurement_std=self._measurement_std,
         )
+
+    @property
+    def _measurement_std(self) -> tuple[float, ...] | None:
+        """Noise of the states observed, where these are a part and all have some."""
+        stds = tuple(self.noise_std[i] for i in self.measured or ())
+        return stds if stds and min(stds) > 0 else None
 
     @cached_property
     def observation_space(self) -> Box:
         """Any finite measurement."""
         bound = float(np.finfo(np.float32).max)
-        return Box(-bound, bound, (self.width,), np.float64)
+        return Box(-bound, bound, (len(self.task.measured_states),), np.float64)
 
     @cached_property
     def action_space(self) -> Box:
@@ -105,10 +115,11 @@ class SwingUp:
             return NominalMotion(self.dynamics, self.dt, self.samples, batch)
         return CorrectedMotion(self.plant, self.dt, self.samples, batch)
 
-    def observe(self, motion: Motion, rng: np.random.Generator) -> Float[np.ndarray, "*b X"]:
-        """The states as measured, with noise."""
-        measured = motion.measured
-        return measured + np.asarray(self.noise_std) * rng.standard_normal(measured.shape)
+    def observe(self, motion: Motion, rng: np.random.Generator) -> Float[np.ndarray, "*b Y"]:
+        """The states as measured, with noise: all, or those observed."""
+        seen = motion.measured
+        noisy = seen + np.asarray(self.noise_std) * rng.standard_normal(seen.shape)
+        return noisy if self.measured is None else noisy[..., list(self.measured)]
 
     def inputs(self, actions: Float[np.ndarray, "*b 1"], *batch: int) -> Float[np.ndarray, "*b"]:
         """The inputs that actions stand for, clipped to the limit, in the input's unit.

@@ -54,7 +54,7 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, " X"], dict[str, Any]]:
+    ) -> tuple[Float[np.ndarray, " Y"], dict[str, Any]]:
         """Starts an episode.
 
         Args:
@@ -77,7 +77,7 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def step(
         self, action: Float[np.ndarray, " 1"]
-    ) -> tuple[Float[np.ndarray, " X"], float, bool, bool, dict[str, Any]]:
+    ) -> tuple[Float[np.ndarray, " Y"], float, bool, bool, dict[str, Any]]:
         """Holds the input `action`, in its unit, for dt.
 
         Returns:

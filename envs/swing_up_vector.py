@@ -60,7 +60,7 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Float[np.ndarray, "B X"], dict[str, Any]]:
+    ) -> tuple[Float[np.ndarray, "B Y"], dict[str, Any]]:
         """Starts all episodes; arguments, returns and errors as in `SwingUpEnv.reset`."""
         super().reset(seed=seed)
         width = self.swing_up.width
@@ -71,7 +71,7 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: Float[np.ndarray, "B 1"]
     ) -> tuple[
-        Float[np.ndarray, "B X"],
+        Float[np.ndarray, "B Y"],
         Float[np.ndarray, " B"],
         Bool[np.ndarray, " B"],
         Bool[np.ndarray, " B"],

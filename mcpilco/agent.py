@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +17,23 @@ from mcpilco.agent_file import reading, write_agent
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import PRESETS, Config
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from mcpilco.costs import costs_along
+from mcpilco.controller import Act, Controller, remembering
+from mcpilco.costs import held
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.engine import rollout_of
 from mcpilco.episode import BrokenEpisodeError, run_episode
 from mcpilco.learning import Learning, SearchRequest, answer_alone
 from mcpilco.model import Model
+from mcpilco.observing import state_of, state_view
+from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians, blank_policy, random_policy
+from mcpilco.reward_cost import RewardCost, costs_of, with_cost
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch, SearchResult
 from mcpilco.stopwatch import Spent, Stopwatch
 from mcpilco.streams import Streams
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, InputError, NotPositiveDefiniteError, UncertainDynamics
+from mcpilco.typing import Cost, Dynamics, InputError, NotPositiveDefiniteError, UncertainDynamics
 
 logger = logging.getLogger(__name__)
 
@@ -62,13 +66,14 @@ class MCPILCO:
 
         Args:
             policy: `"SumOfGaussians"`.
-            env: a Gymnasium env with one-dimensional Box spaces that shows a `task`, or its id.
+            env: a Gymnasium env with one-dimensional Box spaces, or its id.
             preset: name of a configuration, see `mcpilco.config.PRESETS`; with the id of the
                 cart-pole it also sets the env's keywords.
             config: the numbers themselves; takes precedence over `preset`.
             seed: of everything random; equal seeds give equal results.
             verbose: 0 silent, 1 shows progress.
-            task: what to know of the env, where it does not show it.
+            task: what to know of the env, where it does not show it as `task`; without either it
+                is guessed, with a warning, where the env's class, model or names tell.
 
         Raises:
             InputError: an argument is unknown.
@@ -85,11 +90,14 @@ class MCPILCO:
         self.env = make_env(env, **keywords)
         self.seed = int(seed)
         self.verbose = verbose
-        self.task = task_of(self.env, task)
+        self.task = with_cost(task_of(self.env, task))
         self.low, self.high = input_bounds(self.env)
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.policy = blank_policy(self.config.policy, self.task, self.low, self.high)
         self.model = Model(self.config.model, self.task)
+        partly = self.task.measured is not None
+        self.perception = Perception(self.config.estimator, self.task) if partly else None
+        """what makes states of measurements; None where states are measured"""
         self.streams = Streams(self.seed)
         self.transitions: Transitions | None = None
         self.reference_cost = 1.0
@@ -111,8 +119,9 @@ class MCPILCO:
     ) -> MCPILCO:
         """Spend `total_timesteps` steps of the env, rounded up to whole rollouts; return the agent.
 
-        The first call spends one rollout on random inputs; each further rollout is a trial: fit the
-        model to all data, search a policy, try it. Calling again continues.
+        The first call spends one rollout on random inputs, or `Config.exploration` steps; each
+        further rollout is a trial: fit the model to all data, search a policy, try it. Calling
+        again continues.
 
         A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
         more, for its data; one whose env breaks off keeps the steps before. Either tells why in
@@ -150,45 +159,87 @@ class MCPILCO:
             as_callback(shown).close()
 
     def _affordable_trials(self, total_timesteps: int) -> int:
-        explorations = int(self.transitions is None)
-        trials = math.ceil(total_timesteps / self.horizon) - explorations
+        needed = self.timesteps_of(1)
+        trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
         if trials < 1:
-            purpose = "a random rollout and a trial" if explorations else "a trial"
+            first = f"{needed - self.horizon} of random inputs and " if self._unexplored else ""
             raise InputError(
-                f"learn needs at least {(explorations + 1) * self.horizon} timesteps, "
-                f"for {purpose} of {self.horizon} steps each, got {total_timesteps}."
+                f"learn needs at least {needed} timesteps, {first}{self.horizon} for a trial, "
+                f"got {total_timesteps}."
             )
         return trials
 
+    def timesteps_of(self, trials: int) -> int:
+        """The steps that `learn` needs for so many trials, random inputs included at first."""
+        return trials * self.horizon + (self._exploration_steps if self._unexplored else 0)
+
+    @property
+    def _unexplored(self) -> bool:
+        return self.transitions is None
+
+    @property
+    def _exploration_steps(self) -> int:
+        """Steps of random inputs, before the first trial."""
+        asked = self.config.exploration
+        return self.horizon if asked is None else asked
+
     def _learn(self, trials: int, events: Callback) -> Learning[None]:
         events.on_training_start(self, trials)
-        if self.transitions is None:
-            events.on_exploration(self._explore())
+        if self._unexplored:
+            for record in self._explore():
+                events.on_exploration(record)
         for _ in range(trials):
             self.results.append((yield from self._trial(events)))
             self.trials = self.results[-1].trial
             events.on_trial_end(self.results[-1])
         events.on_training_end()
 
-    def _explore(self) -> Rollout:
-        """One rollout of uniform random inputs."""
+    def _explore(self) -> list[Rollout]:
+        """Rollouts of uniform random inputs: as many as it takes, where they end early."""
         inputs = self.streams.inputs(trial=0)
-        record, _ = self._run_episode(lambda _: inputs.uniform(self.low, self.high), trial=0)
-        self.reference_cost = float(self._costs(record).mean())
+        act = lambda _: inputs.uniform(self.low, self.high)  # noqa: E731
+        records: list[Rollout] = []
+        while (left := self._exploration_steps - sum(map(len, records))) > 0:
+            record, _ = self._run_episode(act, 0, self.perception, left, len(records))
+            records.append(record)
+        for record in records:
+            self._take(record)
+        self._learn_cost(records)
         self.policy = self._random_policy(self.streams.search(trial=0))
-        return record
+        return records
+
+    def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
+        """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
+
+        Args:
+            random: rollouts of random inputs, where these are the first.
+        """
+        cost = self.task.cost
+        if isinstance(cost, RewardCost):
+            if random:
+                cost.baseline = float(
+                    np.mean([held(record.rewards, self.horizon) for record in random])
+                )
+            cost.fit()
+            self.reference_cost = cost.reference
+        elif random:
+            self.reference_cost = float(np.mean([self._costs(record) for record in random]))
 
     def _trial(self, events: Callback) -> Learning[TrialResult]:
         """Learn the model, search the policy, try it."""
         trial, experience = self.trials + 1, len(self._data)
         events.on_trial_start(trial)
         watch = Stopwatch()
-        found, no_policy = yield from self._improve(trial, events, watch)
-        policy, prediction = self.policy, None
+        known = self.perception and self.perception.adapted(self._data)
+        found, no_policy = yield from self._improve(trial, known, events, watch)
+        controller, prediction = Controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
-            policy, prediction = found.best.policy, found.best.prediction(SHOWN_PARTICLES)
-        record, broken = self._run_episode(lambda seen: _act(policy, seen), trial)
-        self.policy = policy
+            controller = Controller(found.best.policy, known)
+            prediction = found.best.prediction(SHOWN_PARTICLES)
+        act = remembering(controller.answer)
+        record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
+        self._take(record)
+        self.policy, self.perception = controller.policy, controller.perception
         failures = [failure for failure in (no_policy, broken) if failure]
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
@@ -211,13 +262,14 @@ class MCPILCO:
         )
 
     def _improve(
-        self, trial: int, events: Callback, watch: Stopwatch
+        self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
     ) -> Learning[tuple[SearchResult | None, str | None]]:
         """What the search for a better policy found, or why there is none to try."""
         found, model = None, self.model.gp.to_arrays()
         try:
             events.on_model_fitted(self.model.fit(self._data))
-            request = self._request(self.model.dynamics(self._data), trial, events)
+            self._learn_cost()
+            request = self._request(self.model.dynamics(self._data), perception, trial, events)
             watch.pause()
             try:
                 found = yield request
@@ -231,17 +283,24 @@ class MCPILCO:
         return found, self._failed(trial, "The model predicted no finite cost for any policy.")
 
     def _request(
-        self, dynamics: Dynamics | UncertainDynamics, trial: int, events: Callback
+        self,
+        dynamics: Dynamics | UncertainDynamics,
+        perception: Perception | None,
+        trial: int,
+        events: Callback,
     ) -> SearchRequest:
         """The search for the trial's policy."""
+        modelled = self.config.estimator.modelled
+        observer = perception.observer if perception is not None and modelled else None
         problem = Problem(
             dynamics=dynamics,
-            cost=self.task.cost,
+            cost=self._cost,
             start_mean=torch.tensor(self.task.start_mean, dtype=torch.float64),
             start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
-            rollout=rollout_of(self.config, dynamics, self.policy),
+            rollout=rollout_of(self.config, dynamics, self.policy, observer),
+            observer=observer,
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
@@ -256,17 +315,24 @@ class MCPILCO:
         return random_policy(numbers, self.task, self.low, self.high, seen, generator)
 
     def _run_episode(
-        self, act: Callable[[np.ndarray], np.ndarray], trial: int
+        self, act: Act, trial: int, perception: Perception | None, steps: int, episode: int = 0
     ) -> tuple[Rollout, str | None]:
-        """A rollout on the system, which joins the data, and why it broke off if it did."""
-        seed, failure = self.streams.reset(trial), None
+        """A rollout of at most so many steps, and why it broke off if it did."""
+        env, failure = state_view(self.env, self.task), None
+        seed, steps = self.streams.reset(trial, episode), min(steps, self.horizon)
+        width = len(self.task.state_names)
         try:
-            record = run_episode(self.env, act, self.horizon, self.task.dt, seed=seed)
+            record = run_episode(env, act, steps, self.task.dt, seed=seed, width=width)
         except BrokenEpisodeError as error:
             record, failure = error.rollout, self._failed(trial, str(error))
+        return record if perception is None else perception.digest(record), failure
+
+    def _take(self, record: Rollout) -> None:
+        """The rollout joins the data."""
+        if isinstance(self.task.cost, RewardCost):
+            self.task.cost.add(record)
         rows = record.transitions()
         self.transitions = rows if self.transitions is None else self.transitions + rows
-        return record, failure
 
     def _failed(self, trial: int, reason: str) -> str:
         """The reason on one line, which is also logged."""
@@ -275,8 +341,16 @@ class MCPILCO:
         return reason
 
     def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
-        """Cost at the end of each step of a rollout on the system [-]."""
-        return costs_along(self.task.cost, record.shown_states[1:], record.inputs)
+        """Cost at the end of each step of a rollout on the system [-].
+
+        An episode that ended early has its last cost to the end of the horizon.
+        """
+        return held(costs_of(self._cost, record), self.horizon)
+
+    @property
+    def _cost(self) -> Cost:
+        assert self.task.cost is not None, "with_cost has seen to it"
+        return self.task.cost
 
     @property
     def _data(self) -> Transitions:
@@ -285,31 +359,47 @@ class MCPILCO:
 
     def predict(
         self,
-        observation: Float[np.ndarray, "*b X"],
+        observation: Float[np.ndarray, "*b O"],
         state: Any = None,
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch; the state is unchanged, there is no memory.
+        """The action for one observation or a batch.
+
+        Where states are measured in part, the agent estimates them from the measurements so far:
+        pass the state that the last call returned, as with recurrent policies. Else there is no
+        memory, and the state is returned as it came.
 
         Args:
             observation: in the env's units.
-            state: returned as it came.
-            episode_start: not used.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
             deterministic: not used; the policy is deterministic.
 
         Raises:
-            InputError: the observation has another width, or is not finite.
+            InputError: the observation has another width, or is not finite; or the state belongs to
+                other observations.
         """
         observation = np.asarray(observation, dtype=np.float64)
-        names = self.task.state_names
-        if observation.shape[-1:] != (len(names),) or not np.isfinite(observation).all():
+        shape = self.env.observation_space.shape
+        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
+            measured = tuple(self.task.state_names[i] for i in self.task.measured_states)
+            names = "" if self.task.observed else f" {measured}"
             raise InputError(
-                f"predict expects finite observations of {len(names)} numbers {names}, "
+                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, "
                 f"got shape {observation.shape}: {observation}."
             )
-        action = np.clip(_act(self.policy, observation), self.low, self.high)
-        return action.astype(self.env.action_space.dtype), state
+        controller = Controller(self.policy, self.perception)
+        known = state_of(self.task, observation)
+        action, state = controller.answer(known, state, episode_start)
+        return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state
+
+    def controller(self) -> Act:
+        """What acts for one episode, or a batch that begins together: from observation to action.
+
+        It remembers what `predict` returns as its state; each episode needs a new one.
+        """
+        return remembering(self.predict)
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
@@ -331,7 +421,8 @@ class MCPILCO:
         Args:
             path: of the file.
             env: an env like the one it learned in, or its id; without one it can predict only.
-            task: what to know of the env, where it does not show it.
+            task: what to know of the env, where it does not show it; else what it knew when it was
+                saved, but for a cost that was given as a function: it cannot learn on without.
 
         Raises:
             RunFolderError: the file is missing, damaged, or not an agent of this env.
@@ -340,17 +431,15 @@ class MCPILCO:
         with reading(Path(path)) as saved:
             if env is None:
                 env = AbsentEnv(
-                    saved.task, **saved.arrays["bounds"], horizon=saved.about["horizon"]
+                    saved.task,
+                    **saved.arrays["bounds"],
+                    horizon=saved.about["horizon"],
+                    width=saved.about.get("observations"),
                 )
+            env = make_env(env)
+            if task is None and getattr(env.unwrapped, "task", None) is None:
+                task = saved.task_for(env)
             config, seed = saved.config, saved.about["seed"]
             agent = cls("SumOfGaussians", env, config=config, seed=seed, task=task)
             saved.restore(agent)
         return agent
-
-
-def _act(
-    policy: SumOfGaussians, observation: Float[np.ndarray, "*b X"]
-) -> Float[np.ndarray, "*b U"]:
-    """What a policy answers, in the env's unit."""
-    with torch.no_grad():
-        return policy(torch.as_tensor(observation, dtype=torch.float64)).numpy()

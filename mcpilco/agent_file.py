@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from torch import nn
@@ -17,8 +18,10 @@ from torch import nn
 from mcpilco.archive import read_groups, write_groups
 from mcpilco.config import Config, from_dict
 from mcpilco.data import Transitions
-from mcpilco.task import TaskSpec
-from mcpilco.typing import EnvError, RunFolderError
+from mcpilco.guess import guess_task
+from mcpilco.reward_cost import RewardCost
+from mcpilco.task import TaskSpec, unknown_cost
+from mcpilco.typing import Cost, EnvError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.agent import MCPILCO
@@ -27,7 +30,7 @@ FORMAT = 2
 """version of the file"""
 READABLE = (1, 2)
 """versions that are read; 1 also held the state of random generators, which is no longer needed"""
-STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt")
+STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt", "observed", "measured")
 """entries of a task that give the arrays their meaning"""
 
 
@@ -38,7 +41,8 @@ class SavedAgent:
     about: Mapping[str, Any]
     """numbers and names"""
     arrays: Mapping[str, Mapping[str, np.ndarray]]
-    """bounds, policy, gp, and transitions where there are any"""
+    """bounds, policy, gp; transitions where there are any, perception where states are measured in
+    part"""
 
     @property
     def config(self) -> Config:
@@ -48,7 +52,15 @@ class SavedAgent:
     @property
     def task(self) -> TaskSpec:
         """What the agent knew of its env, but for the cost."""
-        return TaskSpec.from_json(self.about["task"])
+        task = TaskSpec.from_json(self.about["task"])
+        return dataclasses.replace(task, cost=None) if "cost" in self.arrays else task
+
+    def task_for(self, env: gym.Env) -> TaskSpec:
+        """The same with the cost that was guessed of this env, where it was."""
+        task, guess = self.task, guess_task(env) if self.task.cost is unknown_cost else None
+        if guess is None or _told(guess.task.cost) != self.about.get("cost"):
+            return task
+        return dataclasses.replace(task, cost=guess.task.cost)
 
     def restore(self, agent: MCPILCO) -> None:
         """Give a new agent all that the saved one had learned.
@@ -67,6 +79,10 @@ class SavedAgent:
             raise ValueError(f"its reference_cost is {reference_cost}")
         load_policy(agent.policy, self.arrays["policy"])
         agent.model.gp.load_arrays(self.arrays["gp"])
+        if agent.perception is not None:
+            agent.perception.load_arrays(self.arrays["perception"])
+        if isinstance(agent.task.cost, RewardCost) and "cost" in self.arrays:
+            agent.task.cost.load_arrays(self.arrays["cost"])
         agent.trials, agent.reference_cost = trials, reference_cost
         if "transitions" in self.arrays:
             rows = Transitions(**self.arrays["transitions"])
@@ -100,7 +116,9 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "format": FORMAT,
         "config": dataclasses.asdict(agent.config),
         "task": agent.task.to_json(),
+        "cost": _told(agent.task.cost),
         "horizon": agent.horizon,
+        "observations": int(np.prod(agent.env.observation_space.shape or (0,))),
         "seed": agent.seed,
         "trials": agent.trials,
         "reference_cost": agent.reference_cost,
@@ -110,8 +128,11 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
         "bounds": {"low": agent.low.astype(dtype), "high": agent.high.astype(dtype)},
         "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
         "gp": agent.model.gp.to_arrays(),
+        "cost": agent.task.cost.to_arrays() if isinstance(agent.task.cost, RewardCost) else {},
         "transitions": {} if agent.transitions is None else vars(agent.transitions),
     }
+    if agent.perception is not None:
+        groups["perception"] = agent.perception.to_arrays()
     return write_groups(_npz(path), about, groups)
 
 
@@ -137,6 +158,13 @@ def reading(path: Path) -> Iterator[SavedAgent]:
         raise RunFolderError(
             f"{path} is damaged, or holds no agent of this env ({type(error).__name__}: {error})."
         ) from error
+
+
+def _told(cost: Cost | None) -> str:
+    """What a cost is, in words that are equal for equal ones: without addresses in memory."""
+    if dataclasses.is_dataclass(cost):
+        return str(cost)
+    return getattr(cost, "__qualname__", type(cost).__qualname__)
 
 
 def _npz(path: Path) -> Path:

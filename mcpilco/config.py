@@ -212,14 +212,35 @@ class SearchConfig(_Checked):
 
 
 @dataclass(frozen=True)
+class EstimatorConfig(_Checked):
+    """How the state is estimated where a task measures a part of it; else of no effect."""
+
+    kind: Literal["kalman", "differences"] = "kalman"
+    """kalman: a Kalman filter; differences: of successive positions, filtered"""
+    low_pass: float = 0.0
+    """differences: share of the last estimate of a velocity that the next one keeps [-]"""
+    modelled: bool = True
+    """the particles are measured, with noise, and estimated as the system is; else the policy is
+    searched as if it saw their states"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(0 <= self.low_pass < 1, f"low_pass must be in [0, 1), got {self.low_pass}.")
+
+
+@dataclass(frozen=True)
 class Config(_Checked):
     """Everything an agent is told; the defaults are what learns best in the thesis's setting."""
 
     model: ModelConfig = field(default_factory=ModelConfig)
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
     horizon: int | None = None
     """steps of one episode; None takes the env's time limit"""
+    exploration: int | None = None
+    """steps of random inputs before the first trial, in rollouts of at most the horizon; None: one
+    horizon. Where rollouts end early there are as many as it takes"""
     engine: Literal["fused", "eager"] = "fused"
     """how particles are rolled out: compiled loops, or plain torch with the same result;
     where numba is missing, torch takes the place of the loops"""
@@ -231,6 +252,10 @@ class Config(_Checked):
         _require(
             self.horizon is None or self.horizon >= 1,
             f"horizon must be >= 1 step, got {self.horizon}; pass duration / dt.",
+        )
+        _require(
+            self.exploration is None or self.exploration >= 1,
+            f"exploration must be >= 1 step, got {self.exploration}; None is one horizon.",
         )
 
 

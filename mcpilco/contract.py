@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any, NoReturn
 
 import gymnasium as gym
@@ -10,8 +11,11 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
+from mcpilco.guess import guess_task
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, InputError
+
+logger = logging.getLogger(__name__)
 
 
 def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
@@ -33,23 +37,36 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
         raise EnvError(f"Cannot make the env {env!r}: {error}") from error
 
 
-def task_of(env: gym.Env, task: TaskSpec | None) -> TaskSpec:
-    """The task given, or the one that the env shows.
+def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
+    """The task given, or the one that the env shows, or one that is guessed, with a warning.
+
+    Args:
+        env: with or without a `task`.
+        task: comes before the env's.
+        quiet: guess without a warning.
 
     Raises:
-        EnvError: there is none, or it does not match the env's spaces.
+        EnvError: there is none and none can be guessed, or it does not match the env's spaces.
     """
     _check_kind(env, env.observation_space, "observation", "flatten it")
     _check_kind(env, env.action_space, "action", "wrap it so that its inputs are numbers")
     if task is None:
         task = getattr(env.unwrapped, "task", None)
+    if task is None:
+        guess = guess_task(env)
+        if guess is not None:
+            logger.log(logging.DEBUG if quiet else logging.WARNING, "%s", guess)
+            task = guess.task
     if not isinstance(task, TaskSpec):
         shows = "no attribute `task`" if task is None else f"a `task` of type {type(task).__name__}"
         raise EnvError(
             f"{_name(env)} shows {shows}. Give it a mcpilco.task.TaskSpec that names its states, "
-            "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...)."
+            "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...), "
+            "on the command line in a file, --task FILE."
         )
-    _check_width(env, env.observation_space, "observation", len(task.state_names))
+    if not task.observed:
+        _check_width(env, env.observation_space, "observation", len(task.measured_states))
+    _check_observed(env, task)
     _check_width(env, env.action_space, "action", len(task.input_names))
     return task
 
@@ -81,7 +98,10 @@ def horizon_of(env: gym.Env, horizon: int | None) -> int:
     limit = None if env.spec is None else env.spec.max_episode_steps
     steps = limit if horizon is None else horizon
     if steps is None:
-        raise InputError(f"{_name(env)} has no time limit; pass a horizon in steps, duration / dt.")
+        raise InputError(
+            f"{_name(env)} has no time limit; pass a horizon in steps, duration / dt, "
+            "on the command line --horizon."
+        )
     if limit is not None and steps > limit:
         raise InputError(
             f"horizon must not exceed the env's time limit of {limit} steps, got {steps}; "
@@ -99,6 +119,7 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
         low: Float[np.ndarray, " U"],
         high: Float[np.ndarray, " U"],
         horizon: int,
+        width: int | None = None,
     ) -> None:
         """An env to ask for names and bounds.
 
@@ -107,9 +128,11 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
             low: smallest inputs, of the action space's type.
             high: largest inputs.
             horizon: time limit [steps].
+            width: how many numbers an observation has; None: as many as are measured.
         """
         self.task = task
-        self.observation_space = Box(-np.inf, np.inf, (len(task.state_names),), np.float64)
+        width = len(task.measured_states) if width is None else width
+        self.observation_space = Box(-np.inf, np.inf, (width,), np.float64)
         self.action_space = Box(low, high, dtype=low.dtype.type)
         self.spec = EnvSpec("Absent-v0", max_episode_steps=horizon)
 
@@ -138,6 +161,17 @@ def _check_width(env: gym.Env, space: gym.Space, kind: str, count: int) -> None:
     if space.shape != (count,):
         raise EnvError(
             f"{_name(env)}'s task names {count} {kind}s, its {kind} space has shape {space.shape}."
+        )
+
+
+def _check_observed(env: gym.Env, task: TaskSpec) -> None:
+    """Raises EnvError where the task looks for a state beyond the observation."""
+    width = int(np.prod(env.observation_space.shape or (0,)))
+    sources = [i for where in task.observed for i in np.atleast_1d(where).tolist()]
+    if sources and max(sources) >= width:
+        raise EnvError(
+            f"{_name(env)}'s task finds a state in observation {max(sources)}, counted from 0, "
+            f"its observation has {width} numbers."
         )
 
 

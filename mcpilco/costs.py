@@ -70,6 +70,57 @@ class SaturatingCost:
 
 
 @dataclass(frozen=True)
+class TipCost:
+    """c = 1 - exp(-|p - p*|^2 / l^2 - (x / l_x)^2), in [0, 1] [-]: links balanced upright.
+
+    p is the tip of a chain of links relative to its foot, p* the same when all stand upright, where
+    their angles are 0; full turns look alike. x is the foot's position, where it moves.
+
+    Reference: Deisenroth, Fox and Rasmussen, PAMI 37 (2), 2015 (PILCO's cost).
+    """
+
+    angles: tuple[int, ...]
+    """which states are the links' angles, each relative to the link before it [rad]"""
+    lengths: tuple[float, ...]
+    """of the links [m]"""
+    lengthscale: float
+    """l, distance of the tip at which the cost is 1 - 1/e [m]"""
+    foot: int | None = None
+    """which state is the foot's position [m]; None: it is fixed"""
+    foot_lengthscale: float = 1.0
+    """l_x [m]"""
+
+    def __post_init__(self) -> None:
+        if not self.angles or len(self.angles) != len(self.lengths):
+            raise InputError(
+                "TipCost needs a length for each angle, "
+                f"got angles {self.angles} and lengths {self.lengths}."
+            )
+        if not all(x > 0 for x in (*self.lengths, self.lengthscale, self.foot_lengthscale)):
+            raise InputError(
+                f"TipCost lengths and lengthscales must be positive, got {self.lengths}, "
+                f"{self.lengthscale} and {self.foot_lengthscale}."
+            )
+
+    def widened(self, factor: float) -> TipCost:
+        """The same cost with lengthscales `factor` times as large: felt from further away."""
+        wider, foot = factor * self.lengthscale, factor * self.foot_lengthscale
+        return dataclasses.replace(self, lengthscale=wider, foot_lengthscale=foot)
+
+    def __call__(
+        self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"] | None = None
+    ) -> Float[Tensor, "*b"]:
+        """The cost of each state [-]; inputs are free."""
+        lengths = states.new_tensor(self.lengths)
+        absolute = states[..., self.angles].cumsum(-1)
+        aside, height = (absolute.sin() * lengths).sum(-1), (absolute.cos() * lengths).sum(-1)
+        distance = (aside**2 + (height - lengths.sum()) ** 2) / self.lengthscale**2
+        if self.foot is not None:
+            distance = distance + (states[..., self.foot] / self.foot_lengthscale) ** 2
+        return 1.0 - torch.exp(-distance)
+
+
+@dataclass(frozen=True)
 class QuadraticCost:
     """c = sum_i q_i (x_i - target_i)^2 + sum_j r_j u_j^2 [-], a linear-quadratic regulator's."""
 
@@ -102,11 +153,27 @@ class QuadraticCost:
 
 
 def costs_along(
-    cost: Cost, states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"]
+    cost: Cost | None, states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"]
 ) -> Float[np.ndarray, " T"]:
-    """The cost of each state and the input that led to it [-]."""
+    """The cost of each state and the input that led to it [-].
+
+    Raises:
+        InputError: there is no cost yet.
+    """
+    if cost is None:
+        raise InputError("The task has no cost yet; take the task of an agent, which learns one.")
     with torch.no_grad():
         return cost(torch.from_numpy(states), torch.from_numpy(inputs)).numpy()
+
+
+def held(values: Float[np.ndarray, " T"], steps: int) -> Float[np.ndarray, " steps"]:
+    """The values, the last one repeated until there are `steps`: for an episode that ended early.
+
+    Args:
+        values: one or more, at most `steps`.
+        steps: of a whole episode.
+    """
+    return np.concatenate([values, np.full(steps - len(values), values[-1])])
 
 
 def cart_pole_cost(cart_lengthscale: float = 1.5, angle_lengthscale: float = 1.0) -> SaturatingCost:

@@ -65,8 +65,8 @@ class Rollout:
 
     dt: float
     """sampling time [s]"""
-    observations: Float[np.ndarray, "T_plus_1 X"]
-    """what the agent saw, noise included"""
+    observations: Float[np.ndarray, "T_plus_1 Y"]
+    """what was measured, noise included: all states, or `TaskSpec.measured` of them"""
     inputs: Float[np.ndarray, "T U"]
     """inputs applied"""
     rewards: Float[np.ndarray, " T"]
@@ -75,6 +75,10 @@ class Rollout:
     """true states, where the env tells them in `info["state"]`"""
     outcome: Mapping[str, float] = field(default_factory=dict)
     """the env's own measures of the episode at its last step, see `mcpilco.episode.OUTCOMES`"""
+    estimates: Float[np.ndarray, "T_plus_1 X"] | None = None
+    """where states are measured in part: what was known of them at each step, by then"""
+    smoothed: Float[np.ndarray, "T_plus_1 X"] | None = None
+    """where states are measured in part: what is known of them after the episode"""
 
     def __len__(self) -> int:
         return len(self.inputs)
@@ -86,12 +90,16 @@ class Rollout:
 
     @property
     def shown_states(self) -> Float[np.ndarray, "T_plus_1 X"]:
-        """The true states where they are known, else the observations."""
-        return self.observations if self.states is None else self.states
+        """The true states where they are known, else the best that is known of them."""
+        return self._known if self.states is None else self.states
+
+    @property
+    def _known(self) -> Float[np.ndarray, "T_plus_1 X"]:
+        return self.observations if self.smoothed is None else self.smoothed
 
     def transitions(self) -> Transitions:
-        """The rows (observation, input, next observation)."""
-        return Transitions(self.observations[:-1], self.inputs, self.observations[1:])
+        """The rows (state, input, next state): states as observed, or else as smoothed."""
+        return Transitions(self._known[:-1], self.inputs, self._known[1:])
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,18 @@ from types import ModuleType
 
 from mcpilco import batched
 from mcpilco.config import Config
+from mcpilco.estimator import LinearObserver
 from mcpilco.rollout import RolloutFunction, rollout
-from mcpilco.typing import Dynamics, Policy, UncertainDynamics
+from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)
 
 
 def rollout_of(
-    config: Config, dynamics: Dynamics | UncertainDynamics, policy: Policy
+    config: Config,
+    dynamics: Dynamics | UncertainDynamics,
+    policy: Policy,
+    observer: Observer | None = None,
 ) -> RolloutFunction:
     """The fastest rollout there is for this model and policy; all compute the same.
 
@@ -23,8 +27,12 @@ def rollout_of(
         config: its engine `eager` asks for the plain rollout always, which knows one precision.
         dynamics: the model.
         policy: the policy.
+        observer: what it acts behind, where states are measured in part; the compiled loops know
+            linear estimators.
     """
     fast = None if config.engine == "eager" else _fastest()
+    if observer is not None and (fast is batched or type(observer) is not LinearObserver):
+        fast = None
     if fast is None or not fast.supports(dynamics, policy):
         if config.precision == "float32":
             logger.warning("This model and policy are rolled out in plain torch, in float64.")

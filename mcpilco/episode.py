@@ -33,6 +33,7 @@ def run_episode(
     dt: float,
     seed: int | None = None,
     options: dict[str, Any] | None = None,
+    width: int | None = None,
 ) -> Rollout:
     """Reset the env, act until the horizon or the end of the episode, and return the record.
 
@@ -43,6 +44,7 @@ def run_episode(
         dt: sampling time [s], for the record.
         seed: passed to `env.reset`.
         options: passed to `env.reset`.
+        width: X, of the true states that the env may tell; None: as wide as its observations.
 
     Raises:
         BrokenEpisodeError: the env raised, or returned a value that is not finite or of another
@@ -53,7 +55,7 @@ def run_episode(
     assert isinstance(space, gym.spaces.Box), "mcpilco.contract has checked it"
     with _blamed(step=0):
         observation, info = env.reset(seed=seed, options=options)
-        record = _Record(dt, env.observation_space.shape, observation, info)
+        record = _Record(dt, env.observation_space.shape, observation, info, width)
     for step in range(1, horizon + 1):
         action = np.clip(act(record.seen), space.low, space.high).astype(space.dtype)
         try:
@@ -73,9 +75,15 @@ class _Record:
     """An episode so far: whole steps only."""
 
     def __init__(
-        self, dt: float, shape: tuple[int, ...] | None, observation: Any, info: Mapping[str, Any]
+        self,
+        dt: float,
+        shape: tuple[int, ...] | None,
+        observation: Any,
+        info: Mapping[str, Any],
+        width: int | None,
     ) -> None:
         self._dt, self._shape = dt, shape
+        self._state_shape = shape if width is None else (width,)
         self._observations = [_checked(observation, shape, "observation", 0)]
         self._states = [self._true_state(info)]
         self._inputs: list[np.ndarray] = []
@@ -102,11 +110,11 @@ class _Record:
         self._rewards.append(reward)
 
     def _true_state(self, info: Mapping[str, Any]) -> np.ndarray | None:
-        """`info["state"]`; None where it is absent, or is not made like an observation."""
+        """`info["state"]`; None where it is absent, or has another shape."""
         state = info.get("state")
-        if state is None or np.shape(state) != self._shape:
+        if state is None or np.shape(state) != self._state_shape:
             return None
-        return _checked(state, self._shape, 'info["state"]', len(self._observations))
+        return _checked(state, self._state_shape, 'info["state"]', len(self._observations))
 
     def rollout(self, whole: bool = True) -> Rollout:
         """The record; what breaks off is no success."""

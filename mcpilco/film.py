@@ -66,7 +66,8 @@ class Film:
         self._reels = reels
         self._live = live
         self._start_s, self._first = 0.0, 0
-        self._colors: Sequence[Colors] = (Colors(observed=None),) if len(reels) == 1 else OVERLAID
+        alone = (Colors(observed=None, estimated=None),)
+        self._colors: Sequence[Colors] = alone if len(reels) == 1 else OVERLAID
         _require_one_system(reels)
 
     def add(self, trials: Sequence[PastTrial | None]) -> None:

@@ -203,22 +203,23 @@ def read_search(run: RunFolder) -> dict[int, list[float]]:
 
 def _rollout(arrays: Mapping[str, np.ndarray], task: TaskSpec) -> Rollout:
     steps, width = len(arrays["inputs"]), len(task.state_names)
-    states = arrays.get("states")
+    made = () if task.measured is None else ("estimates", "smoothed")
+    known = {name: arrays[name] for name in (*made, *({"states"} & set(arrays)))}
     prefix = "outcome."
     dt = float(arrays["dt"])
     if not (steps > 0 and 0 < dt < float("inf")):
         raise ValueError(f"it has {steps} steps of {dt} s")
     return Rollout(
         dt=dt,
-        observations=_shaped(arrays["observations"], (steps + 1, width)),
+        observations=_shaped(arrays["observations"], (steps + 1, len(task.measured_states))),
         inputs=_shaped(arrays["inputs"], (steps, len(task.input_names))),
         rewards=_shaped(arrays["rewards"], (steps,)),
-        states=None if states is None else _shaped(states, (steps + 1, width)),
         outcome={
             name.removeprefix(prefix): float(value)
             for name, value in arrays.items()
             if name.startswith(prefix)
         },
+        **{name: _shaped(array, (steps + 1, width)) for name, array in known.items()},
     )
 
 
@@ -227,7 +228,7 @@ def _prediction(arrays: Mapping[str, np.ndarray], rollout: Rollout) -> Predictio
     steps, particles = arrays["costs"].shape
     if not (steps and particles):
         raise ValueError("it holds no particles")
-    width, inputs = rollout.observations.shape[1], rollout.inputs.shape[1]
+    width, inputs = rollout.shown_states.shape[1], rollout.inputs.shape[1]
     return Prediction(
         states=_shaped(arrays["states"], (steps + 1, particles, width)),
         inputs=_shaped(arrays["inputs"], (steps, particles, inputs)),

@@ -7,11 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from mcpilco.archive import write_arrays
+from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians
 from mcpilco.task import TaskSpec
 
 
-def write_policy(path: str | Path, policy: SumOfGaussians, task: TaskSpec) -> Path:
+def write_policy(
+    path: str | Path,
+    policy: SumOfGaussians,
+    task: TaskSpec,
+    perception: Perception | None = None,
+) -> Path:
     """Write what a policy computes with, and what its numbers mean; returns the path.
 
     Of states x with angles q and other components p the policy answers, within its bounds,
@@ -26,6 +32,9 @@ def write_policy(path: str | Path, policy: SumOfGaussians, task: TaskSpec) -> Pa
             an input is held [s].
         policy: what is written.
         task: of the env in which it was learned.
+        perception: what the policy acts behind, where states are measured in part; its estimator
+            is written as `estimator.A` (X, X), `estimator.C` (Y, X), `estimator.gains` (G, X, Y)
+            and `estimator.start` (X), see `mcpilco.estimator.LinearEstimator`.
 
     Raises:
         RunFolderError: the file cannot be written.
@@ -49,4 +58,7 @@ def write_policy(path: str | Path, policy: SumOfGaussians, task: TaskSpec) -> Pa
         "dt": np.array(task.dt),
     }
     arrays = {name: value.detach().numpy() for name, value in numbers.items()}
+    if perception is not None:
+        estimator = vars(perception.estimator).items()
+        arrays |= {f"estimator.{name}": value.numpy() for name, value in estimator}
     return write_arrays(Path(path), arrays | about)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from mcpilco.callbacks.base import Agent, Callback
-from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout, TrialResult
 from mcpilco.metrics import values_of
+from mcpilco.reward_cost import costs_of
 from mcpilco.run_folder import RunFolder, write_json
 from mcpilco.task import TaskSpec
 
@@ -49,17 +49,20 @@ class Recorder(Callback):
         self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout, self._agent.task))
         path = self.run.recording_path(0)
         self._record(path.with_stem(path.stem + suffix), f"exploration{suffix}", rollout, None, {})
-        self._agent.save(self.run.agent_path)
+        known = self._agent.transitions
+        if known is None or len(known) == len(rows):  # else another rollout follows
+            self._agent.save(self.run.agent_path)
 
     def on_trial_end(self, result: TrialResult) -> None:
         """Writes all that the trial brought."""
-        policy = self._agent.policy.state_dict()
+        policy, perception = self._agent.policy.state_dict(), self._agent.perception
         arrays = {
             "transitions": vars(result.rollout.transitions()),
             "rollout": _rollout_arrays(result.rollout, self._agent.task),
             "particles": {} if result.prediction is None else vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
             "gp": self._agent.model.gp.to_arrays(),
+            "perception": {} if perception is None else perception.to_arrays(),
         }
         for name, content in arrays.items():
             if content:
@@ -121,8 +124,9 @@ def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:
         "observations": rollout.observations,
         "inputs": rollout.inputs,
         "rewards": rollout.rewards,
-        "costs": costs_along(task.cost, rollout.shown_states[1:], rollout.inputs),
+        "costs": costs_of(task.cost, rollout),
     }
-    if rollout.states is not None:
-        arrays["states"] = rollout.states
+    for name in ("states", "estimates", "smoothed"):
+        if getattr(rollout, name) is not None:
+            arrays[name] = getattr(rollout, name)
     return arrays | {f"outcome.{key}": np.array(value) for key, value in rollout.outcome.items()}

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.dropout import Dropout
-from mcpilco.typing import Cost, Dynamics, Policy, UncertainDynamics, WidenableCost
+from mcpilco.typing import Cost, Dynamics, Observer, Policy, UncertainDynamics, WidenableCost
 
 
 @dataclass(frozen=True)
@@ -28,27 +28,48 @@ class Particles:
     """what the policy answered before each step"""
 
 
+@dataclass(frozen=True)
+class Sensing:
+    """How the particles of a rollout are seen where states are measured in part."""
+
+    observer: Observer
+    """a sensor, and the estimator behind it"""
+    noise: Float[Tensor, "T P Y"]
+    """standard normal numbers of the measurements"""
+
+
 def rollout(
     dynamics: Dynamics,
     policy: Policy,
     start: Float[Tensor, "P X"],
     noise: Float[Tensor, "T P E"],
     dropout: Dropout | None = None,
+    sensing: Sensing | None = None,
 ) -> Particles:
     """The particles' trajectories; gradients flow to the policy's parameters.
 
+    The policy sees the particles' states without measurement noise. With `sensing` it sees what an
+    estimator makes of noisy measurements, as it will on the system: each particle is measured, and
+    carries what the estimator remembers of it. So a policy learns to live with noise and delay.
+
     Args:
         dynamics: the model.
-        policy: the policy, which sees the particles' states without measurement noise.
+        policy: the policy.
         start: states at time 0.
         noise: standard normal numbers, one row a step: its length is the horizon.
         dropout: mask of the policy's bases; None keeps them all.
+        sensing: what the policy acts behind; None: it sees the states.
 
-    Reference: thesis section 5.4.1.
+    Reference: thesis section 5.4.1; with `sensing`, Amadio et al., IEEE Transactions on Robotics
+    38 (6), 2022 (MC-PILCO4PMS).
     """
     states, inputs = [start], []
+    memory = start[:, :0] if sensing is None else sensing.observer.begin(len(start))
     for step, normal in enumerate(noise):
-        inputs.append(policy(states[-1], dropout, step))
+        seen = states[-1]
+        if sensing is not None:
+            seen, memory = sensing.observer.observe(seen, sensing.noise[step], memory)
+        inputs.append(policy(seen, dropout, step))
         states.append(dynamics.step(states[-1], inputs[-1], normal))
     return Particles(torch.stack(states), torch.stack(inputs))
 
@@ -63,6 +84,7 @@ class RolloutFunction(Protocol):
         start: Float[Tensor, "P X"],
         noise: Float[Tensor, "T P E"],
         dropout: Dropout | None = None,
+        sensing: Sensing | None = None,
     ) -> Particles: ...
 
 
@@ -84,6 +106,8 @@ class Problem:
     """mean cost of a step without a policy, the measure of failure [-]"""
     rollout: RolloutFunction
     """how particles are rolled out"""
+    observer: Observer | None = None
+    """what the policy acts behind; None: it sees the states"""
 
     def particles(
         self,
@@ -98,19 +122,18 @@ class Problem:
         if isinstance(dynamics, UncertainDynamics):
             dynamics = dynamics.draw(count, generator)
         start = self.start_mean + self.start_std * normal
-        return self.rollout(dynamics, policy, start, noise, dropout)
+        if self.observer is None:
+            return self.rollout(dynamics, policy, start, noise, dropout)
+        errors = _normal(generator, self.horizon, count, self.observer.noise_dim)
+        sensing = Sensing(self.observer, errors)
+        return self.rollout(dynamics, policy, start, noise, dropout, sensing)
 
     def normals(
         self, count: int, generator: torch.Generator
     ) -> tuple[Float[Tensor, "P X"], Float[Tensor, "T P E"]]:
         """Fresh standard normal numbers for the starts and for the steps of `count` particles."""
-
-        def normal(*shape: int) -> Tensor:
-            device = generator.device
-            return torch.randn(*shape, generator=generator, dtype=torch.float64, device=device)
-
-        start = normal(count, len(self.start_mean))
-        return start, normal(self.horizon, count, self.dynamics.noise_dim)
+        start = _normal(generator, count, len(self.start_mean))
+        return start, _normal(generator, self.horizon, count, self.dynamics.noise_dim)
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""
@@ -121,3 +144,9 @@ class Problem:
     def costs(self, particles: Particles) -> Float[Tensor, "T P"]:
         """Cost of each particle at the end of each step [-]; no policy can change the start's."""
         return self.cost(particles.states[1:], particles.inputs)
+
+
+def _normal(generator: torch.Generator, *shape: int) -> Tensor:
+    """Standard normal numbers, on the generator's device."""
+    device = generator.device
+    return torch.randn(*shape, generator=generator, dtype=torch.float64, device=device)

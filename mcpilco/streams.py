@@ -25,14 +25,15 @@ class Streams:
         """Source of the random inputs of an exploration."""
         return np.random.default_rng(self._sequence(trial, _INPUTS))
 
-    def reset(self, trial: int) -> int:
-        """The seed with which the env begins the trial's episode, below 2^32."""
-        return int(self._sequence(trial, _RESET).generate_state(1)[0])
+    def reset(self, trial: int, episode: int = 0) -> int:
+        """The seed with which the env begins an episode of the trial, below 2^32."""
+        later = (episode,) if episode else ()
+        return int(self._sequence(trial, _RESET, *later).generate_state(1)[0])
 
     def search(self, trial: int) -> torch.Generator:
         """Source of the starts, particles and masks of a trial's policy search."""
         state = self._sequence(trial, _SEARCH).generate_state(1)
         return torch.Generator().manual_seed(int(state[0]))
 
-    def _sequence(self, trial: int, use: int) -> np.random.SeedSequence:
-        return np.random.SeedSequence(self.seed, spawn_key=(trial, use))
+    def _sequence(self, trial: int, *use: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=(trial, *use))

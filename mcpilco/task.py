@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from mcpilco.typing import Cost, InputError
 
 if TYPE_CHECKING:
@@ -14,17 +16,32 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
+def unknown_cost(
+    states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
+) -> Float[Tensor, "*b"]:
+    """Stands for the cost of a task that was read from a file.
+
+    Raises:
+        InputError: always.
+    """
+    raise InputError(
+        "A task that was read from a file has no cost; pass the env, or a TaskSpec with a cost."
+    )
+
+
 @dataclass(frozen=True)
 class TaskSpec:
     """Names, units and structure of the observed state, and the cost to minimise.
 
     An environment shows it as the attribute `task`; an agent reads `env.unwrapped.task`.
+    `observed` says how the state is made of an observation that is not the state itself,
+    `measured` which states it holds where it is a part of the state.
     """
 
     state_names: tuple[str, ...]
-    """one name for each observation, for example `cart_position`"""
+    """one name for each state, for example `cart_position`"""
     state_units: tuple[str, ...]
-    """one unit for each observation, for example `m/s`"""
+    """one unit for each state, for example `m/s`"""
     input_names: tuple[str, ...]
     """one name for each action"""
     input_units: tuple[str, ...]
@@ -32,15 +49,24 @@ class TaskSpec:
     dt: float
     """sampling time [s]"""
     angles: tuple[int, ...]
-    """which observations are angles [rad]; model and policy see their cosine and sine"""
+    """which states are angles [rad]; model and policy see their cosine and sine"""
     velocities: tuple[tuple[int, int], ...]
-    """pairs (position, velocity) of observations: the second is the time derivative of the first"""
+    """pairs (position, velocity) of states: the second is the time derivative of the first"""
     start_mean: tuple[float, ...]
     """mean of the state at reset, in each state's unit"""
     start_std: tuple[float, ...]
     """standard deviation of the state at reset, in each state's unit"""
-    cost: Cost
-    """differentiable cost of (states, inputs), in torch"""
+    cost: Cost | None = None
+    """differentiable cost of (states, inputs), in torch; None: learned from the rewards"""
+    observed: tuple[int | tuple[int, int], ...] = ()
+    """where each state is found in the observation: an index, or the pair (cosine, sine) of
+    indices of an angle; (): the observation is the state. See `mcpilco.observing`"""
+    measured: tuple[int, ...] | None = None
+    """which states are observed, in this order; None: all. One that is not must be the velocity of
+    one that is, and is estimated"""
+    measurement_std: tuple[float, ...] | None = None
+    """noise standard deviation of each of `measured`, in its unit; None: estimated from the first
+    recording"""
 
     def __post_init__(self) -> None:
         width = len(self.state_names)
@@ -64,9 +90,11 @@ class TaskSpec:
                 f"TaskSpec.start_std must be finite and not negative, got {self.start_std}."
             )
         self._check_structure()
+        self._check_measured()
 
     def _check_structure(self) -> None:
         width = len(self.state_names)
+        self._check_observed()
         indices = [*self.angles, *(i for pair in self.velocities for i in pair)]
         outside = [i for i in indices if not 0 <= i < width]
         if outside:
@@ -80,33 +108,83 @@ class TaskSpec:
                 f"of no other pair, got {self.velocities}; leave the pair of an acceleration out."
             )
 
+    def _check_measured(self) -> None:
+        if self.measured is None:
+            if self.measurement_std is not None:
+                raise InputError(
+                    "TaskSpec.measurement_std belongs to states measured in part; "
+                    "name them in TaskSpec.measured, or leave it out."
+                )
+            return
+        known = {*self.measured, *(v for q, v in self.velocities if q in self.measured)}
+        hidden = [name for i, name in enumerate(self.state_names) if i not in known]
+        outside = [i for i in self.measured if not 0 <= i < len(self.state_names)]
+        if outside or len(set(self.measured)) < len(self.measured) or hidden:
+            raise InputError(
+                "TaskSpec.measured must index different states, among them the position of each "
+                f"that is not measured, got {self.measured}"
+                + (f", which tells nothing of {', '.join(hidden)}." if hidden else ".")
+            )
+        stds = self.measurement_std
+        if stds is not None and not (
+            len(stds) == len(self.measured) and all(s > 0 and math.isfinite(s) for s in stds)
+        ):
+            raise InputError(
+                "TaskSpec.measurement_std must be positive and finite, one for each of the "
+                f"{len(self.measured)} measured states, got {stds}; None estimates it."
+            )
+
+    @property
+    def measured_states(self) -> tuple[int, ...]:
+        """Which states are measured, in order."""
+        return tuple(range(len(self.state_names))) if self.measured is None else self.measured
+
+    def _check_observed(self) -> None:
+        if self.observed and self.measured is not None:
+            raise InputError(
+                "TaskSpec.observed says where every state is found in the observation, and "
+                "TaskSpec.measured that some are not in it; give one of them. Where both hold, "
+                "wrap the env so that it shows the measured states themselves."
+            )
+        if self.observed and len(self.observed) != len(self.state_names):
+            raise InputError(
+                "TaskSpec.observed must say for each of the states "
+                f"{self.state_names} where it is observed, got {self.observed}."
+            )
+        pairs = [(i, where) for i, where in enumerate(self.observed) if isinstance(where, tuple)]
+        indices = [index for where in self.observed for index in np.atleast_1d(where).tolist()]
+        whole = all(isinstance(index, int) and index >= 0 for index in indices)
+        if not whole or any(len(where) != 2 for _, where in pairs):
+            raise InputError(
+                "TaskSpec.observed must hold indices of observations, or pairs of them for the "
+                f"cosine and the sine of an angle, got {self.observed}."
+            )
+        plain = [self.state_names[i] for i, _ in pairs if i not in self.angles]
+        if plain:
+            raise InputError(
+                f"TaskSpec.observed makes angles of cosines and sines, {plain}, which "
+                f"TaskSpec.angles must name too, got {self.angles}."
+            )
+
+    @property
+    def observation_width(self) -> int | None:
+        """How many numbers an observation has; None where the task names only some of them."""
+        return None if self.observed else len(self.measured_states)
+
     def to_json(self) -> dict[str, Any]:
         """Everything but the cost, which is a function."""
         return {f.name: _as_list(getattr(self, f.name)) for f in fields(self) if f.name != "cost"}
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> TaskSpec:
-        """The task of `to_json`, with a cost that says that it is not known.
+    def from_json(cls, values: Mapping[str, Any], cost: Cost | None = unknown_cost) -> TaskSpec:
+        """The task of `to_json`, with a cost that says that it is not known, or the one given.
 
         Raises:
             InputError: the entries do not fit one another.
             TypeError: an entry is missing, unknown or of another type.
         """
         entries = {name: _as_tuple(value) for name, value in values.items()}
-        return cls(**entries, cost=unknown_cost)
-
-
-def unknown_cost(
-    states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
-) -> Float[Tensor, "*b"]:
-    """Stands for the cost of a task that was read from a file.
-
-    Raises:
-        InputError: always.
-    """
-    raise InputError(
-        "A task that was read from a file has no cost; pass the env, or a TaskSpec with a cost."
-    )
+        return cls(**entries, cost=cost)
 
 
 def _as_list(value: Any) -> Any:

@@ -84,6 +84,29 @@ class UncertainDynamics(Protocol):
 
 
 @runtime_checkable
+class Observer(Protocol):
+    """What a rollout needs of a sensor and the estimator behind it."""
+
+    @property
+    def noise_dim(self) -> int:
+        """How many standard normal numbers one measurement consumes."""
+        ...
+
+    def begin(self, *batch: int) -> Float[Tensor, "*b M"]:
+        """What is remembered before the first measurement of an episode."""
+        ...
+
+    def observe(
+        self,
+        states: Float[Tensor, "*b X"],
+        noise: Float[Tensor, "*b Y"],
+        memory: Float[Tensor, "*b M"],
+    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
+        """What a policy is told of the states, and what to remember for the next step."""
+        ...
+
+
+@runtime_checkable
 class Cost(Protocol):
     """What is minimised: one number for each state and input."""
 

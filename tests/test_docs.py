@@ -44,7 +44,7 @@ SMALL = Config(
 )
 RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
-ELSEWHERE = re.compile(r"pendulum|RUN|--help|CartPole-v9")
+ELSEWHERE = re.compile(r"pendulum|balance|RUN|--help|CartPole-v9")
 """in commands with a test of their own, in patterns, and in the one that shows an error"""
 
 WITH_MY_ENV = ("my_env.py", "check.py")
@@ -73,7 +73,9 @@ def commands(page: Path) -> list[list[str]]:
     found = []
     for line in shell_lines(page):
         match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|sweep|view|report|doctor)\b.*)", line
+            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|sweep|view|report|check-env|doctor)"
+            r"\b.*)",
+            line,
         )
         if match:
             found.append(shlex.split(match[1], comments=True))
@@ -136,6 +138,29 @@ def test_the_page_on_own_envs_trains_and_evaluates(my_env: Any, small_presets: N
     for arguments in own:
         assert mcpilco.cli.main(arguments) == 0
     assert Path("pendulum/summary.json").exists()
+
+
+def test_the_page_on_others_envs_is_followed_word_by_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    page = ROOT / "docs" / "other-envs.md"
+    blocks = re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```$', text(page), re.M | re.S)
+    for title, block in blocks:
+        (tmp_path / title).write_text(block, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    without_mujoco = find_spec("imageio") is None  # Gymnasium's own extra
+    for arguments in commands(page):
+        if without_mujoco and re.search("Inverted|balance", " ".join(arguments)):
+            continue
+        assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
+
+
+def test_the_files_of_that_page_are_those_that_were_measured() -> None:
+    page, cases = ROOT / "docs" / "other-envs.md", ROOT / "runs" / "other_envs"
+    blocks = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```$', text(page), re.M | re.S))
+    assert blocks["balance.py"] == text(cases / "balance.py")
+    measured = tomllib.loads(text(cases / "pendulum.toml"))
+    assert tomllib.loads(blocks["turning.toml"]) == measured
 
 
 def test_the_pendulum_of_the_page_needs_more_than_one_push(my_env: Any) -> None:

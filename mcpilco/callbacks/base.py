@@ -18,6 +18,7 @@ class Agent(Protocol):
     task: TaskSpec
     policy: Any
     model: Any
+    perception: Any
     transitions: Transitions | None
     results: list[TrialResult]
     config: Any

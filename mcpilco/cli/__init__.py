@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import tyro
 
+from mcpilco.cli.check_env import CheckEnv
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
@@ -37,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            Train | Evaluate | Export | Sweep | Record | Gap | View | Report | Doctor,
+            (Train | Evaluate | Export | Sweep | Record | Gap | View | Report | CheckEnv | Doctor),
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

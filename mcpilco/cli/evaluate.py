@@ -31,6 +31,8 @@ class Evaluate:
     """of the rollouts; they differ from those of the training for every value"""
     trial: Annotated[int | None, optional("INT", "the last")] = None
     """whose policy"""
+    horizon: Annotated[int | None, optional("INT", "that of the training")] = None
+    """steps of a rollout"""
     json: bool = False
     """print one JSON object instead of a table"""
 
@@ -44,13 +46,15 @@ class Evaluate:
             raise InputError(f"--episodes must be at least 1, got {self.episodes}.")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}.")
+        if self.horizon is not None and self.horizon < 1:
+            raise InputError(f"--horizon must be at least 1, got {self.horizon}.")
         use_one_thread()
 
         from mcpilco.run_folder import RunFolder
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)
-        env = open_run_env(run)
+        env = open_run_env(run, self._keywords(run.config["env_kwargs"]))
         with contextlib.closing(env):
             agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
@@ -66,6 +70,13 @@ class Evaluate:
             _print_table(report)
         return 0
 
+    def _keywords(self, trained: Mapping[str, Any]) -> dict[str, Any]:
+        """To make the env with: its time limit must not be below the steps asked for."""
+        if self.horizon is None:
+            return dict(trained)
+        limit = max(self.horizon, trained.get("max_episode_steps") or 0)
+        return {**trained, "max_episode_steps": limit}
+
     def _measure(self, agent: Any, training_seed: int) -> dict[str, list[float]]:
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
@@ -77,8 +88,8 @@ class Evaluate:
         for seed in seeds:
             rollout = run_episode(
                 agent.env,
-                lambda observation: agent.predict(observation, deterministic=True)[0],
-                agent.horizon,
+                agent.controller(),
+                self.horizon or agent.horizon,
                 agent.task.dt,
                 seed=int(seed),
             )

@@ -35,6 +35,6 @@ class Export:
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)
         agent = agent_of(run, trial)
-        path = write_policy(self.file, agent.policy, agent.task)
+        path = write_policy(self.file, agent.policy, agent.task, agent.perception)
         print(f"Policy of trial {trial}: {path}")
         return 0

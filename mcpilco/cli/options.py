@@ -11,6 +11,13 @@ RunPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
 """a run folder, without a flag"""
 
 
+TaskPath = Annotated[
+    Path | None,
+    tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: what the env shows, or a guess)"),
+]
+"""file of a task: .py, .toml or .json"""
+
+
 def optional(metavar: str, default: str) -> object:
     """Annotation of an argument that may be None; `default` says what is taken then."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")

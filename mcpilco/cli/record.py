@@ -108,7 +108,9 @@ class Record:
         """
         from mcpilco.contract import input_bounds, task_of
 
-        task = task_of(env, None)
+        agent = None if run is None else agent_of(run, finished_trial(run, None))
+        shown = getattr(env.unwrapped, "task", None)
+        task = task_of(env, agent.task if agent is not None and shown is None else None)
         low, high = input_bounds(env)
         steps = round(self.seconds / self.rollouts / task.dt)
         if steps < FEWEST:
@@ -116,7 +118,7 @@ class Record:
                 f"--seconds must leave each rollout at least {FEWEST} steps of {task.dt:g} s, got "
                 f"{self.seconds:g} s for {self.rollouts} of them; record for longer."
             )
-        act = _actor(self.policy, run, task, low, high, steps)
+        act = _actor(self.policy, run, agent, task, low, high, steps)
         return self._rollouts(env, task, act, steps, paths)
 
     def _rollouts(
@@ -125,13 +127,14 @@ class Record:
         import numpy as np
 
         from mcpilco.episode import run_episode
+        from mcpilco.observing import state_view
         from mcpilco.recordings import from_rollout
 
-        seeds = np.random.SeedSequence(self.seed).spawn(len(paths))
+        view, seeds = state_view(env, task), np.random.SeedSequence(self.seed).spawn(len(paths))
         for path, seed in zip(paths, seeds, strict=True):
             rng = np.random.default_rng(seed)
             reset_seed = int(rng.integers(2**31))
-            rollout = run_episode(env, act(rng), steps, task.dt, seed=reset_seed)
+            rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
             yield path, from_rollout(path.stem, rollout, task)
 
 
@@ -146,10 +149,11 @@ def _run(policy: str) -> Any:
     return RunFolder.open(policy)
 
 
-def _actor(policy: str, run: Any, task: Any, low: Any, high: Any, steps: int) -> Any:
+def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, steps: int) -> Any:
     """From random numbers to a policy for one rollout."""
     import numpy as np
 
+    from mcpilco.controller import Controller, remembering
     from mcpilco.excitation import excitation
 
     def excite(rng: np.random.Generator) -> Callable[[Any], Any]:
@@ -159,16 +163,16 @@ def _actor(policy: str, run: Any, task: Any, low: Any, high: Any, steps: int) ->
     def draw(rng: np.random.Generator) -> Callable[[Any], Any]:
         return lambda observation: rng.uniform(low, high)
 
-    if run is None:
+    if agent is None:
         return excite if policy == "excitation" else draw
-    agent = agent_of(run, finished_trial(run, None))
     if (agent.task.state_names, agent.task.input_names) != (task.state_names, task.input_names):
         raise EnvError(
             f"The policy in {run.path} expected the states {', '.join(agent.task.state_names)} and "
             f"the inputs {', '.join(agent.task.input_names)}, got an env with "
             f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
         )
-    return lambda rng: lambda observation: agent.predict(observation, deterministic=True)[0]
+    controller = Controller(agent.policy, agent.perception)
+    return lambda rng: remembering(controller.answer)
 
 
 def _make_folder(folder: Path, paths: list[Path]) -> None:

@@ -8,21 +8,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mcpilco.cli.system import open_run_env
+from mcpilco.cli.system import given_task, open_run_env
 from mcpilco.typing import InputError, RunFolderError
 
 
 @contextlib.contextmanager
-def reopened(path: Path, trials: int | None) -> Iterator[tuple[Any, Any]]:
+def reopened(path: Path, trials: int | None, task: Path | None = None) -> Iterator[tuple[Any, Any]]:
     """The run folder, as it was at the end of its last finished trial, and the agent of that time.
 
     Args:
         path: of the run folder.
         trials: policies that the run shall have in the end; None: as many as it was begun with.
+        task: the file that it was begun with, if any; the run names it, and nothing that a run
+            names is executed.
 
     Raises:
         RunFolderError: the run cannot be read, or has ended.
-        InputError: it has more trials already.
+        InputError: it has more trials already, or was begun with a task's file.
         EnvError: its env cannot be made.
     """
     from mcpilco.run_folder import READABLE, RunFolder
@@ -33,8 +35,13 @@ def reopened(path: Path, trials: int | None) -> Iterator[tuple[Any, Any]]:
             f"{path} was recorded by an older mcpilco, which drew other random numbers, so it "
             "cannot be resumed; it can be viewed, evaluated and exported. Train anew instead."
         )
+    if task is None and "task" in run.config:
+        raise InputError(
+            f"{path} was begun with --task {run.config['task']}; pass that file again, for none "
+            "that a run folder names is executed."
+        )
     with run.writing(), contextlib.closing(open_run_env(run)) as env:
-        agent = _agent(run, env)
+        agent = _agent(run, env, given_task(task))
         planned = run.config["trials"] if trials is None else trials
         if planned < agent.trials or (planned == agent.trials and run.summary() is not None):
             raise InputError(
@@ -48,7 +55,7 @@ def reopened(path: Path, trials: int | None) -> Iterator[tuple[Any, Any]]:
         yield run, agent
 
 
-def _agent(run: Any, env: Any) -> Any:
+def _agent(run: Any, env: Any, task: Any) -> Any:
     """The agent after the last finished trial; a new one where nothing was measured yet."""
     from mcpilco.agent import MCPILCO
     from mcpilco.config import Config, from_dict
@@ -58,8 +65,8 @@ def _agent(run: Any, env: Any) -> Any:
     except InputError as error:
         raise RunFolderError(f"{run.path / 'config.json'} is damaged: {error}") from error
     if not run.agent_path.exists():
-        return MCPILCO("SumOfGaussians", env, config=config, seed=seed)
-    agent = MCPILCO.load(run.agent_path, env)
+        return MCPILCO("SumOfGaussians", env, config=config, seed=seed, task=task)
+    agent = MCPILCO.load(run.agent_path, env, task=task)
     if (agent.config, agent.seed) != (config, seed):
         raise RunFolderError(
             f"{run.agent_path} is of another run than config.json beside it: their numbers or "

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import numbers, open_env, use_one_thread
+from mcpilco.cli.options import TaskPath, optional
+from mcpilco.cli.system import given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -48,6 +48,12 @@ class Sweep:
     """most seeds that search together on the device"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
+    task: TaskPath = None
+    """what to know of the env, where it does not show it"""
+    fresh_horizon: Annotated[int | None, optional("INT", "that of the training")] = None
+    """steps of a fresh rollout"""
+    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
+    """steps of random inputs at first; several rollouts, where they end early"""
     quiet: bool = False
     """show no progress"""
 
@@ -59,14 +65,23 @@ class Sweep:
         """
         seeds = parse_seeds(self.seeds)
         self._check_engine()
-        config, env_kwargs = numbers(self.preset, self.env, self.horizon)
+        config, env_kwargs = numbers(self.preset, self.env, self.horizon, self.exploration)
         self._check(config, env_kwargs)
 
         from mcpilco.sweep import Settings, SweepFolder, sweep
 
         # `module:Id` tells each process, on whatever machine, where the env is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
-        settings = Settings(env, env_kwargs, self.preset, config, self.trials, self.fresh)
+        settings = Settings(
+            env,
+            env_kwargs,
+            self.preset,
+            config,
+            self.trials,
+            self.fresh,
+            None if self.task is None else str(self.task),
+            self.fresh_horizon,
+        )
         engine = self._engine()
         done = SweepFolder(self.out, settings).results().keys() & set(seeds)
         try:
@@ -91,7 +106,7 @@ class Sweep:
 
         use_one_thread()
         with contextlib.closing(open_env(self.env, env_kwargs)) as env:
-            MCPILCO("SumOfGaussians", env, config=config)
+            MCPILCO("SumOfGaussians", env, config=config, task=given_task(self.task))
 
     def _engine(self) -> Any:
         from mcpilco.sweep import BatchEngine, LocalEngine, RayEngine

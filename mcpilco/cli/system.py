@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mcpilco.agent import MCPILCO
     from mcpilco.config import Config
     from mcpilco.run_folder import RunFolder
+    from mcpilco.task import TaskSpec
 
 
 def use_one_thread() -> None:
@@ -33,13 +34,25 @@ def use_one_thread() -> None:
     threadpool_limits(1)
 
 
-def numbers(preset_name: str, env_id: str, horizon: int | None) -> tuple[Config, dict[str, Any]]:
-    """The agent's configuration and the env's keywords, of a preset and a horizon in steps."""
+def numbers(
+    preset_name: str, env_id: str, horizon: int | None, exploration: int | None = None
+) -> tuple[Config, dict[str, Any]]:
+    """The agent's configuration and the env's keywords, of a preset.
+
+    Args:
+        preset_name: of `mcpilco.config.PRESETS`.
+        env_id: of the env.
+        horizon: of a rollout [steps]; None: the env's time limit.
+        exploration: random inputs at first [steps]; None: one rollout.
+    """
     preset = PRESETS[preset_name]
     env_kwargs = preset.keywords(env_id)
+    config = preset.config
+    if exploration is not None:
+        config = dataclasses.replace(config, exploration=exploration)
     if horizon is None:
-        return preset.config, env_kwargs
-    config = dataclasses.replace(preset.config, horizon=horizon)
+        return config, env_kwargs
+    config = dataclasses.replace(config, horizon=horizon)
     return config, {**env_kwargs, "max_episode_steps": horizon}
 
 
@@ -58,8 +71,12 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     return make_env(env_id, **kwargs)
 
 
-def open_run_env(run: RunFolder) -> gym.Env:
+def open_run_env(run: RunFolder, kwargs: Mapping[str, Any] | None = None) -> gym.Env:
     """The env that a run was trained in; code that lies in the run folder itself is not executed.
+
+    Args:
+        run: names the env.
+        kwargs: to make it with; None: those of the training.
 
     Raises:
         RunFolderError: the env's module lies in the run folder.
@@ -74,7 +91,18 @@ def open_run_env(run: RunFolder) -> gym.Env:
                 f"{run.path} names the env {env_id!r}, whose module would be taken from the run "
                 "folder itself, where nothing is executed; move the module out, if you trust it."
             )
-    return open_env(env_id, run.config["env_kwargs"])
+    return open_env(env_id, run.config["env_kwargs"] if kwargs is None else kwargs)
+
+
+def given_task(path: Path | None) -> TaskSpec | None:
+    """The task in the file that the user names, if any; Python in it is executed.
+
+    Raises:
+        InputError: the file holds no task.
+    """
+    from mcpilco.task_file import load_task
+
+    return None if path is None else load_task(path)
 
 
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
@@ -105,7 +133,7 @@ def finished_trial(run: RunFolder, asked: int | None) -> int:
 
 
 def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
-    """The run's agent with the policy of one trial.
+    """The run's agent with the policy of one trial, and the estimator that it was learned behind.
 
     Raises:
         RunFolderError: a file is missing or damaged, or the files do not belong together.
@@ -117,7 +145,9 @@ def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
     agent = MCPILCO.load(run.agent_path, env)
     try:
         load_policy(agent.policy, run.read_arrays(trial, "policy"))
+        if agent.perception is not None:
+            agent.perception.load_arrays(run.read_arrays(trial, "perception"))
     except ValueError as error:
-        path = run.arrays_path(trial, "policy")
-        raise RunFolderError(f"{path} is not a policy of this agent: {error}") from error
+        path = run.arrays_path(trial, "policy").parent
+        raise RunFolderError(f"{path} holds no policy of this agent: {error}") from error
     return agent

@@ -17,8 +17,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import numbers, open_env, use_one_thread
+from mcpilco.cli.options import TaskPath, optional
+from mcpilco.cli.system import given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
 
@@ -44,6 +44,10 @@ class Train:
     """run folder to make"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
+    task: TaskPath = None
+    """what to know of the env, where it does not show it"""
+    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
+    """steps of random inputs at first; several rollouts, where they end early"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -71,10 +75,11 @@ class Train:
         from mcpilco.agent import MCPILCO
         from mcpilco.run_folder import RunFolder
 
-        config, env_kwargs = numbers(self.preset, self.env, self.horizon)
+        config, env_kwargs = numbers(self.preset, self.env, self.horizon, self.exploration)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):
-            agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed)
+            task = given_task(self.task)
+            agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed, task=task)
             run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
             with run.writing():
                 return self._learn(agent, run)
@@ -84,25 +89,24 @@ class Train:
         from mcpilco.cli.resume import reopened
 
         given = dataclasses.replace(
-            self, resume=None, trials=None, quiet=False, tensorboard=False, live=False
+            self, resume=None, task=None, trials=None, quiet=False, tensorboard=False, live=False
         )
         if given != Train():
             raise InputError(
                 "--resume takes env, preset, seed, horizon and folder from the run; "
-                "beside it stand only --trials, --quiet, --tensorboard and --live."
+                "beside it stand only --task, --trials, --quiet, --tensorboard and --live."
             )
         assert self.resume is not None
-        with reopened(self.resume, self.trials) as (run, agent):
+        with reopened(self.resume, self.trials, self.task) as (run, agent):
             return self._learn(agent, run)
 
     def _learn(self, agent: Any, run: Any) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
         rest = run.config["trials"] - len(run.finished_trials())
-        episodes = rest + (agent.transitions is None)
         try:
             with self._watched(run), self._callbacks(run) as callbacks:
                 if rest:
-                    agent.learn(episodes * agent.horizon, callback=callbacks)
+                    agent.learn(agent.timesteps_of(rest), callback=callbacks)
                 else:  # it was stopped after its last trial
                     from mcpilco.callbacks import as_callback
 
@@ -137,6 +141,7 @@ class Train:
             "seed": self.seed,
             "trials": _TRIALS if self.trials is None else self.trials,
             "config": dataclasses.asdict(config),
+            **({} if self.task is None else {"task": str(self.task)}),
         }
 
     @contextlib.contextmanager

@@ -5,7 +5,8 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
-from mcpilco.fused.policy import activate
+from mcpilco.fused.observer import clear, through_estimate
+from mcpilco.fused.policy import activate, augment
 from mcpilco.fused.tiles import add_product
 from mcpilco.sources import digest
 
@@ -66,9 +67,9 @@ def _through_policy(inputs, jacobian, policy, values, adjoint):
 
 
 @njit(**PLAIN)
-def _through_augmentation(policy, values, adjoint):
+def _through_augmentation(policy, values, z, current):
     """From z to the state, which is added to."""
-    z, current, plain, angles = adjoint.z, adjoint.current, policy.plain, policy.angles
+    plain, angles = policy.plain, policy.angles
     for d in range(plain.size):
         for p in range(z.shape[1]):
             current[plain[d], p] += z[d, p]
@@ -89,9 +90,11 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
+        observer,
         trace,
         memory,
         adjoint,
+        observer_memory,
         moments,
     ):
         """Adjoints of particles, last step first; adds up the policy's moments.
@@ -102,6 +105,9 @@ def _compiled(sources: str):
             lambda_t = dc/dx_t + A^T lambda_{t+1}
                        + (dz/dx)^T (J_z^T B^T lambda_{t+1} + (du/dz)^T mu_t)
             mu_t     = dc/du_t + J_u^T B^T lambda_{t+1}
+
+        Where the policy acts on estimates, (du/dz)^T mu_t goes through them instead: to the states
+        that were measured, and to the estimates of the step before.
 
         The activations are computed anew, which takes less time than to store them.
 
@@ -114,17 +120,29 @@ def _compiled(sources: str):
         for first in range(start, stop, width):
             last = first + width
             _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
+            if observer.start.size:
+                clear(observer_memory.expected)
             for t in range(len(gradient_inputs) - 1, -1, -1):
                 _copy(adjoint.current, adjoint.following)
                 _copy(gradient_states[t, :, first:last], adjoint.current)
                 _copy(gradient_inputs[t, :, first:last], adjoint.mu)
-                activate(trace.states[t, :, first:last], first, t, mask, policy, memory)
+                activate(trace.seen[t, :, first:last], first, t, mask, policy, memory)
                 jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
                 _through_model(jacobian[:, :, first:last], frozen, model, adjoint)
+                if observer.start.size:
+                    augment(trace.states[t, :, first:last], policy, observer_memory.z)
+                    z, current = adjoint.z, adjoint.current
+                    _through_augmentation(policy, observer_memory.z, z, current)
+                    clear(z)
                 inputs, jacobian = trace.inputs[t], trace.input_jacobians[t]
                 inputs, jacobian = inputs[:, first:last], jacobian[:, :, first:last]
                 _through_policy(inputs, jacobian, policy, memory.z, adjoint)
-                _through_augmentation(policy, memory.z, adjoint)
+                if observer.start.size:
+                    clear(observer_memory.estimates)
+                    _through_augmentation(policy, memory.z, adjoint.z, observer_memory.estimates)
+                    through_estimate(observer, t, observer_memory, adjoint.current)
+                else:
+                    _through_augmentation(policy, memory.z, adjoint.z, adjoint.current)
                 add_product(memory.phi, adjoint.columns, moments)
 
     return backward

@@ -11,12 +11,13 @@ from torch import Tensor
 
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
+from mcpilco.estimator import LinearObserver
 from mcpilco.fused import layout
 from mcpilco.fused.backward import backward
 from mcpilco.fused.forward import forward
 from mcpilco.fused.policy import differentiate, prepare
 from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Particles
+from mcpilco.rollout import Particles, Sensing
 
 
 def rollout(
@@ -25,6 +26,7 @@ def rollout(
     start: Float[Tensor, "P X"],
     noise: Float[Tensor, "T P E"],
     dropout: Dropout | None = None,
+    sensing: Sensing | None = None,
     single: bool = False,
 ) -> Particles:
     """The particles' trajectories; equal to `mcpilco.rollout.rollout`, gradients included.
@@ -35,11 +37,13 @@ def rollout(
         start: states at time 0.
         noise: standard normal numbers.
         dropout: mask of the policy's bases; None keeps them all.
+        sensing: what the policy acts behind, of a linear estimator; None: it sees the states.
         single: compute in float32; states, inputs and gradients are float64 all the same.
     """
     dtype = np.float32 if single else np.float64
     learned = policy.centres, policy.log_lengthscale, policy.weights
-    return Particles(*_Rollout.apply(dynamics, policy, dropout, dtype, start, noise, *learned))
+    arguments = dynamics, policy, dropout, sensing, dtype, start, noise
+    return Particles(*_Rollout.apply(*arguments, *learned))
 
 
 _model_arrays = functools.lru_cache(maxsize=4)(layout.model_arrays)
@@ -50,6 +54,16 @@ def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layo
         return layout.Mask(np.zeros(steps, dtype=np.uint32), 0, np.ones(1, dtype=dtype))
     scale = np.array([dropout.scale], dtype=dtype)
     return layout.Mask(dropout.keys(steps), dropout.threshold, scale)
+
+
+def _observer(
+    sensing: Sensing | None, width: int, padded: int, dtype: type[np.floating]
+) -> layout.ObserverArrays:
+    if sensing is None:
+        return layout.observer_arrays(None, None, width, dtype)
+    assert isinstance(sensing.observer, LinearObserver), "mcpilco.engine has made sure"
+    noise = _particles_last(sensing.noise, padded, dtype)
+    return layout.observer_arrays(sensing.observer, noise, width, dtype)
 
 
 def _particles_last(array: Float[Tensor, "*b P C"], padded: int, dtype: type) -> np.ndarray:
@@ -64,26 +78,32 @@ class _Rollout(torch.autograd.Function):
     """(policy parameters) -> (states, inputs)."""
 
     @staticmethod
-    def forward(ctx, dynamics, policy, dropout, dtype, start, noise, centres, log_scale, weights):
+    def forward(
+        ctx, dynamics, policy, dropout, sensing, dtype, start, noise, centres, log_scale, weights
+    ):
         model, controller = _model_arrays(dynamics, dtype), layout.policy_arrays(policy, dtype)
         prepare(centres.numpy(), log_scale.numpy(), weights.numpy(), controller)
         steps, particles, outputs = noise.shape
         _, count = weights.shape
         z_width = centres.shape[1]
         padded = layout.padded(particles, dtype)
+        observer = _observer(sensing, start.shape[1], padded, dtype)
+        path = np.empty((steps + 1, start.shape[1], padded), dtype)
         trace = layout.Trace(
-            states=np.empty((steps + 1, start.shape[1], padded), dtype),
+            states=path,
             inputs=np.empty((steps, count, padded), dtype),
             delta_jacobians=np.empty((steps, outputs, z_width + count, padded), dtype),
             input_jacobians=np.empty((steps, count, z_width, padded), dtype),
             frozen=np.empty((steps, padded), dtype=np.uint8),
+            seen=path if sensing is None else np.empty_like(path[1:]),
         )
         trace.states[0] = _particles_last(start, padded, dtype)
         mask, noise = _mask(dropout, steps, dtype), _particles_last(noise, padded, dtype)
         for first, last, width in layout.blocks(particles, dtype):
             memory = layout.policy_memory(controller, width), layout.model_memory(model, width)
-            forward(first, last, noise, mask, controller, model, trace, *memory)
-        ctx.arrays = mask, controller, model, trace
+            seeing = layout.observer_memory(observer, z_width, width)
+            forward(first, last, noise, mask, controller, model, observer, trace, *memory, seeing)
+        ctx.arrays = mask, controller, model, observer, trace
         ctx.particles = particles
         ctx.save_for_backward(centres, log_scale, weights)
         states, inputs = (
@@ -94,7 +114,7 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, gradient_states, gradient_inputs):
-        _, controller, model, trace = ctx.arrays
+        _, controller, model, observer, trace = ctx.arrays
         dtype, padded = trace.states.dtype, trace.states.shape[-1]
         count, z_width = trace.input_jacobians.shape[1:3]
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
@@ -103,8 +123,9 @@ class _Rollout(torch.autograd.Function):
         for first, last, width in layout.blocks(ctx.particles, dtype):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
-            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, moments)
+            seeing = layout.observer_memory(observer, z_width, width)
+            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, seeing, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]
         differentiate(*learned, moments, *slopes)
-        return *[None] * 6, *map(torch.from_numpy, slopes)
+        return *[None] * 7, *map(torch.from_numpy, slopes)

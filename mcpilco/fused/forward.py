@@ -9,7 +9,8 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
-from mcpilco.fused.policy import act, activate
+from mcpilco.fused.observer import estimate, expect_start
+from mcpilco.fused.policy import act, activate, augment
 from mcpilco.fused.posterior import change
 from mcpilco.sources import digest
 
@@ -54,7 +55,19 @@ def _advance(model, delta, state, following, frozen):
 
 def _compiled(sources: str):
     @njit(**OUTERMOST)
-    def forward(start, stop, noise, mask, policy, model, trace, policy_memory, model_memory):
+    def forward(
+        start,
+        stop,
+        noise,
+        mask,
+        policy,
+        model,
+        observer,
+        trace,
+        policy_memory,
+        model_memory,
+        observer_memory,
+    ):
         """Roll particles out, block by block, and fill the trace behind its first states.
 
         Particles are those from start to stop, in blocks as wide as the memory; noise: (T, E, P).
@@ -64,11 +77,21 @@ def _compiled(sources: str):
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width
+            if observer.start.size:
+                expect_start(observer, observer_memory)
             for t in range(steps):
                 state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
-                activate(state, first, t, mask, policy, policy_memory)
+                seen = trace.seen[t, :, first:last]
+                if observer.start.size:
+                    errors = observer.errors[t, :, first:last]
+                    estimate(observer, t, errors, state, observer_memory, seen)
+                activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
-                _regress(inputs, policy_memory.z, model_memory.x)
+                if observer.start.size:
+                    augment(state, policy, observer_memory.z)
+                    _regress(inputs, observer_memory.z, model_memory.x)
+                else:
+                    _regress(inputs, policy_memory.z, model_memory.x)
                 for e in range(outputs):
                     jacobian = trace.delta_jacobians[t, e, :, first:last]
                     change(e, noise[t, e, first:last], model, model_memory, jacobian)

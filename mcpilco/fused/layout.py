@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics
+from mcpilco.estimator import LinearObserver
 from mcpilco.fused.tiles import TALL, pack, strip
 from mcpilco.kernels.base import Term
 from mcpilco.policies import SumOfGaussians
@@ -95,6 +96,21 @@ class PolicyArrays(NamedTuple):
     """(3, U): centre, half range, scale"""
 
 
+class ObserverArrays(NamedTuple):
+    """A sensor and a linear estimator; without steps where the policy sees the states."""
+
+    A: np.ndarray
+    """(X, X), from an estimate to what is expected of the next step"""
+    C: np.ndarray
+    """(Y, X), from a state to its measurement"""
+    gains: np.ndarray
+    """(T, X, Y)"""
+    start: np.ndarray
+    """(X,), what is expected before any measurement"""
+    errors: np.ndarray
+    """(T, Y, P), of the measurements"""
+
+
 class Mask(NamedTuple):
     """Dropout of the policy's bases."""
 
@@ -119,6 +135,8 @@ class Trace(NamedTuple):
     """(T, U, Z, P), du / dz"""
     frozen: np.ndarray
     """(T, P), 1 where the particle stayed"""
+    seen: np.ndarray
+    """(T, X, P), what the policy acts on: estimates, or the states themselves"""
 
 
 class PolicyMemory(NamedTuple):
@@ -178,6 +196,19 @@ class ModelMemory(NamedTuple):
     """(P,), |L^-1 k|^2"""
     ratio: np.ndarray
     """(P,), eps / sd"""
+
+
+class ObserverMemory(NamedTuple):
+    """What the estimator needs for one block of particles, on the way forward or back."""
+
+    z: np.ndarray
+    """(Z, P), the augmented states where those of the policy are of estimates"""
+    expected: np.ndarray
+    """(X, P), x- of the next step, or the derivative by it"""
+    surprise: np.ndarray
+    """(Y, P), y - C x-, or the derivative by it"""
+    estimates: np.ndarray
+    """(X, P), the derivative by them"""
 
 
 class AdjointMemory(NamedTuple):
@@ -289,6 +320,30 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     )
 
 
+def observer_arrays(
+    observer: LinearObserver | None, noise: np.ndarray | None, width: int, dtype: type[np.floating]
+) -> ObserverArrays:
+    """The arrays of an observer; empty ones where there is none.
+
+    Args:
+        observer: a sensor and a linear estimator.
+        noise: its standard normal numbers, (T, Y, P).
+        width: X.
+        dtype: precision.
+    """
+    if observer is None or noise is None:
+        empty = np.zeros((0, width), dtype)
+        return ObserverArrays(empty, empty, empty[:, :, None], empty[0:0, 0], empty[:, :, None])
+    estimator = observer.estimator
+    gains = estimator.gains.numpy()
+    steps = np.minimum(np.arange(len(noise)), len(gains) - 1)
+    A, C, gains, start, std = (
+        np.ascontiguousarray(array, dtype=dtype)
+        for array in (estimator.A, estimator.C, gains[steps], estimator.start, observer.noise_std)
+    )
+    return ObserverArrays(A, C, gains, start, std[:, None] * noise)
+
+
 def rows_of(packed: np.ndarray) -> int:
     """Rows of a packed matrix, padding included."""
     return packed.shape[-3] * packed.shape[-1]
@@ -339,6 +394,15 @@ def model_memory(model: ModelArrays, width: int) -> ModelMemory:
         explained=explained,
         ratio=ratio,
     )
+
+
+def observer_memory(observer: ObserverArrays, z_width: int, width: int) -> ObserverMemory:
+    """Fresh memory for blocks of this width."""
+    states, measured = len(observer.start), len(observer.C)
+    z, expected, surprise, estimates = (
+        np.empty((rows, width), observer.A.dtype) for rows in (z_width, states, measured, states)
+    )
+    return ObserverMemory(z, expected, surprise, estimates)
 
 
 def adjoint_memory(model: ModelArrays, policy: PolicyArrays, width: int) -> AdjointMemory:

@@ -57,10 +57,9 @@ def differentiate(centres, log_scale, weights, moments, by_centres, by_log_scale
 
 
 @njit(**PLAIN)
-def _augment(state, policy, memory):
-    """z = [components that are no angle, cosines, sines], and [z / l, 1, -|z / l|^2]."""
-    plain, angles, inv_scale = policy.plain, policy.angles, policy.inv_scale
-    z, scaled, width = memory.z, memory.scaled, memory.z.shape[1]
+def augment(state, policy, z):
+    """z = [components that are no angle, cosines, sines]."""
+    plain, angles, width = policy.plain, policy.angles, z.shape[1]
     for i in range(plain.size):
         for p in range(width):
             z[i, p] = state[plain[i], p]
@@ -69,6 +68,12 @@ def _augment(state, policy, memory):
         for p in range(width):
             cosine[p] = np.cos(state[angles[i], p])
             sine[p] = np.sin(state[angles[i], p])
+
+
+@njit(**PLAIN)
+def _scale(policy, memory):
+    """[z / l, 1, -|z / l|^2]."""
+    z, scaled, inv_scale, width = memory.z, memory.scaled, policy.inv_scale, memory.z.shape[1]
     ones, squares = scaled[inv_scale.size], scaled[inv_scale.size + 1]
     for p in range(width):
         ones[p] = 1.0
@@ -107,7 +112,8 @@ def _drop(key, first, mask, words, phi):
 @njit(**PLAIN)
 def activate(state, first, step, mask, policy, memory):
     """The activations of a block of particles, dropout included; z on the way."""
-    _augment(state, policy, memory)
+    augment(state, policy, memory.z)
+    _scale(policy, memory)
     multiply(policy.centres, memory.scaled, memory.phi)
     if mask.threshold > 0:
         _drop(mask.keys[step], first, mask, memory.words, memory.phi)

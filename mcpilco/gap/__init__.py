@@ -1,4 +1,4 @@
-"""Where simulation and recordings disagree, which effect is missing, and what adding it is worth."""
+"""Where simulation and recordings disagree, what is missing, and what adding it is worth."""
 
 from mcpilco.gap.investigate import Gap, investigate
 

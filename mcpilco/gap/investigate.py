@@ -1,4 +1,4 @@
-"""The whole workflow: a plant and recordings go in, what is missing and a corrected plant come out."""
+"""The whole workflow: from a plant and recordings to what is missing, and a corrected plant."""
 
 from __future__ import annotations
 
@@ -135,8 +135,8 @@ def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
         ours = plant.layout.states, plant.layout.inputs
         if theirs != ours:
             raise InputError(
-                f"the recording {recording.name!r} must have the states and inputs of {plant.name}, "
-                f"{', '.join(ours[0] + ours[1])}, got {', '.join(theirs[0] + theirs[1])}; read it "
+                f"the recording {recording.name!r} must have the states and inputs of "
+                f"{plant.name}, {', '.join(ours[0] + ours[1])}, got {', '.join(theirs[0] + theirs[1])}; read it "
                 "with the plant's names."
             )
 

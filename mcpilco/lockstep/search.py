@@ -100,6 +100,11 @@ def _check(requests: Sequence[SearchRequest]) -> None:
             "Searches run together when they have one configuration, trial and horizon, "
             f"got {len(kinds)} kinds; answer each kind by itself."
         )
+    if any(r.problem.observer is not None for r in requests):
+        raise InputError(
+            "Seeds run together where policies see the states of the particles, got a task whose "
+            "states are measured in part and estimated; run them one by one, without a device."
+        )
     if not all(batched.supports(r.problem.dynamics, r.policy) for r in requests):
         raise InputError(
             "Seeds run together with a GP of sums and products of RBF, Linear and MPK kernels and "

@@ -12,9 +12,10 @@ from mcpilco.task import TaskSpec
 def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:
     """What the sensors and the controller logged in an episode of T steps: T + 1 samples.
 
-    Angles count turns. The last sample repeats the last input.
+    Angles count turns. The last sample repeats the last input. A state that is not measured is NaN.
     """
-    states = rollout.observations.copy()
+    states = np.full((len(rollout.observations), len(task.state_names)), np.nan)
+    states[:, list(task.measured_states)] = rollout.observations
     angles = list(task.angles)
     states[:, angles] = np.unwrap(states[:, angles], axis=0)
     return Recording(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from mcpilco.contract import make_env
 from mcpilco.episode import OUTCOMES, run_episode
 
-Act = Callable[[Float[np.ndarray, "*b X"]], Float[np.ndarray, "*b U"]]
+Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 Outcomes = dict[str, Float[np.ndarray, " M"]]
 """`return` [-] of each of M episodes, and what the env tells of `mcpilco.episode.OUTCOMES`"""
 
@@ -57,11 +57,11 @@ class FreshEpisodes:
         if self._vector is not None:
             self._vector.close()
 
-    def outcomes(self, act: Act, seed: int, trial: int) -> Outcomes:
+    def outcomes(self, begin: Callable[[], Act], seed: int, trial: int) -> Outcomes:
         """What becomes of a policy.
 
         Args:
-            act: the policy, for one observation or a batch.
+            begin: makes what acts for one episode, or for a batch that begins together.
             seed: of the training that the policy comes from.
             trial: of that training.
 
@@ -71,8 +71,8 @@ class FreshEpisodes:
         states = np.random.SeedSequence((seed, trial)).generate_state(self._episodes)
         seeds = [_BEYOND_TRAINING + int(state) for state in states]
         if self._vector is not None:
-            return batch_outcomes(self._vector, act, self._horizon, seeds[0])
-        return _single_outcomes(self._env, act, self._horizon, seeds)
+            return batch_outcomes(self._vector, begin(), self._horizon, seeds[0])
+        return _single_outcomes(self._env, begin, self._horizon, seeds)
 
 
 def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcomes:
@@ -96,9 +96,11 @@ def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcome
     return outcomes
 
 
-def _single_outcomes(env: gym.Env, act: Act, horizon: int, seeds: list[int]) -> Outcomes:
+def _single_outcomes(
+    env: gym.Env, begin: Callable[[], Act], horizon: int, seeds: list[int]
+) -> Outcomes:
     # dt dates the records, of which nothing is kept
-    rollouts = [run_episode(env, act, horizon, dt=1.0, seed=seed) for seed in seeds]
+    rollouts = [run_episode(env, begin(), horizon, dt=1.0, seed=seed) for seed in seeds]
     outcomes = {"return": np.array([float(rollout.rewards.sum()) for rollout in rollouts])}
     told = set.intersection(*(set(rollout.outcome) for rollout in rollouts))
     return outcomes | {

@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from mcpilco.callbacks import Callback
 from mcpilco.config import Config
-from mcpilco.contract import make_env
+from mcpilco.contract import make_env, task_of
 from mcpilco.data import TrialResult
 from mcpilco.run_folder import versions
 from mcpilco.sweep.fresh import FreshEpisodes
+from mcpilco.task_file import load_task
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -46,12 +45,19 @@ class Settings:
     """policies to learn from each seed"""
     fresh: int = 100
     """fresh episodes that each policy is judged by; 0 judges none"""
+    task: str | None = None
+    """file of the task, the user's own, see `mcpilco.task_file`; None: what the env shows, or a
+    guess"""
+    fresh_horizon: int | None = None
+    """most steps of a fresh episode; None: as many as of a training's"""
 
     def __post_init__(self) -> None:
         if self.trials < 1:
             raise InputError(f"trials must be at least 1, got {self.trials}.")
         if self.fresh < 0:
             raise InputError(f"fresh must not be negative, got {self.fresh}.")
+        if self.fresh_horizon is not None and self.fresh_horizon < 1:
+            raise InputError(f"fresh_horizon must be at least 1 step, got {self.fresh_horizon}.")
 
     def to_json(self) -> dict[str, Any]:
         """As JSON reads it back."""
@@ -100,14 +106,14 @@ def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
 
     with contextlib.ExitStack() as stack:
         env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))
-        agent = MCPILCO("SumOfGaussians", env, config=settings.config, seed=seed)
+        given = None if settings.task is None else load_task(settings.task)
+        task = task_of(env, given, quiet=True)
+        agent = MCPILCO("SumOfGaussians", env, config=settings.config, seed=seed, task=task)
         judge = None
         if settings.fresh:
-            judge = stack.enter_context(
-                FreshEpisodes(settings.env, settings.env_kwargs, settings.fresh, agent.horizon)
-            )
+            judge = stack.enter_context(_judge(settings, agent.horizon))
         rows = _Rows(agent, judge)
-        yield from agent.learning((settings.trials + 1) * agent.horizon, callback=rows)
+        yield from agent.learning(agent.timesteps_of(settings.trials), callback=rows)
     return {
         "format": FORMAT,
         "seed": seed,
@@ -115,6 +121,13 @@ def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
         "machine": machine(),
         "versions": versions(),
     }
+
+
+def _judge(settings: Settings, horizon: int) -> FreshEpisodes:
+    kwargs = dict(settings.env_kwargs)
+    if settings.fresh_horizon is not None:
+        horizon = kwargs["max_episode_steps"] = settings.fresh_horizon
+    return FreshEpisodes(settings.env, kwargs, settings.fresh, horizon)
 
 
 @contextlib.contextmanager
@@ -140,13 +153,10 @@ class _Rows(Callback):
         """Judges the trial's policy."""
         row = _row(result)
         if self._judge is not None:
-            outcomes = self._judge.outcomes(self._act, self._agent.seed, result.trial)
+            outcomes = self._judge.outcomes(self._agent.controller, self._agent.seed, result.trial)
             means = {name: _number(values.mean()) for name, values in outcomes.items()}
             row["p"], row["fresh_return"] = means.get("is_success"), means["return"]
         self.trials.append(row)
-
-    def _act(self, observations: np.ndarray) -> np.ndarray:
-        return self._agent.predict(observations)[0]
 
 
 def _row(result: TrialResult) -> dict[str, Any]:

@@ -25,6 +25,8 @@ class Colors:
     """the rollout on the system"""
     observed: RGB | None = (240, 170, 60)
     """what the agent saw of it; None leaves it out"""
+    estimated: RGB | None = (225, 95, 160)
+    """what it made of that, where it saw a part; None leaves it out"""
     model: RGB = (70, 150, 255)
     """the median of the particles"""
     particles: RGB = (110, 115, 125)
@@ -38,10 +40,11 @@ class Colors:
 
 
 OVERLAID = (
-    Colors(observed=None, bodies=(200, 205, 215)),
+    Colors(observed=None, estimated=None, bodies=(200, 205, 215)),
     Colors(
         system=(255, 160, 50),
         observed=None,
+        estimated=None,
         model=(255, 95, 95),
         particles=(125, 100, 70),
         tails=(86, 66, 44),
@@ -54,7 +57,11 @@ OVERLAID = (
 _TARGET = (90, 210, 120)
 
 _MODEL_IN_WORDS = "Blue: the median of the particles, for the cost their mean. Grey: the particles."
-COLORS_IN_WORDS = f"White: the system. Orange: what the agent saw of it. {_MODEL_IN_WORDS}"
+COLORS_IN_WORDS = (
+    "White: the system. Orange: what the agent saw of it. "
+    "Pink: what it made of that, where it saw a part: dots by then, a line afterwards. "
+    f"{_MODEL_IN_WORDS}"
+)
 FILM_IN_WORDS = f"White: the system. {_MODEL_IN_WORDS}"
 OVERLAID_IN_WORDS = (
     "White: the system in the first run, blue the median of its particles. "
@@ -179,8 +186,7 @@ def log_curves(
             )
         if rollout.states is not None or track.colors.observed is None:
             _log_line(track, track.under(STATES, name, "system"), 0, rollout.shown_states[:, i])
-        if track.colors.observed is not None:
-            _log_dots(track, track.under(STATES, name, "observed"), 0, rollout.observations[:, i])
+        _log_perceived(track, task, rollout, i)
     for i, name in enumerate(task.input_names):
         if prediction is not None:
             particles = prediction.inputs[:, :, i]
@@ -193,6 +199,20 @@ def log_curves(
         _log_spread(track, track.under(COST), 1, prediction.costs, prediction.costs.mean(axis=1))
     if costs is not None:
         _log_line(track, track.under(COST, "system"), 1, costs)
+
+
+def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> None:
+    """What the agent saw of one state, and what it made of that."""
+    colors, name = track.colors, task.state_names[i]
+    if colors.observed is not None and i in task.measured_states:
+        seen = rollout.observations[:, task.measured_states.index(i)]
+        _log_dots(track, track.under(STATES, name, "observed"), 0, seen, colors.observed)
+    if colors.estimated is not None and rollout.estimates is not None:
+        path = track.under(STATES, name, "estimated")
+        _log_dots(track, path, 0, rollout.estimates[:, i], colors.estimated)
+    if colors.estimated is not None and rollout.smoothed is not None:
+        path = track.under(STATES, name, "smoothed")
+        _log_line(track, path, 0, rollout.smoothed[:, i], colors.estimated)
 
 
 def _log_spread(
@@ -241,10 +261,11 @@ def _ended(track: Track, values: Float[np.ndarray, T * b]) -> Float[np.ndarray, 
     return np.concatenate([values, gap])
 
 
-def _log_dots(track: Track, path: str, first: int, values: Float[np.ndarray, " T"]) -> None:
-    style = rr.SeriesPoints(
-        colors=track.colors.observed, markers="circle", marker_sizes=2.0, names="observed"
-    )
+def _log_dots(
+    track: Track, path: str, first: int, values: Float[np.ndarray, " T"], color: RGB
+) -> None:
+    name = path.rsplit("/", 1)[-1]
+    style = rr.SeriesPoints(colors=color, markers="circle", marker_sizes=2.0, names=name)
     track.still(path, style)
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 

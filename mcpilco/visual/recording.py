@@ -12,8 +12,8 @@ import rerun as rr
 from jaxtyping import Float
 
 from mcpilco.archive import write_bytes
-from mcpilco.costs import costs_along
 from mcpilco.data import Prediction, Rollout
+from mcpilco.reward_cost import costs_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError
 from mcpilco.visual.blueprint import ABOUT, build_blueprint
@@ -93,7 +93,7 @@ def _recording(
         log_scene(track, scene, rollout)
         if prediction is not None:
             log_particles(track, scene, prediction)
-    costs = costs_along(task.cost, rollout.shown_states[1:], rollout.inputs)
+    costs = costs_of(task.cost, rollout)
     log_curves(track, task, rollout, prediction, costs)
     written = content.read()
     rec.disconnect()

@@ -121,3 +121,27 @@ def test_mean_distance_of_the_cart_is_told():
     for _ in range(15):
         *_, info = env.step(force(0.0))
         assert info["mean_abs_cart_m"] == pytest.approx(0.5, abs=1e-3)
+
+
+def test_positions_are_those_of_the_fully_measured_env_with_its_noise():
+    whole, part = gym.make(ID), gym.make("mcpilco/CartPoleSwingUpPositions-v0")
+    many = gym.make_vec("mcpilco/CartPoleSwingUpPositions-v0", 3)
+    assert part.observation_space.shape == (2,)
+    assert many.reset(seed=4)[0].shape == (3, 2)
+    seen, info = part.reset(seed=4)
+    np.testing.assert_array_equal(seen, whole.reset(seed=4)[0][[0, 2]])
+    for _ in range(3):
+        seen, *_, info = part.step(force(5.0))
+        np.testing.assert_array_equal(seen, whole.step(force(5.0))[0][[0, 2]])
+    assert info["state"].shape == (4,)
+    task = part.unwrapped.task
+    assert (task.measured, task.measurement_std) == ((0, 2), (0.01, 0.01))
+
+
+def test_without_noise_the_task_leaves_it_to_be_estimated():
+    assert make(measured="positions", noise_std=0.0).task.measurement_std is None
+
+
+def test_another_measured_is_refused():
+    with pytest.raises(InputError, match='must be "all" or "positions", got \'angles\''):
+        make(measured="angles")

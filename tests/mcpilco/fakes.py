@@ -67,17 +67,21 @@ def make_result(trial: int = 1, rollout: Rollout | None = None, told: bool = Tru
 class FakeAgent:
     """Calls the callbacks as MCPILCO does, with random inputs in place of a policy."""
 
-    def __init__(self, policy, env, *, preset="default", config=None, seed=0):
+    def __init__(self, policy, env, *, preset="default", config=None, seed=0, task=None):
         self.env, self.config, self.seed = env, config, seed
-        self.task = task_of(env, None)
+        self.task = task_of(env, task)
         self.low, self.high = input_bounds(env)
         self.horizon = horizon_of(env, None if config is None else config.horizon)
         self.random = np.random.default_rng(seed)
         self.policy = torch.nn.Linear(len(self.task.state_names), 1, dtype=torch.float64)
         torch.nn.init.constant_(self.policy.weight, 0.1 * (seed + 1))
         self.model = SimpleNamespace(gp=SimpleNamespace(to_arrays=lambda: {"noise": np.ones(2)}))
+        self.perception = None
         self.results = []
         self.transitions = None
+
+    def timesteps_of(self, trials):
+        return (trials + 1) * self.horizon
 
     def learn(self, total_timesteps, callback=None):
         trials = total_timesteps // self.horizon - 1
@@ -106,6 +110,9 @@ class FakeAgent:
         with torch.no_grad():
             action = self.policy(torch.as_tensor(observation)).numpy()
         return action, state
+
+    def controller(self):
+        return lambda observation: self.predict(observation)[0]
 
     def save(self, path):
         arrays = {name: value.numpy() for name, value in self.policy.state_dict().items()}

@@ -167,7 +167,7 @@ def test_the_result_tells_what_happened() -> None:
 
 def test_exploration_fills_the_range_of_inputs() -> None:
     agent = make_agent(horizon=200)
-    record = agent._explore()
+    (record,) = agent._explore()
     assert np.abs(record.inputs).max() <= 2.0
     assert record.inputs.std() == pytest.approx(4 / math.sqrt(12), rel=0.1)
     costs = TASK.cost(torch.from_numpy(record.states[1:]), torch.from_numpy(record.inputs))
@@ -228,7 +228,7 @@ def test_fused_and_eager_engines_give_the_same_trial() -> None:
 
 def test_an_episode_that_ends_early_is_learned_from() -> None:
     agent = make_agent(env=PointEnv(ends_at=5)).learn(2 * STEPS)
-    assert agent.num_timesteps == 10
+    assert agent.num_timesteps == STEPS + 5
     assert len(agent.results[0].rollout) == 5
 
 

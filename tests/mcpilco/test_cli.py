@@ -531,3 +531,50 @@ def test_program_refuses_an_unknown_flag_with_code_2():
     done = program("train", "--trails", "3")
     assert done.returncode == 2
     assert "--trials" in done.stderr
+
+
+# --- envs that were not made for it ---------------------------------------------------------------
+
+TASK_FILE = """
+from mcpilco import TaskSpec
+from mcpilco.costs import QuadraticCost
+
+TASK = TaskSpec(("x",), ("m",), ("u",), ("N",), 0.1, (), (), (0.0,), (0.1,),
+                QuadraticCost((0.0,), (1.0,), (0.0,)))
+"""
+
+
+def test_a_task_file_stands_in_for_the_task_that_an_env_does_not_show(strange, fake, capsys):
+    (strange / "my_task.py").write_text(TASK_FILE)
+    arguments = ["--env", "strange:Strange/Unknown-v0", "--out", "run", "--quiet"]
+    assert main(["train", *arguments, "--task", "my_task.py"]) == 0
+    assert "no task file nowhere.py" in refused(capsys, "train", *arguments, "--task", "nowhere.py")
+
+
+def test_the_number_of_random_steps_is_recorded(strange, fake):
+    arguments = ["--env", "strange:Strange/Point-v0", "--out", "run", "--quiet"]
+    assert main(["train", *arguments, "--exploration", "7"]) == 0
+    assert RunFolder.open("run").config["config"]["exploration"] == 7
+
+
+def test_check_env_tells_faults_by_its_exit_code(strange, capsys):
+    steady = ["check-env", "strange:Strange/Nan-v0"]
+    assert main(steady) == 1
+    said = capsys.readouterr().out
+    assert "no  The env must return finite numbers" in said
+    assert said.endswith("To mend: 1.\n")
+    assert main(["check-env", "Pendulum-v1", "--steps", "120"]) == 0
+    assert capsys.readouterr().out.endswith("The agent can use this env.\n")
+    assert "Cannot make the env" in refused(capsys, "check-env", "nowhere/Nothing-v0")
+    assert "--steps" in refused(capsys, "check-env", "Pendulum-v1", "--steps", "0")
+
+
+def test_evaluate_judges_on_episodes_of_another_length(trained, capsys):
+    def returns(*argv):
+        assert main(["evaluate", str(trained), "--episodes", "2", "--json", *argv]) == 0
+        return json.loads(capsys.readouterr().out)["return"]
+
+    short, same, long = returns("--horizon", "2"), returns(), returns("--horizon", "25")
+    assert short["max"] <= 2 < long["max"] + 23
+    assert short != same != long
+    assert "--horizon" in refused(capsys, "evaluate", str(trained), "--horizon", "0")

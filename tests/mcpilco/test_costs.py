@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mcpilco.costs import QuadraticCost, SaturatingCost, cart_pole_cost, costs_along
+from mcpilco.costs import (
+    QuadraticCost,
+    SaturatingCost,
+    TipCost,
+    cart_pole_cost,
+    costs_along,
+    held,
+)
 from mcpilco.typing import Cost, InputError, WidenableCost
 
 SATURATING = {
@@ -19,8 +27,10 @@ SATURATING = {
         (0, 1, 2, 3), (0.5, 0.0, -1.0, 2.0), (1.0, 2.0, 0.5, 4.0), (False, True, False, True)
     ),
 }
+TIP = TipCost((1, 2), (0.6, 0.4), 0.3, foot=0, foot_lengthscale=2.0)
+BOUNDED = {**SATURATING, "tip": TIP}
 QUADRATIC = QuadraticCost((1.0, 0.0, math.pi, 0.0), (1.0, 0.1, 2.0, 0.0), (0.05,))
-ALL = {**SATURATING, "quadratic": QUADRATIC}
+ALL = {**BOUNDED, "quadratic": QUADRATIC}
 
 numbers = st.floats(-1e3, 1e3)
 
@@ -35,10 +45,10 @@ def test_every_cost_fits_the_protocol(name: str) -> None:
     assert isinstance(ALL[name], Cost)
 
 
-@pytest.mark.parametrize("name", SATURATING)
+@pytest.mark.parametrize("name", BOUNDED)
 @given(state=st.lists(numbers, min_size=4, max_size=4))
 def test_saturating_cost_is_between_0_and_1(name: str, state: list[float]) -> None:
-    cost = float(SATURATING[name](torch.tensor(state, dtype=torch.float64)))
+    cost = float(BOUNDED[name](torch.tensor(state, dtype=torch.float64)))
     assert 0.0 <= cost <= 1.0
 
 
@@ -122,3 +132,54 @@ def test_quadratic_cost_is_the_regulators() -> None:
 def test_wrong_numbers_are_answered_with_a_sentence(make, message: str) -> None:
     with pytest.raises(InputError, match=message):
         make()
+
+
+def test_the_tip_costs_its_distance_from_upright() -> None:
+    """Two links hang at 0.6 + 0.4 m below the foot, 2 m from where they should be."""
+    cost = TipCost((1, 2), (0.6, 0.4), 2.0, foot=0)
+
+    def distance(foot: float, first: float, second: float) -> float:
+        state = torch.tensor([foot, first, second], dtype=torch.float64)
+        return 2.0 * math.sqrt(-math.log1p(-float(cost(state))))
+
+    assert distance(0.0, 0.0, 0.0) == 0.0
+    assert distance(0.0, math.pi, 0.0) == pytest.approx(2.0)
+    assert distance(0.0, 0.0, math.pi) == pytest.approx(0.8)  # the second folds down
+    assert distance(0.0, math.pi / 2, 0.0) == pytest.approx(math.sqrt(2.0))
+    assert distance(0.5, 0.0, 0.0) == pytest.approx(1.0)  # l / l_x = 2
+
+
+def test_a_wider_tip_cost_is_lower_everywhere_and_zero_upright() -> None:
+    assert isinstance(TIP, WidenableCost)
+    states = some_states(20)
+    assert (TIP.widened(3.0)(states) < TIP(states)).all()
+    assert TIP.widened(1.0) == TIP
+    assert float(TIP.widened(3.0)(torch.zeros(4, dtype=torch.float64))) == 0.0
+
+
+@given(angle=st.floats(-3.0, 3.0), turns=st.integers(-3, 3))
+def test_the_tip_costs_the_same_after_full_turns(angle: float, turns: int) -> None:
+    cost = TipCost((0,), (1.0,), 1.0)
+    angles = torch.tensor([[angle], [angle + 2 * math.pi * turns]], dtype=torch.float64)
+    first, turned = cost(angles)
+    torch.testing.assert_close(first, turned)
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"angles": ()},
+        {"angles": (0, 1)},
+        {"lengths": (0.0,)},
+        {"lengthscale": -1.0},
+        {"foot_lengthscale": 0.0},
+    ],
+)
+def test_a_chain_that_cannot_be_is_refused(entries: dict) -> None:
+    with pytest.raises(InputError, match="TipCost"):
+        TipCost(**{"angles": (0,), "lengths": (1.0,), "lengthscale": 1.0, **entries})
+
+
+def test_an_episode_that_ended_early_keeps_its_last_cost() -> None:
+    assert held(np.array([0.5, 0.25]), 4).tolist() == [0.5, 0.25, 0.25, 0.25]
+    assert held(np.array([0.5, 0.25]), 2).tolist() == [0.5, 0.25]

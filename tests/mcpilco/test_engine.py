@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from mcpilco import batched, engine, fused
 from mcpilco.config import Config
 from mcpilco.engine import rollout_of
+from mcpilco.estimator import LinearObserver, differences
 from mcpilco.rollout import rollout
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
@@ -78,3 +82,15 @@ def test_what_the_fast_ones_do_not_know_is_left_to_the_plain_one(
     assert not caplog.messages
     assert rollout_of(Config(precision="float32"), dynamics, strange) is rollout
     assert "in float64" in caplog.text
+
+
+def test_linear_observers_are_known_to_the_compiled_loops_alone(
+    task: TaskSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dynamics, policy = make_dynamics(task), make_policy(task)
+    estimator = differences(dataclasses.replace(task, measured=(0, 2)))
+    observer = LinearObserver(estimator, torch.tensor([0.01, 0.01]).double())
+    assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=False)
+    assert rollout_of(Config(), dynamics, policy, SimpleNamespace()) is rollout
+    monkeypatch.setattr(engine, "_fastest", lambda: batched)
+    assert rollout_of(Config(), dynamics, policy, observer) is rollout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -10,7 +11,8 @@ from torch import Tensor
 
 from mcpilco.costs import QuadraticCost, SaturatingCost
 from mcpilco.dropout import Dropout
-from mcpilco.rollout import Particles, Problem, rollout
+from mcpilco.estimator import LinearEstimator, LinearObserver
+from mcpilco.rollout import Particles, Problem, Sensing, rollout
 from tests.mcpilco.linear import A, B, K, LinearDynamics, LinearPolicy
 
 T = 12
@@ -152,3 +154,45 @@ def test_a_problem_is_widened_where_its_cost_can_be() -> None:
     assert problem.widened(1.0) is problem
     other = make_problem(0.1)
     assert other.widened(3.0) is other  # a quadratic cost is felt everywhere
+
+
+def exact_observer() -> LinearObserver:
+    """Measures all without noise, and takes the measurement as the estimate."""
+    eye = torch.eye(2, dtype=torch.float64)
+    estimator = LinearEstimator(A=A, C=eye, gains=eye[None], start=zeros(2))
+    return LinearObserver(estimator, noise_std=zeros(2))
+
+
+def test_with_an_exact_estimator_the_rollout_is_the_plain_one() -> None:
+    generator = torch.Generator().manual_seed(0)
+    start, noise, errors = (
+        torch.randn(*shape, generator=generator, dtype=torch.float64)
+        for shape in ((5, 2), (T, 5, 2), (T, 5, 2))
+    )
+    arguments = LinearDynamics(0.1), LinearPolicy(), start, noise
+    plain = rollout(*arguments)
+    behind = rollout(*arguments, sensing=Sensing(exact_observer(), errors))
+    torch.testing.assert_close(behind.states, plain.states, rtol=0, atol=1e-14)
+    torch.testing.assert_close(behind.inputs, plain.inputs, rtol=0, atol=1e-14)
+
+
+def test_measurement_noise_reaches_the_inputs_and_not_the_states_before() -> None:
+    observer = LinearObserver(exact_observer().estimator, noise_std=zeros(2) + 0.5)
+    errors = zeros(T, 1, 2)
+    errors[3, 0, 0] = 1.0
+    arguments = LinearDynamics(), LinearPolicy(), START[None], zeros(T, 1, 2)
+    still, disturbed = (
+        rollout(*arguments, sensing=Sensing(observer, e)) for e in (zeros(T, 1, 2), errors)
+    )
+    assert torch.equal(disturbed.states[:4], still.states[:4])
+    moved = disturbed.inputs[3, 0] - still.inputs[3, 0]
+    torch.testing.assert_close(moved, K @ torch.tensor([0.5, 0.0], dtype=torch.float64))
+
+
+def test_problem_draws_the_noise_of_its_sensor_after_all_else() -> None:
+    problem = make_problem(0.2)
+    seen = dataclasses.replace(problem, observer=exact_observer())
+    first, second = (
+        p.particles(LinearPolicy(), 7, torch.Generator().manual_seed(3)) for p in (problem, seen)
+    )
+    torch.testing.assert_close(second.states, first.states, rtol=0, atol=1e-13)

@@ -49,6 +49,10 @@ def test_a_task_from_a_file_says_that_it_has_no_cost(task: TaskSpec) -> None:
         ("velocities", ((0, -1),), "index the 4 states"),
         ("velocities", ((0, 1), (1, 3)), "the position of no other pair"),
         ("velocities", ((0, 1), (0, 3)), "each position one velocity"),
+        ("measured", (0, 1), "tells nothing of pole_angle, pole_velocity"),
+        ("measured", (0, 2, 2), "must index different states"),
+        ("measured", (0, 2, 4), "must index different states"),
+        ("measurement_std", (0.1,) * 4, "belongs to states measured in part"),
     ],
 )
 def test_what_does_not_fit_is_answered_with_a_sentence(
@@ -56,3 +60,16 @@ def test_what_does_not_fit_is_answered_with_a_sentence(
 ) -> None:
     with pytest.raises(InputError, match=message):
         dataclasses.replace(task, **{entry: wrong})
+
+
+@pytest.mark.parametrize("stds", [(0.1,), (0.1, 0.0), (0.1, math.nan)])
+def test_noise_is_positive_and_one_for_each_measured_state(task: TaskSpec, stds) -> None:
+    with pytest.raises(InputError, match="one for each of the 2 measured states"):
+        dataclasses.replace(task, measured=(0, 2), measurement_std=stds)
+
+
+def test_observed_are_the_measured_states_or_all(task: TaskSpec) -> None:
+    assert task.measured_states == (0, 1, 2, 3)
+    measured = dataclasses.replace(task, measured=(2, 0), measurement_std=(0.1, 0.2))
+    assert measured.measured_states == (2, 0)
+    assert TaskSpec.from_json(json.loads(json.dumps(measured.to_json()))).measured_states == (2, 0)

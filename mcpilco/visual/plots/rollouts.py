@@ -70,8 +70,10 @@ def plot_state(
         times = _times(rollout.dt, 0, len(particles))
         draw_particles(ax, times, particles, np.median(particles, axis=1), "median")
     ax.plot(rollout.times, rollout.shown_states[:, state], color=SYSTEM, label="system")
-    if rollout.states is not None:
-        seen = rollout.observations[:, state]
+    if state in task.measured_states and (
+        rollout.states is not None or rollout.smoothed is not None
+    ):
+        seen = rollout.observations[:, task.measured_states.index(state)]
         ax.plot(rollout.times, seen, ".", color=SYSTEM, markersize=3, label="observed")
     ax.set(xlabel="time [s]", ylabel=f"{task.state_names[state]} [{task.state_units[state]}]")
     return ax

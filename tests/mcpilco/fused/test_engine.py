@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+import numpy as np
 import pytest
 import torch
 
@@ -12,10 +13,12 @@ from mcpilco import fused
 from mcpilco.costs import QuadraticCost, cart_pole_cost
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import full_state, speed_integration
+from mcpilco.estimator import LinearObserver, differences, kalman
 from mcpilco.features import AngleAugmentation
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
+from mcpilco.motion import Motion
 from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import rollout
+from mcpilco.rollout import Sensing, rollout
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
 
@@ -87,6 +90,30 @@ def test_equals_plain_rollout_for_any_size(task: TaskSpec, bases: int, samples: 
 def test_equals_plain_rollout_for_any_number_of_particles(task: TaskSpec, particles: int) -> None:
     dropout = Dropout(0.25, seed=5)
     assert_equal(make_dynamics(task), make_policy(task), task.cost, dropout, particles)
+
+
+@pytest.mark.parametrize("kind", ["kalman", "differences"])
+@pytest.mark.parametrize("particles", [1, 37, 130])
+def test_equals_plain_rollout_behind_an_estimator(
+    task: TaskSpec, kind: str, particles: int
+) -> None:
+    positions = dataclasses.replace(task, measured=(2, 0))
+    noise_std = np.array([0.05, 0.1])
+    estimator = differences(positions, 0.3)
+    if kind == "kalman":
+        estimator = kalman(Motion.of(positions, np.array([0.5, 1.0]), noise_std))
+    generator = torch.Generator().manual_seed(2)
+    errors = torch.randn(STEPS, particles, 2, generator=generator, dtype=torch.float64)
+    sensing = Sensing(LinearObserver(estimator, torch.from_numpy(noise_std)), errors)
+    arguments = make_dynamics(task, bounds=4.0), make_policy(task), task.cost, Dropout(0.25, 5)
+    plain, fast = (
+        value_and_gradients(functools.partial(function, sensing=sensing), *arguments, particles)
+        for function in (rollout, fused.rollout)
+    )
+    torch.testing.assert_close(fast[0].states, plain[0].states, rtol=1e-8, atol=1e-8)
+    torch.testing.assert_close(fast[0].inputs, plain[0].inputs, rtol=1e-8, atol=1e-8)
+    for a, b in zip(fast[2], plain[2], strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-8 * float(b.abs().max()))
 
 
 def test_single_precision_errs_by_its_rounding(task: TaskSpec) -> None:

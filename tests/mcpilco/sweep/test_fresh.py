@@ -24,7 +24,7 @@ def idle(observations):
 
 def outcomes(env, act, episodes=3, kwargs=None, seed=0, trial=1, horizon=HORIZON):
     with FreshEpisodes(env, kwargs or {}, episodes, horizon) as judge:
-        return judge.outcomes(act, seed, trial)
+        return judge.outcomes(lambda: act, seed, trial)
 
 
 def test_batch_agrees_with_single_envs_on_the_same_episodes():
@@ -36,7 +36,7 @@ def test_batch_agrees_with_single_envs_on_the_same_episodes():
     for env in (single, many):
         reset = env.reset
         env.reset = lambda *, seed, options=None, reset=reset: reset(seed=seed, options=start)
-    one = fresh._single_outcomes(single, swing, 30, [1])
+    one = fresh._single_outcomes(single, lambda: swing, 30, [1])
     batch = batch_outcomes(many, swing, 30, 1)
     assert one.keys() == batch.keys() == {"return", "is_success", "time_up_s", "mean_abs_cart_m"}
     for name, values in one.items():

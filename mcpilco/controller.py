@@ -1,0 +1,61 @@
+"""From observations to inputs: a policy, behind an estimator where states are measured in part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+
+from mcpilco.perception import Perception
+from mcpilco.policies import SumOfGaussians
+
+Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
+"""what acts for one episode, or a batch that begins together"""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A policy, and the perception behind which it was learned."""
+
+    policy: SumOfGaussians
+    perception: Perception | None
+    """None where states are measured"""
+
+    def answer(
+        self,
+        observation: Float[np.ndarray, "*b Y"],
+        state: Any = None,
+        restart: Bool[np.ndarray, "*b"] | None = None,
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The input, in the env's unit, and the state to be handed back with the next observation.
+
+        Args:
+            observation: what is measured now.
+            state: returned by the call before; None begins an episode.
+            restart: which of a batch begin an episode, whatever the state says.
+
+        Raises:
+            InputError: the state belongs to other observations.
+        """
+        if self.perception is not None:
+            memory = None if state is None else state[0]
+            observation, memory = self.perception.see(observation, memory, restart)
+            state = (memory,)
+        with torch.no_grad():
+            return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy(), state
+
+
+def remembering(answer: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]) -> Act:
+    """What hands the state of each answer to the next, for one episode."""
+    state = None
+
+    def act(observation: Float[np.ndarray, "*b Y"]) -> Float[np.ndarray, "*b U"]:
+        nonlocal state
+        action, state = answer(observation, state)
+        return action
+
+    return act

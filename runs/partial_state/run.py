@@ -1,0 +1,155 @@
+"""The cart-pole whose positions alone are measured, with noise: is the estimator worth modelling?
+
+python runs/partial_state/run.py                  # seeds 0:10, 5 trials each
+python runs/partial_state/run.py --quick          # does it run at all? compiles the loops, too
+python runs/partial_state/run.py --settings modelled --seeds 0:2
+
+Results are kept in results/<setting>/, a file a seed; the same command goes on where it was
+stopped, and rewrites README.md between its marked lines from all results that are there. The fully
+measured cart-pole, to compare with, is that of runs/cartpole_swingup.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+
+from mcpilco.cli.sweep import parse_seeds, progress
+from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig
+from mcpilco.run_folder import read_json
+from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
+from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
+from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell, summarise
+
+HERE = Path(__file__).parent
+ENV = "envs:mcpilco/CartPoleSwingUpPositions-v0"
+MEASURED = HERE.parent / "cartpole_swingup" / "results" / "default"
+TRIALS, FRESH = 5, 100
+DEFAULT = PRESETS["default"].config
+
+SETTINGS = {
+    "modelled": DEFAULT,
+    "not-modelled": replace(DEFAULT, estimator=EstimatorConfig(modelled=False)),
+    "differences": replace(DEFAULT, estimator=EstimatorConfig(kind="differences")),
+}
+"""the preset default; its estimator in the loop but not in the rollouts; another estimator"""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Train from many seeds and write the tables."""
+
+    seeds: str = "0:10"
+    """`0:10` are 0 to 9"""
+    settings: tuple[Literal[*SETTINGS], ...] = tuple(SETTINGS)
+    """which of them"""
+    workers: int | None = None
+    """processes at a time; by default one a core"""
+    quick: bool = False
+    """one seed, one trial, a search that learns nothing; the tables go to runs/out"""
+    out: Path | None = None
+    """folder of results/ and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out or (Path("runs/out/partial_state") if arguments.quick else HERE)
+    failed = False
+    for name in arguments.settings:
+        failed |= bool(run(name, arguments, out)["failed"])
+        write_readme(out)  # a stop loses no table
+    print(f"Tables: {out / 'README.md'}")
+    return int(failed)
+
+
+def run(name: str, arguments: Arguments, out: Path) -> dict[str, Any]:
+    """Train the seeds of a setting that are missing; its summary."""
+    seeds = parse_seeds(arguments.seeds)
+    settings = Settings(ENV, {}, name, SETTINGS[name], TRIALS, FRESH)
+    if arguments.quick:
+        seeds = seeds[:1]
+        settings = Settings(ENV, {}, name, hasty(SETTINGS[name]), trials=1, fresh=5)
+    path = out / "results" / name
+    done = SweepFolder(path, settings).results().keys() & set(seeds)
+    print(f"{name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
+    with progress(len(seeds), len(done), quiet=False) as on_result:
+        return sweep(settings, seeds, path, LocalEngine(arguments.workers), on_result)
+
+
+def hasty(config: Config) -> Config:
+    """The configuration with a search that takes no time, and finds nothing."""
+    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
+    return replace(config, policy=PolicyConfig(bases=10), search=search)
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    summaries = read_summaries(out / "results", SETTINGS)
+    told = {name: summary for name, summary in summaries.items() if summary["trials"]}
+    parts = []
+    if told:
+        seeds = sorted({seed for summary in told.values() for seed in summary["seeds"]})
+        compared = {**told, **fully_measured(seeds)}
+        parts = [success(compared), policies(compared), costs(told), machines(summaries)]
+    broken = broken_off(summaries)
+    parts += ["### Seeds that broke off\n\n" + "\n".join(broken)] if broken else []
+    fill(out / "README.md", parts or ["Not measured yet."], template=HERE / "README.md")
+
+
+def fully_measured(seeds: list[int]) -> dict[str, dict[str, Any]]:
+    """The summary of the same seeds where all states are measured, as far as they are there."""
+    paths = [MEASURED / "seeds" / f"{seed:04d}.json" for seed in seeds]
+    results = {int(path.stem): read_json(path) for path in paths if path.exists()}
+    return {"all measured": summarise(results, {})} if results else {}
+
+
+def success(summaries: Mapping[str, Any]) -> str:
+    """How often each setting succeeds after so much experience."""
+    after = max((summary["trials"] for summary in summaries.values()), key=len)
+    rows = []
+    for name, summary in summaries.items():
+        for label, cell in (("one rollout", rate_of), ("p", p_of)):
+            cells = [cell(trial) for trial in summary["trials"]]
+            cells += ["–"] * (len(after) - len(cells))
+            rows.append((f"`{name}`, {label}", str(len(summary["seeds"])), *cells))
+    header = ("success [%]", "seeds", *(f"{trial['experience_s']:g} s" for trial in after))
+    return (
+        f"### Success after so much experience\n\n{markdown(header, rows)}\n"
+        "One rollout: the test rollout of each policy, with Wilson's 95 % interval; p: mean over "
+        "seeds of the success in 100 fresh rollouts of each policy, with the bootstrap's."
+    )
+
+
+def rate_of(trial: Mapping[str, Any]) -> str:
+    return rate_cell(trial["success"])
+
+
+def p_of(trial: Mapping[str, Any]) -> str:
+    return mean_cell(trial["p"])
+
+
+def policies(summaries: Mapping[str, Any]) -> str:
+    """What the last policies of each setting do, and what the model had promised."""
+    rows = []
+    for name, summary in summaries.items():
+        last = summary["trials"][-1]
+        spreads = [spread_cell(last[key], 1) for key in ("predicted_cost", "real_cost")]
+        spreads += [spread_cell(last["time_up_s"], 2), spread_cell(last["mean_abs_cart_m"], 2)]
+        rows.append((f"`{name}`", f"{last['experience_s']:g} s", *spreads))
+    header = ("last policy", "after", "predicted cost", "real cost", "time up [s]", "cart [m]")
+    return (
+        f"### The last policy: median (quartiles) over seeds\n\n{markdown(header, rows)}\n"
+        "Costs are sums over the 30 steps; cart: mean distance from the origin."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
+from mcpilco.sweep.page import BEGIN, END
+
+RUN = Path(__file__).parent.parent.parent / "runs" / "other_envs" / "run.py"
+
+
+@pytest.fixture(scope="module")
+def run():
+    spec = importlib.util.spec_from_file_location("other_envs_run", RUN)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+@pytest.fixture
+def hasty(monkeypatch):
+    """A preset that learns nothing in no time."""
+    search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
+    config = dataclasses.replace(
+        PRESETS["default"].config, policy=PolicyConfig(bases=10), search=search
+    )
+    preset = dataclasses.replace(PRESETS["default"], config=config)
+    monkeypatch.setitem(PRESETS, "default", preset)
+
+
+def test_run_trains_a_case_and_writes_its_page_from_all_that_is_there(
+    run, hasty, tmp_path, monkeypatch
+):
+    arguments = ["--only", "pendulum", "--seeds", "0:1", "--fresh", "1", "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", ["run.py", *arguments])
+    assert run.main() == 0
+    text = (tmp_path / "README.md").read_text()
+    case = run.CASES["pendulum"]
+    assert "| pendulum | -200 | 0 of 1 | – | – | -" in text
+    assert "| seed 0 | -" in text
+    about = json.loads((tmp_path / "results" / "pendulum" / "sweep.json").read_text())
+    assert about["fresh_horizon"] == case.limit
+    assert about["config"]["horizon"] == case.horizon
+
+
+def test_solved_is_the_first_policy_that_reaches_the_threshold(run):
+    case = run.CASES["inverted_pendulum"]
+    trials = [
+        {"fresh_return": value, "experience_s": 0.04 * steps}
+        for value, steps in ((949.0, 100), (951.0, 160), (100.0, 220))
+    ]
+    assert run.solved_at(case, trials) == 160
+    assert run.solved_at(case, trials[:1]) is None
+
+
+def test_every_case_learns_from_fewer_than_30_episodes_and_is_judged_on_whole_ones(run):
+    for case in run.CASES.values():
+        spec = gym.spec(case.env)
+        assert case.limit == spec.max_episode_steps
+        assert spec.reward_threshold in (None, case.threshold)
+        steps = (case.exploration or case.horizon) + case.trials * case.horizon
+        assert steps < 30 * case.limit
+        assert case.task is None or case.task.exists()
+
+
+def test_page_of_the_repository_has_its_marked_lines():
+    text = (RUN.parent / "README.md").read_text()
+    assert text.count(BEGIN) == text.count(END) == 1

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+from mcpilco.sweep.page import BEGIN, END
+
+RUN = Path(__file__).parent.parent.parent / "runs" / "partial_state" / "run.py"
+
+
+@pytest.fixture(scope="module")
+def run():
+    spec = importlib.util.spec_from_file_location("partial_state_run", RUN)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+def test_settings_differ_in_the_estimator_alone(run):
+    for config in run.SETTINGS.values():
+        assert (config.model, config.search) == (run.DEFAULT.model, run.DEFAULT.search)
+    modelled = {name: config.estimator.modelled for name, config in run.SETTINGS.items()}
+    assert modelled == {"modelled": True, "not-modelled": False, "differences": True}
+
+
+def test_run_trains_what_is_missing_and_writes_its_page(run, tmp_path, monkeypatch, capsys):
+    arguments = ["run.py", "--quick", "--workers", "1", "--settings", "not-modelled"]
+    monkeypatch.setattr(sys, "argv", [*arguments, "--out", str(tmp_path)])
+    assert run.main() == 0
+    text = (tmp_path / "README.md").read_text()
+    assert "| `not-modelled`, one rollout | 1 | 0.0 (0–79) |" in text
+    assert "| `all measured`, p | 1 |" in text  # the same seed, from runs/cartpole_swingup
+    assert run.main() == 0
+    assert "1 of 1 seeds are there already." in capsys.readouterr().out
+
+
+def test_page_of_the_repository_has_its_marked_lines():
+    page = RUN.with_name("README.md").read_text()
+    assert page.count(BEGIN) == page.count(END) == 1
