@@ -136,8 +136,8 @@ def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
         if theirs != ours:
             raise InputError(
                 f"the recording {recording.name!r} must have the states and inputs of "
-                f"{plant.name}, {', '.join(ours[0] + ours[1])}, got {', '.join(theirs[0] + theirs[1])}; read it "
-                "with the plant's names."
+                f"{plant.name}, {', '.join(ours[0] + ours[1])}, got "
+                f"{', '.join(theirs[0] + theirs[1])}; read it with the plant's names."
             )
 
 
@@ -190,7 +190,7 @@ def _priors(
 
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:
     """Effects that these recordings could show."""
-    measured = windows.measured.any(axis=(0, 2))
+    measured: np.ndarray = windows.measured.any(axis=(0, 2))
     unseen = {name for x, name in enumerate(plant.layout.states) if not measured[x]}
     return [active for active in plant.candidates() if active.target not in unseen]
 
