@@ -190,7 +190,7 @@ def _priors(
 
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:
     """Effects that these recordings could show."""
-    measured: np.ndarray = windows.measured.any(axis=(0, 2))
+    measured = np.any(windows.measured, axis=(0, 2))
     unseen = {name for x, name in enumerate(plant.layout.states) if not measured[x]}
     return [active for active in plant.candidates() if active.target not in unseen]
 
