@@ -145,7 +145,7 @@ class Robust:
     Reference: Huber & Ronchetti, Robust Statistics (2009), chapter 7, with windows for samples.
     """
 
-    samples: Float[np.ndarray, " W"]
+    samples: Int[np.ndarray, " W"]
     """measured values of each window"""
     limit: float
     """squared misfit of a sample up to which a window counts in full"""

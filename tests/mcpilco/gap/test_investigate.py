@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.cli import main
+from mcpilco.gap import investigate
+from mcpilco.gap.report import summary, to_json
+from mcpilco.recordings import Recording, write_recording
+from mcpilco.typing import InputError
+from tests.mcpilco.gap.pendulum import hidden, record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]
+
+
+def nothing(q: float, v: float) -> float:
+    return 0.0
+
+
+def recordings(seed: int) -> tuple[str, dict[str, float], list[Recording]]:
+    rng = np.random.default_rng(seed)
+    name, parameters, force = hidden(rng)
+    return name, parameters, [record(rng, force, number) for number in range(4)]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_hidden_force_is_named_with_its_size(seed: int) -> None:
+    name, parameters, measured = recordings(seed)
+    gap = investigate(PLANT(), measured)
+    assert gap.verdict == "named"
+    assert [(named.name, named.target) for named in gap.named] == [(name, "pendulum")]
+    for symbol, truth in parameters.items():
+        found = gap.named[0].parameters[symbol]
+        assert found.value == pytest.approx(truth, rel=0.05)
+        assert found.low - 0.02 * truth < truth < found.high + 0.02 * truth
+    assert gap.comparison is not None
+    assert gap.comparison.closed.value > 0.8
+    assert gap.comparison.corrected < 0.2 * gap.comparison.nominal
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    rng = np.random.default_rng(5)
+    gap = investigate(PLANT(), [record(rng, nothing, number) for number in range(3)])
+    assert gap.verdict == "none"
+    assert gap.named == ()
+
+
+def test_a_delay_of_part_of_a_sample_is_found() -> None:
+    rng = np.random.default_rng(6)
+    measured = [record(rng, nothing, number, delay=0.033) for number in range(3)]
+    gap = investigate(PLANT(), measured)
+    assert [named.name for named in gap.named] == ["actuator_delay"]
+    assert gap.named[0].parameters["d"].value == pytest.approx(0.033, abs=1e-3)
+
+
+def test_a_gain_within_three_prior_std_is_no_finding_and_beyond_it_is() -> None:
+    for gain, names in ((1.02, []), (1.3, ["actuator_gain"])):
+        rng = np.random.default_rng(7)
+        measured = [record(rng, nothing, number, gain=gain) for number in range(3)]
+        gap = investigate(PLANT(), measured)
+        assert [named.name for named in gap.named] == names
+
+
+def test_a_detent_that_is_not_in_the_catalogue_is_unknown() -> None:
+    rng = np.random.default_rng(8)
+
+    def detent(q: float, v: float) -> float:
+        return -2.0 * (q - 0.4) * float(np.exp(-(((q - 0.4) / 0.1) ** 2)))
+
+    gap = investigate(PLANT(), [record(rng, detent, number) for number in range(3)])
+    assert gap.verdict == "unknown"
+
+
+def test_too_little_is_refused_with_what_would_do() -> None:
+    rng = np.random.default_rng(9)
+    long = record(rng, nothing, 0)
+    short = Recording("short", long.time[:150], long.states[:150], long.inputs[:150], *long_names)
+    gap = investigate(PLANT(), [short])
+    assert gap.verdict == "too_poor"
+    assert "Record longer" in gap.experiments[0]
+
+
+long_names = (("angle", "velocity"), ("torque",))
+
+
+def test_recordings_of_another_plant_are_refused() -> None:
+    rng = np.random.default_rng(10)
+    with pytest.raises(InputError, match="must have the states and inputs of mcpilco/CartPole"):
+        investigate(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), [record(rng, nothing, 0)])
+
+
+def test_an_unknown_parameter_is_named_with_those_there_are() -> None:
+    rng = np.random.default_rng(11)
+    with pytest.raises(InputError, match="has no parameter weight; it has mass, length"):
+        investigate(PLANT(), [record(rng, nothing, 0)], free=["weight"])
+
+
+def test_the_command_writes_what_an_env_can_load(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, _, measured = recordings(0)
+    for recording in measured:
+        write_recording(tmp_path / f"{recording.name}.csv", recording)
+    files = sorted(map(str, tmp_path.glob("*.csv")))
+    out = tmp_path / "gap"
+    assert main(["gap", *files, "--plant", "mcpilco/Pendulum-v0", "--out", str(out)]) == 0
+    told = json.loads((out / "gap.json").read_text())
+    assert told["verdict"] == "named"
+    assert [effect["name"] for effect in told["effects"]] == [name]
+    assert name in capsys.readouterr().out
+    env = gym.make("mcpilco/Pendulum-v0", effects=str(out / "corrected.json"))
+    env.reset(seed=0)
+    env.step(np.array([0.5], dtype=np.float32))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--plant", "none.xml"], "MJCF"),
+        (["--plant", "mcpilco/Nothing-v0"], "--plant must be one of"),
+        (["--set", "mass"], "--set must be NAME=VALUE"),
+        (["--set", "weight=1"], "has no parameter 'weight'"),
+        (["--uncertainty", "some"], "must be a number"),
+    ],
+)
+def test_wrong_arguments_get_a_sentence(
+    arguments: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.csv"
+    write_recording(path, record(np.random.default_rng(0), nothing, 0))
+    plant = [] if "--plant" in arguments else ["--plant", "mcpilco/Pendulum-v0"]
+    assert main(["gap", str(path), "--out", str(tmp_path), *plant, *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_summary_is_ten_lines_at_most() -> None:
+    _, _, measured = recordings(1)
+    gap = investigate(PLANT(), measured)
+    assert 3 <= len(summary(gap)) <= 10
+    assert set(to_json(gap)) >= {"format", "verdict", "effects", "where", "error", "events"}
