@@ -143,11 +143,13 @@ def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
     from mcpilco.agent_file import load_policy
 
     agent = MCPILCO.load(run.agent_path, env)
+    name = "policy"
     try:
-        load_policy(agent.policy, run.read_arrays(trial, "policy"))
+        load_policy(agent.policy, run.read_arrays(trial, name))
         if agent.perception is not None:
-            agent.perception.load_arrays(run.read_arrays(trial, "perception"))
+            name = "perception"
+            agent.perception.load_arrays(run.read_arrays(trial, name))
     except ValueError as error:
-        path = run.arrays_path(trial, "policy").parent
-        raise RunFolderError(f"{path} holds no policy of this agent: {error}") from error
+        path = run.arrays_path(trial, name)
+        raise RunFolderError(f"{path} is not a {name} of this agent: {error}") from error
     return agent
