@@ -33,7 +33,7 @@ PEAK_INNER = (64, 128, 256)
 """inner sizes of the products that are tried for the peak"""
 PEAK_TIMES = 2000
 
-_augment, _drop, _act = of_policy._augment, of_policy._drop, of_policy.act
+_augment, _drop, _act = of_policy.augment, of_policy._drop, of_policy.act
 _activate = of_policy.activate
 _kernel, _weigh, _prior = of_posterior._kernel, of_posterior._weigh, of_posterior._prior
 _shift, _sample = of_posterior._shift, of_posterior._sample

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -50,7 +51,7 @@ def record(
     for k in range(len(t)):
         states.append(x)
         parts = [t[k], t[k] + delay % DT, t[k] + DT] if delay % DT else [t[k], t[k] + DT]
-        for begin, end in zip(parts, parts[1:], strict=False):
+        for begin, end in itertools.pairwise(parts):
             span = (begin + 1e-7, end - 1e-7)  # the torque jumps at both ends
             x = solve_ivp(slope, span, x, rtol=1e-6, atol=1e-8, max_step=2e-3).y[:, -1]
     seen = np.stack(states)
