@@ -68,7 +68,7 @@ CASES: Mapping[str, Case] = {
         1000,
         0.04,
         950.0,
-        6,
+        3,
         Config(horizon=90, exploration=100),
         task=HERE / "balance.py",
     ),
