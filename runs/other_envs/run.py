@@ -20,7 +20,9 @@ from typing import Any, Literal
 
 import tyro
 
-from mcpilco.cli.sweep import Sweep
+from mcpilco.cli.sweep import parse_seeds, progress
+from mcpilco.config import Config, SearchConfig
+from mcpilco.sweep import LocalEngine, Settings, sweep
 from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
 from mcpilco.sweep.summary import markdown
 
@@ -39,33 +41,47 @@ class Case:
     """sampling time [s]"""
     threshold: float
     """mean return over fresh episodes from which on it is solved [-]"""
-    horizon: int
-    """steps of an episode to learn from"""
     trials: int
     """policies"""
-    exploration: int | None = None
-    """random steps at first; None: one horizon"""
+    config: Config
+    """numbers of the agent"""
+    fresh: int = 20
+    """whole episodes that each policy is judged by"""
     task: Path | None = None
     """task file; None: a guess"""
 
 
 CASES: Mapping[str, Case] = {
-    "pendulum": Case("Pendulum-v1", 200, 0.05, -200.0, horizon=80, trials=2),
+    "pendulum": Case("Pendulum-v1", 200, 0.05, -200.0, 5, Config(horizon=80), fresh=100),
     "pendulum_rewards": Case(
-        "Pendulum-v1", 200, 0.05, -200.0, horizon=80, trials=4, task=HERE / "pendulum.toml"
+        "Pendulum-v1",
+        200,
+        0.05,
+        -200.0,
+        5,
+        Config(horizon=80),
+        fresh=100,
+        task=HERE / "pendulum.toml",
     ),
     "inverted_pendulum": Case(
         "InvertedPendulum-v5",
         1000,
         0.04,
         950.0,
-        horizon=60,
-        trials=5,
-        exploration=100,
+        3,
+        Config(horizon=90, exploration=100),
         task=HERE / "balance.py",
     ),
     "inverted_double_pendulum": Case(
-        "InvertedDoublePendulum-v5", 1000, 0.05, 9100.0, horizon=30, trials=8, exploration=300
+        "InvertedDoublePendulum-v5",
+        1000,
+        0.05,
+        9100.0,
+        7,
+        Config(
+            search=SearchConfig(restarts=(1, 0)), horizon=30, exploration=300, precision="float32"
+        ),
+        task=HERE / "double_balance.py",
     ),
 }
 Name = Literal["pendulum", "pendulum_rewards", "inverted_pendulum", "inverted_double_pendulum"]
@@ -79,8 +95,6 @@ class Arguments:
     """`0:5` are 0 to 4"""
     only: Name | None = None
     """one of the envs"""
-    fresh: int = 20
-    """whole episodes that each policy is judged by"""
     workers: int = 1
     """processes at a time"""
     out: Path = HERE
@@ -97,18 +111,19 @@ def main() -> int:
 
 
 def train(case: Case, out: Path, arguments: Arguments) -> int:
-    return Sweep(
-        out=out,
-        seeds=arguments.seeds,
-        env=case.env,
+    """Train a case from the seeds that are not there yet; 1 when one of them failed."""
+    settings = Settings(
+        case.env,
+        config=case.config,
         trials=case.trials,
-        fresh=arguments.fresh,
+        fresh=case.fresh,
+        task=None if case.task is None else os.path.relpath(case.task),
         fresh_horizon=case.limit,
-        horizon=case.horizon,
-        exploration=case.exploration,
-        task=None if case.task is None else Path(os.path.relpath(case.task)),
-        workers=arguments.workers,
-    )()
+    )
+    seeds = parse_seeds(arguments.seeds)
+    with progress(len(seeds), 0, quiet=False) as on_result:
+        summary = sweep(settings, seeds, out, LocalEngine(arguments.workers), on_result)
+    return 1 if summary["failed"] else 0
 
 
 def write_readme(out: Path) -> None:

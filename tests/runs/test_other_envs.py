@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
+from mcpilco.config import PolicyConfig, SearchConfig
 from mcpilco.sweep.page import BEGIN, END
 
 RUN = Path(__file__).parent.parent.parent / "runs" / "other_envs" / "run.py"
@@ -26,29 +26,28 @@ def run():
 
 
 @pytest.fixture
-def hasty(monkeypatch):
-    """A preset that learns nothing in no time."""
+def hasty(run, monkeypatch):
+    """A pendulum that learns nothing in no time."""
     search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
-    config = dataclasses.replace(
-        PRESETS["default"].config, policy=PolicyConfig(bases=10), search=search
-    )
-    preset = dataclasses.replace(PRESETS["default"], config=config)
-    monkeypatch.setitem(PRESETS, "default", preset)
+    case = run.CASES["pendulum"]
+    config = dataclasses.replace(case.config, policy=PolicyConfig(bases=10), search=search)
+    case = dataclasses.replace(case, config=config, trials=1, fresh=1)
+    monkeypatch.setitem(run.CASES, "pendulum", case)
+    return case
 
 
 def test_run_trains_a_case_and_writes_its_page_from_all_that_is_there(
     run, hasty, tmp_path, monkeypatch
 ):
-    arguments = ["--only", "pendulum", "--seeds", "0:1", "--fresh", "1", "--out", str(tmp_path)]
+    arguments = ["--only", "pendulum", "--seeds", "0:1", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["run.py", *arguments])
     assert run.main() == 0
     text = (tmp_path / "README.md").read_text()
-    case = run.CASES["pendulum"]
     assert "| pendulum | -200 | 0 of 1 | – | – | -" in text
     assert "| seed 0 | -" in text
     about = json.loads((tmp_path / "results" / "pendulum" / "sweep.json").read_text())
-    assert about["fresh_horizon"] == case.limit
-    assert about["config"]["horizon"] == case.horizon
+    assert about["fresh_horizon"] == hasty.limit
+    assert about["config"]["horizon"] == hasty.config.horizon
 
 
 def test_solved_is_the_first_policy_that_reaches_the_threshold(run):
@@ -66,7 +65,8 @@ def test_every_case_learns_from_fewer_than_30_episodes_and_is_judged_on_whole_on
         spec = gym.spec(case.env)
         assert case.limit == spec.max_episode_steps
         assert spec.reward_threshold in (None, case.threshold)
-        steps = (case.exploration or case.horizon) + case.trials * case.horizon
+        horizon = case.config.horizon
+        steps = (case.config.exploration or horizon) + case.trials * horizon
         assert steps < 30 * case.limit
         assert case.task is None or case.task.exists()
 
