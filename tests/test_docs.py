@@ -73,8 +73,8 @@ def commands(page: Path) -> list[list[str]]:
     found = []
     for line in shell_lines(page):
         match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|sweep|view|report|check-env|doctor)"
-            r"\b.*)",
+            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|view|report|check-env"
+            r"|doctor)\b.*)",
             line,
         )
         if match:
