@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap.fit import Fit, residual, run, settle
+from mcpilco.gap.fit import Fit, remembered, residual, run, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 
 KNOWN_S = 0.3
 """of each window from which its start is estimated [s]"""
+FEWEST = 5
+"""windows that must be left"""
 RESAMPLES, BLOCK = 500, 8
 """of the bootstrap over blocks of neighbouring windows, which overlap"""
 
@@ -43,7 +45,7 @@ class Comparison:
     noise_floor: float
     """of a model without error: noise, and what it does to the estimated start"""
     closed: Closed
-    """(refit - corrected) / (refit - noise floor), or with nominal, whichever is smaller"""
+    """(nominal - corrected) / (nominal - noise floor); with refit where parameters were freed"""
     channels: dict[str, dict[str, float]]
     """the same by state, in its unit"""
     over_time: dict[str, Float[np.ndarray, " T"]]
@@ -51,8 +53,16 @@ class Comparison:
 
 
 def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Comparison:
-    """Errors of the nominal, refitted and corrected plant on held-out windows."""
+    """Errors of the nominal, refitted and corrected plant on held-out windows.
+
+    Windows whose motion forgets its start before their end are left out: there no model, not even
+    the true one, can be told from another.
+    """
     T = windows.y.shape[2]
+    kept = remembered(corrected.model, windows, corrected.theta, windows.guess)
+    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
+    if whole.sum() >= FEWEST:
+        windows = windows[np.flatnonzero(whole)]
     plants = {
         "nominal": (nominal, np.zeros(nominal.nuisances)),
         "refit": (refit.model, refit.theta),
@@ -67,6 +77,8 @@ def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Com
     }
     rms = {name: _rms(parts) for name, parts in by_window.items()}
     states = nominal.plant.layout.states
+    freed = any(np.isinf(std) for std in nominal.priors.values())
+    baseline = "refit" if freed else "nominal"
     channels = {
         states[2 * j]: {
             name: float(np.sqrt(np.nanmean(parts[:, j])) * windows.std[2 * j])
@@ -82,7 +94,7 @@ def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Com
     return Comparison(
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
-        closed=_closed(by_window),
+        closed=_closed(by_window, baseline),
         channels=channels,
         over_time=over_time,
     )
@@ -115,7 +127,7 @@ def _rms(parts: Float[np.ndarray, "W J"]) -> float:
     return float(np.mean(np.sqrt(np.nanmean(parts, axis=0))))
 
 
-def _closed(by_window: dict[str, Float[np.ndarray, "W J"]]) -> Closed:
+def _closed(by_window: dict[str, Float[np.ndarray, "W J"]], baseline: str) -> Closed:
     """The part of the gap that is closed, with an interval by the block bootstrap."""
     W = len(by_window["nominal"])
     rng = np.random.default_rng(0)
@@ -123,9 +135,8 @@ def _closed(by_window: dict[str, Float[np.ndarray, "W J"]]) -> Closed:
 
     def share(chosen: np.ndarray) -> float:
         rms = {name: _rms(parts[chosen]) for name, parts in by_window.items()}
-        before = min(rms["nominal"], rms["refit"])
-        gap = before - rms["noise_floor"]
-        return (before - rms["corrected"]) / gap if gap > 0.0 else 0.0
+        gap = rms[baseline] - rms["noise_floor"]
+        return (rms[baseline] - rms["corrected"]) / gap if gap > 0.0 else 0.0
 
     draws = [
         share(np.concatenate([blocks[n] for n in rng.integers(len(blocks), size=len(blocks))]))

@@ -30,7 +30,7 @@ from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown, rate_cell
+from mcpilco.sweep.summary import markdown, rate, rate_cell
 
 HERE = Path(__file__).parent
 
@@ -177,9 +177,9 @@ def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         (
             tier,
             str(len(cases)),
-            rate_cell(sum(map(right, cases)), len(cases)),
-            rate_cell(sum(map(in_family, cases)), len(cases)),
-            rate_cell(sum(map(misnamed, cases)), len(cases)),
+            rate_cell(rate([right(case) for case in cases])),
+            rate_cell(rate([in_family(case) for case in cases])),
+            rate_cell(rate([misnamed(case) for case in cases])),
         )
         for tier, cases in found.items()
     ]
