@@ -9,7 +9,7 @@ import numpy as np
 from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
 from mcpilco.simulation import Layout, Tables, laws
 
-SLOWEST, FASTEST = 2e-4, 0.1
+SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
 TURN = Symbol("v_r", "{q}/s", 2e-3, SLOWEST, FASTEST, told=False)
 """dry friction turns over as tanh(v / v_r); every machine has its own v_r"""
