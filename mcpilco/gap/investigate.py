@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -144,7 +145,10 @@ def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
 def _noise(
     plant: Plant, recordings: Sequence[Recording], known: Mapping[str, float]
 ) -> Float[np.ndarray, " X"]:
-    """Noise std of each state: what is known, else the median over the recordings."""
+    """Noise std of each state: what is known, else the median over the recordings.
+
+    It is at least that of rounding to the steps in which the values came.
+    """
     found = np.stack([noise_std(recording) for recording in recordings])
     measured = np.stack([recording.measured for recording in recordings])
     std = np.ones(found.shape[1])
@@ -152,7 +156,8 @@ def _noise(
         if name in known:
             std[x] = known[name]
         elif measured[:, x].any():
-            std[x] = max(float(np.median(found[measured[:, x], x])), 1e-9)
+            steps = max(recording.resolution[x] for recording in recordings) / math.sqrt(12.0)
+            std[x] = max(float(np.median(found[measured[:, x], x])), steps, 1e-9)
     return std
 
 
