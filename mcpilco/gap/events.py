@@ -36,13 +36,11 @@ def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     return far if far.mean() <= RARE else np.zeros_like(far)
 
 
-def events(
-    windows: Windows, far: Bool[np.ndarray, " W"], recordings: Sequence[Recording]
-) -> tuple[Event, ...]:
-    """The spans of some windows; those that touch are one."""
+def events(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
+    """The spans of windows; those that touch are one."""
     length = windows.y.shape[2] * windows.dt
     spans: list[Event] = []
-    for n, start in zip(windows.recording[far], windows.start_s[far], strict=True):
+    for n, start in zip(windows.recording, windows.start_s, strict=True):
         name, end = recordings[n].name, float(start + length)
         if spans and spans[-1].recording == name and start - spans[-1].end_s < 1.5 * windows.dt:
             spans[-1] = Event(name, spans[-1].start_s, end)

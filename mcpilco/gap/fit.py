@@ -54,6 +54,18 @@ class Linear:
         """What no start state could have done."""
         return columns - self.basis @ (self.basis.transpose(0, 2, 1) @ columns)
 
+    def normal_equations(
+        self,
+        theta: Float[np.ndarray, " p"],
+        weight: Float[np.ndarray, " W"],
+        precision: Float[np.ndarray, " p"],
+    ) -> tuple[Float[np.ndarray, "W n p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+        """P, H and g: cleaned columns of theta, and H step = g of the best step with a prior."""
+        P = self.cleaned(self.Jp)
+        WP = weight[:, None, None] * P
+        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
+        return P, H, np.einsum("wni,wn->i", WP, self.r) - precision * theta
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -214,7 +226,6 @@ def fit(
     theta: Float[np.ndarray, " p"],
     starts: Float[np.ndarray, "W X"],
     iterations: int = 20,
-    first: Linear | None = None,
 ) -> Fit:
     """Theta and the start states that fit best, by Levenberg and Marquardt's method.
 
@@ -224,13 +235,11 @@ def fit(
         theta: where the search begins.
         starts: likewise.
         iterations: at most.
-        first: the model there, if it is known.
     """
     low, high = model.bounds
-    damping, lin = 1e-4, first
+    damping = 1e-4
     for _ in range(iterations):
-        if lin is None:
-            lin = linearise(model, windows, theta, starts)
+        lin = linearise(model, windows, theta, starts)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows)
         weight = robust.weights(by_window)
@@ -254,7 +263,7 @@ def fit(
             damping = max(10.0 * damping, 1e-4)
         if not then < now:
             break
-        theta, starts, by_window, lin = there, moved, after, None
+        theta, starts, by_window = there, moved, after
         lost = Robust.of(after, windows).far(after)
         if lost.any() and not lost.all():  # the step was too far for their starts
             starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
@@ -314,10 +323,7 @@ def _step(
     model: Model, lin: Linear, theta: np.ndarray, damping: float, weight: np.ndarray, temper: float
 ) -> np.ndarray:
     """The damped Gauss-Newton step of theta, the start states eliminated, within its bounds."""
-    P = lin.cleaned(lin.Jp)
-    WP = weight[:, None, None] * P
-    H = np.einsum("wni,wnj->ij", WP, P) + np.diag(temper * model.precision)
-    g = np.einsum("wni,wn->i", WP, lin.r) - temper * model.precision * theta
+    _, H, g = lin.normal_equations(theta, weight, temper * model.precision)
     low, high = model.bounds
     free = ~((theta <= low) & (g < 0.0)) & ~((theta >= high) & (g > 0.0)) & (np.diag(H) > 0.0)
     step = np.zeros_like(theta)

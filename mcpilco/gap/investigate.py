@@ -102,7 +102,7 @@ def investigate(
         windows, masked = windows[~far], windows[far]
         found = search(model, _some(windows), candidates)
         best, kept = _finish(found.best, windows)
-        spans = events(masked, np.ones(len(masked), bool), recordings)
+        spans = events(masked, recordings)
     windows = kept
     null = _refit(found.null, windows)
     left = structure(best, windows)
@@ -210,12 +210,11 @@ def _some(windows: Windows) -> Windows:
 def _finish(found: Fit, windows: Windows) -> tuple[Fit, Windows]:
     """The fit of a search on all windows, those that it has not seen included."""
     kept = remembered(found.model, windows, found.theta, windows.guess)
-    starts = settle(found.model, kept, found.theta, kept.guess)
-    return fit(found.model, kept, found.theta, starts, iterations=15), kept
+    return _refit(found, kept), kept
 
 
 def _refit(found: Fit, windows: Windows) -> Fit:
-    """The fit of the nominal plant on the windows as they are."""
+    """The fit of a model on the windows as they are."""
     starts = settle(found.model, windows, found.theta, windows.guess)
     return fit(found.model, windows, found.theta, starts, iterations=15)
 

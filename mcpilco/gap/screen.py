@@ -95,10 +95,7 @@ class _Projection:
         weight = Robust.of(by_window, windows).weights(by_window)
         precision = misfit(windows, by_window, weight) * fit.model.precision
         precision += 1e-9  # of what is free and unfelt
-        P = lin.cleaned(lin.Jp)
-        WP = weight[:, None, None] * P
-        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
-        g = np.einsum("wni,wn->i", WP, lin.r) - precision * fit.theta
+        P, H, g = lin.normal_equations(fit.theta, weight, precision)
         return cls(fit, lin, windows, weight, P, H, g, precision)
 
     def normal_equations(
