@@ -202,9 +202,9 @@ def test_timing_is_met_to_the_order_of_the_other_integrators(tmp_path, effects):
 
 
 DRY = [
-    ("coulomb_friction", "elbow", {"f_c": 0.05, "v_r": 2e-4}),
-    ("coulomb_friction", "rail", {"f_c": 1.0, "v_r": 2e-4}),
-    ("asymmetric_friction", "rail", {"f_p": 1.0, "f_n": 0.5, "v_r": 2e-4}),
+    ("coulomb_friction", "elbow", {"f_c": 0.05, "v_r": 5e-4}),
+    ("coulomb_friction", "rail", {"f_c": 1.0, "v_r": 5e-4}),
+    ("asymmetric_friction", "rail", {"f_p": 1.0, "f_n": 0.5, "v_r": 5e-4}),
 ]
 
 

@@ -97,7 +97,7 @@ def effect(**changes):
         (effect(parameters={"f_c": None}), "f_c of .* must be a finite number"),
         (effect(parameters={"f_c": math.nan}), "must be a finite number at least 0, got nan"),
         (effect(parameters={"f_c": True}), "must be a finite number"),
-        (effect(parameters={"f_c": 0.1, "v_r": 0.0}), "at least 0.0002 and at most 0.1"),
+        (effect(parameters={"f_c": 0.1, "v_r": 0.0}), "at least 0.0005 and at most 0.1"),
     ],
 )
 def test_wrong_file_gets_a_sentence_that_names_the_part(tmp_path, content, sentence):
