@@ -56,14 +56,14 @@ class StribeckFriction(JointForce):
     symbols = (
         Symbol("f_c", "{f}", low=0.0),
         Symbol("f_d", "{f}", low=0.0),
-        Symbol("v_s", "{q}/s", 0.1, 1e-3),
+        Symbol("v_s", "{q}/s", 0.1, 10.0 * SLOWEST, 1.0),
         TURN,
     )
     law = laws.STRIBECK
 
     def probes(self, scale: Scale) -> list[Probe]:
         small, turn = 0.02 * scale.force, TURN.neutral
-        speeds = [part * scale.velocity for part in (0.03, 0.1, 0.3)]
+        speeds = [min(part * scale.velocity, 1.0) for part in (0.03, 0.1, 0.3)]
         return [Probe(np.array([[small, 0.0, v, turn], [0.0, small, v, turn]])) for v in speeds]
 
 

@@ -9,11 +9,14 @@ import numpy as np
 from jaxtyping import Bool
 
 from mcpilco.gap.fit import Fit
+from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.windows import Windows
 from mcpilco.recordings import Recording
 
-FAR, RARE = 25.0, 0.35
+FAR, RARE = 12.0, 0.35
 """times the median misfit; part of the windows that may be events"""
+PASSES = 4
+"""at most: events found in one no longer blur the next"""
 
 
 @dataclass(frozen=True)
@@ -29,11 +32,22 @@ class Event:
 
 
 def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
-    """Windows that fit far worse than most: they hold an event, unless they are many."""
-    samples = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
-    typical = found.by_window / samples
-    far = typical > FAR * max(1.0, float(np.median(typical)))
-    return far if far.mean() <= RARE else np.zeros_like(far)
+    """Windows that hold an event, unless they are many.
+
+    They are missed far more than most, and no force that depends on state and command, as the other
+    windows tell it, explains that.
+    """
+    response = respond(found, windows)
+    far = np.zeros(len(windows), dtype=bool)
+    for _ in range(PASSES):
+        left = explain(response, response.weights() * ~far).left
+        now = left > FAR * max(1.0, float(np.median(left[~far])))
+        if now.mean() > RARE:
+            return np.zeros_like(far)
+        if (now == far).all():
+            break
+        far = now
+    return far
 
 
 def events(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:

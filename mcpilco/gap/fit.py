@@ -195,16 +195,21 @@ def settle(
 
 
 def _settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    damping = np.full(len(starts), 1e-3)
+    starts, damping = starts.copy(), np.full(len(starts), 1e-3)
+    left = np.arange(len(starts))
     for _ in range(10):
-        lin = linearise(model, windows, theta, starts, over_theta=False)
+        some = windows[left]
+        lin = linearise(model, some, theta, starts[left], over_theta=False)
         now = np.einsum("wn,wn->w", lin.r, lin.r)
-        step = _start_step(lin, lin.r, damping)
-        then = _misfits(model, windows, theta, starts + step)
+        moved = starts[left] + _start_step(lin, lin.r, damping[left])
+        then = _misfits(model, some, theta, moved)
         better = then < now
-        starts = np.where(better[:, None], starts + step, starts)
-        damping = np.where(better, np.maximum(0.1 * damping, 1e-9), 10.0 * damping)
-        if np.all((now - then < 1e-2 * now) & (better | (damping > 1e3))):
+        starts[left[better]] = moved[better]
+        damping[left] *= np.where(better, 0.1, 10.0)
+        damping = np.maximum(damping, 1e-9)
+        settled = (now - then < 1e-2 * now) & (better | (damping[left] > 1e3))
+        left = left[~settled]
+        if not len(left):
             break
     return starts
 
@@ -254,9 +259,10 @@ def fit(
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < CONVERGED * now:
                 break
-            if not then < now:  # the step may be right, and too far for its starts
-                moved = _settle(model, windows, there, moved)
-                after = _misfits(model, windows, there, moved)
+            if not then < now:  # the step may be right, and too far for some starts
+                worse = np.flatnonzero(after > by_window)
+                moved[worse] = _settle(model, windows[worse], there, moved[worse])
+                after[worse] = _misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
                 break

@@ -15,7 +15,7 @@ from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.show import Comparison, compare
 from mcpilco.gap.where import Disagreement, locate, structure
-from mcpilco.gap.windows import Windows, cut
+from mcpilco.gap.windows import SECONDS, Windows, cut
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
@@ -87,26 +87,25 @@ def investigate(
     std = _noise(plant, recordings, noise or {})
     train, held_out = _split(recordings)
     everything = cut(recordings, std)
-    spans: tuple[Event, ...] = ()
+    if len(everything) < SEARCHED:
+        everything = cut(recordings, std, every=0.5 * SECONDS)
     model = Model(plant, (), _priors(plant, uncertainty, free), scales(plant, everything))
     windows = everything[np.isin(everything.recording, train)]
     names = [tuple(recordings[n].name for n in part) for part in (train, held_out)]
     if len(everything) < FEWEST:
         return _too_poor(plant, everything, names)
 
+    windows, masked = _without_events(model, windows)
     candidates = _candidates(plant, windows)
     found = search(model, _some(windows), candidates)
-    best, kept = _finish(found.best, windows)
-    far = outlying(best, kept)
-    if far.any():  # what they hold must not be explained by effects
-        windows, masked = windows[~far], windows[far]
-        found = search(model, _some(windows), candidates)
-        best, kept = _finish(found.best, windows)
-        spans = events(masked, recordings)
-    windows = kept
+    best, windows = _finish(found.best, windows)
+    far = outlying(best, windows)
+    if far.any():  # they stand out from what the best model leaves over
+        masked = masked.joined(windows[far])
+        best, windows = _finish(best, windows[~far])
     null = _refit(found.null, windows)
-    left = structure(best, windows)
     named = weigh(found, best, windows)
+    left = structure(best, windows)
     verdict = "named" if named else "none"
     if left.whiteness > STRUCTURED:
         verdict = "unknown"
@@ -120,7 +119,7 @@ def investigate(
         comparison=compare(
             model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)
         ),
-        events=spans,
+        events=events(masked, recordings),
         experiments=(),
         train=names[0],
         held_out=names[1],
@@ -191,6 +190,14 @@ def _priors(
     freed += [name for name in free if name != "all" and name not in priors]
     priors |= dict.fromkeys(freed, np.inf)
     return {name: std for name, std in priors.items() if std > 0.0}
+
+
+def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
+    """The windows to search, and those that hold an event: it must not be explained by effects."""
+    theta = np.zeros(model.nuisances)
+    kept = remembered(model, windows, theta, windows.guess)
+    far = outlying(fit(model, kept, theta, settle(model, kept, theta, kept.guess)), kept)
+    return windows[~far], windows[far]
 
 
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:

@@ -12,10 +12,11 @@ from scipy import stats
 from mcpilco.gap.fit import Fit, fit, linearise, remembered, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
+from mcpilco.gap.where import correlation_time, residuals
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
 
-ENOUGH = 30.0
+ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""
 PROMISING = 25.0
 """least score for which an effect is tried"""
@@ -85,18 +86,19 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             grown += tried.values()
         if not grown:
             break
-        grown = sorted(grown, key=lambda found: bic(found, windows, best))
-        needed = max(ENOUGH, FRACTION * (null.chi2 - float(windows.measured.sum())))
-        gain = bic(best, windows, best) - bic(grown[0], windows, best)
-        if gain < needed:
+        yardstick = Yardstick.of(min(grown, key=lambda found: found.chi2), windows)
+        grown = sorted(grown, key=yardstick.bic)
+        needed = yardstick.needed(null)
+        if yardstick.bic(best) - yardstick.bic(grown[0]) < needed:
             break
-        leaner = _without_superfluous(grown[0], windows, seen, model.priors, needed)
+        leaner = _without_superfluous(grown[0], windows, seen, model.priors, yardstick, needed)
         if leaner is best or set(leaner.model.named) == set(best.model.named):
             best = leaner
             break
         best = leaner
         beam = [best, *(f for f in grown[1:BEAM])]
-    order = {id(f): bic(f, windows, best) for f in seen.values()}
+    yardstick = Yardstick.of(best, windows)
+    order = {id(f): yardstick.bic(f) for f in seen.values()}
     rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
     ranked = tuple((f, order[id(f)]) for f in (best, *rest))
     return Found(best, null, ranked, tuple(scores))
@@ -113,6 +115,7 @@ def _without_superfluous(
     windows: Windows,
     seen: dict[frozenset[Active], Fit],
     priors: Mapping[str, float],
+    yardstick: Yardstick,
     needed: float,
 ) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
@@ -123,22 +126,53 @@ def _without_superfluous(
         smaller = fit(model, windows, theta, best.starts, iterations=12)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
-        if bic(seen[key], windows, best) - bic(best, windows, best) < needed:
+        if yardstick.bic(seen[key]) - yardstick.bic(best) < needed:
             return seen[key]
     return best
 
 
-def bic(found: Fit, windows: Windows, reference: Fit) -> float:
-    """Bayesian information criterion; no window weighs more than some times the median.
+@dataclass(frozen=True)
+class Yardstick:
+    """By what misfits are judged: as noise where they are noise, else by the best model's misfit.
 
-    Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
+    A model of a real machine never fits to the noise of the sensors, and what it leaves over is
+    correlated in time. Misfits are then measured in units of what the best model leaves over, and
+    count as many samples as are independent of one another.
     """
-    samples = windows.measured.sum(axis=(1, 2))
-    typical = float(np.median(reference.by_window / np.maximum(samples, 1)))
-    misfit = np.minimum(found.by_window, CAP * max(1.0, typical) * samples).sum()
-    prior = float((found.model.precision * found.theta**2).sum())
-    parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
-    return float(misfit) + prior + parameters * math.log(samples.sum())
+
+    windows: Windows
+    cap: float
+    """squared misfit of a sample beyond which a window counts no further"""
+    inflation: float
+    """misfit of an independent sample, at least 1"""
+    samples: float
+    """how many of these there are"""
+
+    @classmethod
+    def of(cls, best: Fit, windows: Windows) -> Yardstick:
+        """The yardstick of a model that fits well."""
+        samples = windows.measured.sum(axis=(1, 2))
+        by_sample = best.by_window / np.maximum(samples, 1)
+        cap = CAP * max(1.0, float(np.median(by_sample)))
+        misfit = float(np.minimum(best.by_window, cap * samples).sum() / samples.sum())
+        repeated = windows.overlap * correlation_time(residuals(best, windows))
+        return cls(windows, cap, max(1.0, misfit) * repeated, samples.sum() / repeated)
+
+    def bic(self, found: Fit) -> float:
+        """Bayesian information criterion; no window weighs more than some times the median.
+
+        Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
+        """
+        samples = self.windows.measured.sum(axis=(1, 2))
+        misfit = float(np.minimum(found.by_window, self.cap * samples).sum())
+        prior = float((found.model.precision * found.theta**2).sum())
+        parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
+        return misfit / self.inflation + prior + parameters * math.log(self.samples)
+
+    def needed(self, null: Fit) -> float:
+        """Least gain for which an effect is added, where `null` has none."""
+        gap = null.chi2 - float(self.windows.measured.sum())
+        return max(ENOUGH, FRACTION * gap / self.inflation)
 
 
 # What is told -------------------------------------------------------------------------------------
@@ -237,9 +271,11 @@ def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     dead = np.diag(H) <= 0.0
     H[dead, dead] = 1.0
     inverse = np.linalg.pinv(H)
-    spread = g.T @ g * len(windows) / max(len(windows) - 1, 1) + np.diag(model.precision)
+    independent = len(windows) / windows.overlap
+    spread = windows.overlap * g.T @ g * independent / max(independent - 1.0, 1.0)
+    spread += np.diag(model.precision)
     std = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
-    factor = float(stats.t.ppf(0.975, max(len(windows) - 1, 1)))
+    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
     low, high = model.bounds
     ends = np.stack([best.theta - factor * std, best.theta + factor * std])
     ends = np.clip(ends, low, high)

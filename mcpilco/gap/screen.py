@@ -17,6 +17,10 @@ MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""
 
 
+SEPARABLE = 1e-4
+"""least part of a signature that no parameter of the fitted model could have made"""
+
+
 @dataclass(frozen=True)
 class Score:
     """What adding an effect promises."""
@@ -85,6 +89,11 @@ class _Projection:
         """By how much chi^2 would fall without the prior of one parameter."""
         H, g, held = self.H.copy(), self.g.copy(), self.precision[number]
         H[number, number] -= held
+        others = np.delete(np.arange(len(H)), number)
+        shared = H[others, number]
+        alone = H[number, number] - shared @ np.linalg.solve(H[np.ix_(others, others)], shared)
+        if alone < SEPARABLE * H[number, number]:
+            return 0.0
         g[number] += held * self.fit.theta[number]
         before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)
         return float(g @ np.linalg.solve(H, g) - before + 2.0 * held * self.fit.theta[number] ** 2)
@@ -105,8 +114,11 @@ class _Projection:
         Q = self.lin.cleaned(columns)
         WQ = self.weight[:, None, None] * Q
         HPQ = np.einsum("wni,wnj->ij", WQ, self.P).T
-        S = np.einsum("wni,wnj->ij", WQ, Q) - HPQ.T @ np.linalg.solve(self.H, HPQ)
+        whole = np.einsum("wni,wnj->ij", WQ, Q)
+        S = whole - HPQ.T @ np.linalg.solve(self.H, HPQ)
         b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ np.linalg.solve(self.H, self.g)
+        same = np.diag(S) < SEPARABLE * np.diag(whole)
+        S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b
 
 

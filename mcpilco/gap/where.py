@@ -59,6 +59,22 @@ def whiteness(r: Float[np.ndarray, "W X T"]) -> float:
     return float(count * np.mean(np.square(lagged)))
 
 
+def correlation_time(r: Float[np.ndarray, "W X T"]) -> float:
+    """How many successive residuals say the same: 1 + 2 (rho_1 + rho_2 + ...), at least 1.
+
+    The sum ends at the first correlation that is not positive.
+
+    Reference: Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992).
+    """
+    size, total = float(np.sum(r**2)), 1.0
+    for lag in range(1, r.shape[2]):
+        rho = float(np.sum(r[:, :, lag:] * r[:, :, :-lag])) / size
+        if rho <= 0.0:
+            break
+        total += 2.0 * rho
+    return total
+
+
 def locate(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
     """The shares of each measured state in a fit's misfit, largest first."""
     r = residuals(found, windows)

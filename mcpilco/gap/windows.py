@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -26,6 +26,7 @@ LATENCY_S = 0.06
 """at the start of a window that is not compared: a sensor that lags sees what was before [s]"""
 LEAST_MEASURED = 0.8
 """part of the positions that a window must have"""
+_BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Windows:
     """which recording each is from"""
     start_s: Float[np.ndarray, " W"]
     """when each starts in its recording [s]"""
+    overlap: float = 1.0
+    """how many windows a sample is in"""
 
     def __len__(self) -> int:
         return len(self.y)
@@ -56,16 +59,14 @@ class Windows:
         self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice
     ) -> Windows:
         """Some of the windows."""
-        return Windows(
-            self.y[chosen],
-            self.commands[chosen],
-            self.lead,
-            self.dt,
-            self.std,
-            self.guess[chosen],
-            self.recording[chosen],
-            self.start_s[chosen],
-        )
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _BY_WINDOW})
+
+    def joined(self, others: Windows) -> Windows:
+        """These windows and others of the same recordings, in the order of time."""
+        pairs = [(getattr(self, name), getattr(others, name)) for name in _BY_WINDOW]
+        order = np.lexsort([np.concatenate(pairs[_BY_WINDOW.index(k)]) for k in ("start_s", "recording")])
+        found = (np.concatenate(pair)[order] for pair in pairs)
+        return replace(self, **dict(zip(_BY_WINDOW, found, strict=True)))
 
     @property
     def measured(self) -> Bool[np.ndarray, "W X T"]:
@@ -126,6 +127,7 @@ def cut(
         guess=guess,
         recording=np.array([n for n, _, _ in parts]),
         start_s=np.array([first * dt for _, _, first in parts]),
+        overlap=max(1.0, length / stride),
     )
 
 

@@ -41,6 +41,8 @@ SHORTEST = 1e-6
 """step that is taken whatever its error [s]"""
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
+MOST_STEPS = 5000
+"""between two jumps of its input, beyond which a motion is given up: it is stiff beyond use"""
 
 A = np.array(
     [
@@ -144,7 +146,11 @@ def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
     derivative(tables, s, q, v, actuated, done, w, kv, 0)
     for j in range(J):
         kq[0, j] = v[j]
+    tried = 0
     while duration - done > 1e-12:
+        tried += 1
+        if tried > MOST_STEPS:
+            return -1.0
         h = min(step, duration - done)
         for i in range(6):
             for j in range(J):

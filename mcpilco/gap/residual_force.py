@@ -1,0 +1,262 @@
+"""The force that a model misses in each joint, as far as state and command tell it.
+
+A small force in a joint during a short interval changes the rest of a window in a way that
+simulation shows. What a fit leaves over is read as the response to such forces,
+
+    r = G f + e,    f_j = f_j(q, v, u) ~ GP,
+
+so that no derivative of a measurement is taken. Friction, springs, contacts and whatever else
+depends on state and command can be learned so; a push by hand, which comes from outside, cannot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mcpilco.gap.fit import LOST, TOLERATED, Fit, linearise
+from mcpilco.gap.windows import Windows
+from mcpilco.simulation import simulate
+from mcpilco.simulation.tables import IDEAL_ACTUATOR, Tables
+
+HOLD_S = 0.06
+"""time for which a force is held [s]"""
+SHARP = 0.15
+"""lengthscale of the GP, where each coordinate ranges over about 2"""
+STRENGTHS = 1e-2, 1e-1, 1.0
+"""std of the GP that are tried, in usual forces of a joint"""
+FOLDS = 4
+"""of a cross-validation over windows"""
+
+
+@dataclass(frozen=True)
+class Response:
+    """What forces in the joints would do to the residuals of a fit; start states are eliminated."""
+
+    r: Float[np.ndarray, "W n"]
+    """residuals, in noise std"""
+    G: Float[np.ndarray, "W n m"]
+    """their change with the forces of joint and interval, the intervals of a joint side by side"""
+    x: Float[np.ndarray, "W m D"]
+    """state and command that go with each force, every coordinate within about -1 to 1"""
+    joint: Int[np.ndarray, " m"]
+    """the joint of each force"""
+    samples: Int[np.ndarray, " W"]
+    """measured values of each window"""
+
+    def __len__(self) -> int:
+        return len(self.r)
+
+    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"]) -> Response:
+        """Some of the windows."""
+        parts = self.r[chosen], self.G[chosen], self.x[chosen]
+        return Response(*parts, self.joint, self.samples[chosen])
+
+    def weights(self) -> Float[np.ndarray, " W"]:
+        """Weights that keep a few windows from leading all others."""
+        misfit = np.square(self.r).sum(axis=1) / self.samples
+        limit = TOLERATED * max(1.0, float(np.median(misfit)))
+        return np.minimum(1.0, limit / np.maximum(misfit, 1e-12))
+
+
+def respond(found: Fit, windows: Windows) -> Response:
+    """How the residuals of a fit answer to forces in the joints."""
+    lin = linearise(found.model, windows, found.theta, found.starts, over_theta=False)
+    layout = found.model.plant.layout
+    J, hold = len(layout.joints), max(1, round(HOLD_S / windows.dt))
+    first = np.arange(0, windows.y.shape[2] - 1, hold)
+    usual = np.array([found.model.scales[name].force for name in layout.joints])
+    columns = np.stack([_answers(found, windows, j, first, hold, usual[j]) for j in range(J)], 2)
+    G = columns.reshape(*columns.shape[:2], -1)
+    G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
+    x = _coordinates(windows, first, hold)
+    return Response(
+        r=lin.cleaned(lin.r[:, :, None])[:, :, 0],
+        G=lin.cleaned(G),
+        x=np.tile(x, (1, J, 1)),
+        joint=np.repeat(np.arange(J), len(first)),
+        samples=np.maximum(windows.measured.sum(axis=(1, 2)), 1),
+    )
+
+
+def _answers(
+    found: Fit, windows: Windows, joint: int, first: np.ndarray, hold: int, usual: float
+) -> Float[np.ndarray, "W n K"]:
+    """Change of the measurements, in noise std, per usual force in a joint, by interval."""
+    size = 1e-2
+    tables = _pushed(found.model.tables(found.theta[None]), joint)
+    W, T_all, U = windows.commands.shape
+    K = len(first)
+    each = np.zeros(1, dtype=np.int64)
+    changes = np.empty((W, windows.y[0].size, K))
+    for w in range(W):
+        commands = np.zeros((2 * K, T_all, U + 1))
+        commands[:, :, :U] = windows.commands[w]
+        for k, start in enumerate(windows.lead + first):
+            commands[2 * k, start : start + hold, U] = size * usual
+            commands[2 * k + 1, start : start + hold, U] = -size * usual
+        y = simulate(
+            tables,
+            np.repeat(each, 2 * K),
+            np.tile(found.starts[w], (2 * K, 1)),
+            np.arange(2 * K),
+            commands,
+            windows.lead,
+            windows.dt,
+        )
+        change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
+        change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)
+        changes[w] = change.reshape(K, -1).T
+    return changes
+
+
+def _pushed(tables: Tables, joint: int) -> Tables:
+    """The system with one input more, which pushes a joint."""
+    ideal = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), 1, 1))
+    return tables._replace(
+        drives=np.append(tables.drives, joint),
+        actuators=np.concatenate([tables.actuators, ideal], axis=1),
+    )
+
+
+def _coordinates(
+    windows: Windows, first: Int[np.ndarray, " K"], hold: int
+) -> Float[np.ndarray, "W K D"]:
+    """Positions, speeds and commands around the intervals, each brought to about -1 to 1.
+
+    Speeds near 0 are spread out: there dry friction turns over.
+    """
+    middle = np.minimum(first + hold // 2, windows.y.shape[2] - 1)
+    found = []
+    for j in range(windows.y.shape[1] // 2):
+        q = _filled(windows.y[:, 2 * j])
+        v = np.gradient(q, windows.dt, axis=1)
+        kernel = np.ones(3) / 3.0
+        v = np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")
+        slow = 0.1 * np.sqrt(np.mean(v**2)) + 1e-12
+        found += [_centred(q), _centred(np.arcsinh(v / slow))]
+    used = windows.commands[:, windows.lead :]
+    found += [_centred(used[:, :, u]) for u in range(used.shape[2])]
+    return np.stack([coordinate[:, middle] for coordinate in found], axis=2)
+
+
+def _filled(q: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
+    """Positions, the missing ones interpolated."""
+    filled, t = q.copy(), np.arange(q.shape[1])
+    for row in filled:
+        known = np.isfinite(row)
+        row[:] = np.interp(t, t[known], row[known]) if known.any() else 0.0
+    return filled
+
+
+def _centred(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
+    """So that most of it is between -1 and 1."""
+    low, high = np.percentile(x, [2.0, 98.0])
+    return 2.0 * (x - 0.5 * (low + high)) / max(high - low, 1e-9)
+
+
+def covariance(
+    a: Float[np.ndarray, "m D"], b: Float[np.ndarray, "n D"]
+) -> Float[np.ndarray, "m n"]:
+    """Of forces in one joint: functions of pairs of coordinates, added up; variance 1."""
+    D = a.shape[1]
+    near = [np.exp(-0.5 * np.square((a[:, [d]] - b[:, d]) / SHARP)) for d in range(D)]
+    pairs = [(c, d) for c in range(D) for d in range(c)] or [(0, 0)]
+    return sum(near[c] * near[d] for c, d in pairs) / len(pairs)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What forces that depend on state and command explain."""
+
+    share: float
+    """part of the squared residuals beyond the noise that is predicted, window by window [-]"""
+    left: Float[np.ndarray, " W"]
+    """squared residual of a sample that is not predicted from the other windows"""
+    by_joint: Float[np.ndarray, " J"]
+    """part of each joint in the force [-]"""
+
+
+def explain(
+    response: Response, weight: Float[np.ndarray, " W"] | None = None
+) -> Explained:
+    """Predicts the residuals of windows from those of others, as forces of state and command.
+
+    Args:
+        response: of a fit.
+        weight: of each window; by default those that fit far worse than most count less.
+    """
+    W = len(response)
+    weight = response.weights() if weight is None else weight
+    K = _prior(response)
+    best: tuple[float, np.ndarray, np.ndarray] | None = None
+    for strength in STRENGTHS:
+        left, force = np.empty(W), np.zeros((W, response.G.shape[2]))
+        for fold in range(min(FOLDS, W)):
+            told = np.arange(W) % FOLDS == fold
+            prediction, force[told] = _predict(response, K * strength**2, weight, told)
+            left[told] = np.square(response.r[told] - prediction).sum(axis=1)
+        score = float(weight @ left)
+        if best is None or score < best[0]:
+            best = score, left, force
+    assert best is not None
+    before = np.square(response.r).sum(axis=1)
+    beyond = float(weight @ np.maximum(before - response.samples, 0.0))
+    share = float(weight @ (before - best[1])) / beyond if beyond > 0.0 else 0.0
+    force = np.array([np.square(best[2][:, response.joint == j]).sum() for j in _joints(response)])
+    return Explained(
+        share=max(share, 0.0),
+        left=best[1] / response.samples,
+        by_joint=force / max(force.sum(), 1e-300),
+    )
+
+
+def _joints(response: Response) -> range:
+    return range(int(response.joint.max()) + 1)
+
+
+def _prior(response: Response) -> Float[np.ndarray, "Wm Wm"]:
+    """Covariance of all forces."""
+    W, m, D = response.x.shape
+    x, joint = response.x.reshape(W * m, D), np.tile(response.joint, W)
+    K = np.zeros((W * m, W * m))
+    for j in _joints(response):
+        own = np.flatnonzero(joint == j)
+        K[np.ix_(own, own)] = covariance(x[own], x[own])
+    return K
+
+
+def _predict(
+    response: Response,
+    K: Float[np.ndarray, "Wm Wm"],
+    weight: Float[np.ndarray, " W"],
+    told: Bool[np.ndarray, " W"],
+) -> tuple[Float[np.ndarray, "V n"], Float[np.ndarray, "V m"]]:
+    """Residuals and forces of some windows, from those of the others.
+
+    The noise of a window is inflated to what is usual, and by its weight.
+    """
+    m = response.G.shape[2]
+    known = ~told
+    misfit = np.square(response.r[known]).sum(axis=1) / response.samples[known]
+    noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
+    inside, outside = np.repeat(known, m), np.repeat(told, m)
+    G, r = response.G[known], response.r[known]
+    A = np.einsum("wni,wnj->wij", G, G) / noise[:, None, None]
+    b = (np.einsum("wni,wn->wi", G, r) / noise[:, None]).reshape(-1)
+    Kii = K[np.ix_(inside, inside)]
+    system = _times_blocks(A, Kii)
+    system[np.diag_indices(len(system))] += 1.0
+    force = K[np.ix_(outside, inside)] @ np.linalg.solve(system, b)
+    force = force.reshape(-1, m)
+    return np.einsum("wni,wi->wn", response.G[told], force), force
+
+
+def _times_blocks(
+    blocks: Float[np.ndarray, "V m m"], K: Float[np.ndarray, "Vm Vm"]
+) -> Float[np.ndarray, "Vm Vm"]:
+    """A K, where A is block-diagonal."""
+    V, m, _ = blocks.shape
+    return (blocks @ K.reshape(V, m, V * m)).reshape(V * m, V * m)
