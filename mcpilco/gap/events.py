@@ -15,6 +15,8 @@ from mcpilco.recordings import Recording
 
 FAR, RARE = 12.0, 0.35
 """times the median misfit; part of the windows that may be events"""
+STRANGE = 0.5
+"""least part of the misfit of an event that cannot be predicted"""
 PASSES = 4
 """at most: events found in one no longer blur the next"""
 
@@ -35,13 +37,17 @@ def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     """Windows that hold an event, unless they are many.
 
     They are missed far more than most, and no force that depends on state and command, as the other
-    windows tell it, explains that.
+    windows tell it, explains that: neither if those that are missed count less, nor if all count
+    alike, for then an effect that is felt in few places has told of itself.
     """
     response = respond(found, windows)
     far = np.zeros(len(windows), dtype=bool)
+    alike = explain(response, np.ones(len(windows))).left
+    before = np.square(response.r).sum(axis=1) / response.samples
     for _ in range(PASSES):
-        left = explain(response, response.weights() * ~far).left
+        left = np.minimum(alike, explain(response, response.weights() * ~far).left)
         now = left > FAR * max(1.0, float(np.median(left[~far])))
+        now &= left > STRANGE * before
         if now.mean() > RARE:
             return np.zeros_like(far)
         if (now == far).all():

@@ -13,6 +13,7 @@ from mcpilco.gap.events import Event, events, outlying
 from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
+from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.show import Comparison, compare
 from mcpilco.gap.where import Disagreement, locate, structure
 from mcpilco.gap.windows import SECONDS, Windows, cut
@@ -25,7 +26,11 @@ UNCERTAINTY = 0.01
 HELD_OUT = 3
 """every third recording is held out"""
 STRUCTURED = 50.0
-"""whiteness of residuals beyond which something is still missing"""
+"""whiteness of residuals beyond which something may still be missing"""
+PREDICTED = 0.3
+"""part of what is left that forces of state and command explain, beyond which it is an effect"""
+LEFT, LARGE = 0.1, 3.0
+"""part of the gap, and misfit of a sample over the noise, beyond which something is missing"""
 FEWEST = 6
 """windows without which nothing is named"""
 EVERY_S = 0.3
@@ -105,10 +110,7 @@ def investigate(
         best, windows = _finish(best, windows[~far])
     null = _refit(found.null, windows)
     named = weigh(found, best, windows)
-    left = structure(best, windows)
-    verdict = "named" if named else "none"
-    if left.whiteness > STRUCTURED:
-        verdict = "unknown"
+    verdict = "unknown" if _something_else(best, null, windows) else "named" if named else "none"
     corrected = _corrected(best)
     return Gap(
         plant=plant,
@@ -224,6 +226,16 @@ def _refit(found: Fit, windows: Windows) -> Fit:
     """The fit of a model on the windows as they are."""
     starts = settle(found.model, windows, found.theta, windows.guess)
     return fit(found.model, windows, found.theta, starts, iterations=15)
+
+
+def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
+    """Whether what the best model leaves over is neither noise nor of little account."""
+    left, gap = structure(best, windows), structure(null, windows)
+    if left.whiteness < STRUCTURED:
+        return False
+    if left.excess > max(LARGE, LEFT * gap.excess):
+        return True
+    return explain(respond(best, windows)).share > PREDICTED
 
 
 def _corrected(best: Fit) -> Plant:

@@ -118,7 +118,7 @@ class Model:
     def logarithmic(self) -> np.ndarray:
         """Which entries of theta are logarithms."""
         symbols = [s for active in self.actives for s in active.effect.symbols]
-        return np.array([False] * self.nuisances + [_positive(s) for s in symbols])
+        return np.array([False] * self.nuisances + [_positive(s) for s in symbols], dtype=bool)
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -88,15 +88,15 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             break
         yardstick = Yardstick.of(min(grown, key=lambda found: found.chi2), windows)
         grown = sorted(grown, key=yardstick.bic)
-        needed = yardstick.needed(null)
-        if yardstick.bic(best) - yardstick.bic(grown[0]) < needed:
+        worth = [f for f in grown if yardstick.prefers(f, best, null)]
+        if not worth:
             break
-        leaner = _without_superfluous(grown[0], windows, seen, model.priors, yardstick, needed)
+        leaner = _without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
         if leaner is best or set(leaner.model.named) == set(best.model.named):
             best = leaner
             break
         best = leaner
-        beam = [best, *(f for f in grown[1:BEAM])]
+        beam = [best, *[f for f in grown if f is not worth[0]][: BEAM - 1]]
     yardstick = Yardstick.of(best, windows)
     order = {id(f): yardstick.bic(f) for f in seen.values()}
     rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
@@ -116,7 +116,7 @@ def _without_superfluous(
     seen: dict[frozenset[Active], Fit],
     priors: Mapping[str, float],
     yardstick: Yardstick,
-    needed: float,
+    null: Fit,
 ) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
     for active in best.model.named if len(best.model.named) > 1 else ():
@@ -126,7 +126,7 @@ def _without_superfluous(
         smaller = fit(model, windows, theta, best.starts, iterations=12)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
-        if yardstick.bic(seen[key]) - yardstick.bic(best) < needed:
+        if not yardstick.prefers(best, seen[key], null):
             return seen[key]
     return best
 
@@ -169,10 +169,17 @@ class Yardstick:
         parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
         return misfit / self.inflation + prior + parameters * math.log(self.samples)
 
-    def needed(self, null: Fit) -> float:
-        """Least gain for which an effect is added, where `null` has none."""
+    def prefers(self, larger: Fit, smaller: Fit, null: Fit) -> bool:
+        """Whether a model with more effects is worth them; `null` has none.
+
+        An effect must explain a part of the whole gap, so that none is named for what two
+        integrators do differently. One that comes down to an uncertain parameter need not: its
+        prior says what is small.
+        """
         gap = null.chi2 - float(self.windows.measured.sum())
-        return max(ENOUGH, FRACTION * gap / self.inflation)
+        freed = len(larger.model.freed) > len(smaller.model.freed)
+        needed = ENOUGH if freed else max(ENOUGH, FRACTION * gap / self.inflation)
+        return self.bic(smaller) - self.bic(larger) >= needed
 
 
 # What is told -------------------------------------------------------------------------------------

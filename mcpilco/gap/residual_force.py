@@ -23,8 +23,8 @@ from mcpilco.simulation.tables import IDEAL_ACTUATOR, Tables
 
 HOLD_S = 0.06
 """time for which a force is held [s]"""
-SHARP = 0.15
-"""lengthscale of the GP, where each coordinate ranges over about 2"""
+LENGTHSCALES = 0.05, 0.2
+"""of the GP, where each coordinate ranges over about 2: a contact is sharp, a spring is not"""
 STRENGTHS = 1e-2, 1e-1, 1.0
 """std of the GP that are tried, in usual forces of a joint"""
 FOLDS = 4
@@ -162,9 +162,13 @@ def covariance(
 ) -> Float[np.ndarray, "m n"]:
     """Of forces in one joint: functions of pairs of coordinates, added up; variance 1."""
     D = a.shape[1]
-    near = [np.exp(-0.5 * np.square((a[:, [d]] - b[:, d]) / SHARP)) for d in range(D)]
     pairs = [(c, d) for c in range(D) for d in range(c)] or [(0, 0)]
-    return sum(near[c] * near[d] for c, d in pairs) / len(pairs)
+    total = np.zeros((len(a), len(b)))
+    for lengthscale in LENGTHSCALES:
+        near = [np.exp(-0.5 * np.square((a[:, [d]] - b[:, d]) / lengthscale)) for d in range(D)]
+        for c, d in pairs:
+            total += near[c] * near[d]
+    return total / (len(pairs) * len(LENGTHSCALES))
 
 
 @dataclass(frozen=True)
@@ -179,9 +183,7 @@ class Explained:
     """part of each joint in the force [-]"""
 
 
-def explain(
-    response: Response, weight: Float[np.ndarray, " W"] | None = None
-) -> Explained:
+def explain(response: Response, weight: Float[np.ndarray, " W"] | None = None) -> Explained:
     """Predicts the residuals of windows from those of others, as forces of state and command.
 
     Args:

@@ -64,7 +64,9 @@ class Windows:
     def joined(self, others: Windows) -> Windows:
         """These windows and others of the same recordings, in the order of time."""
         pairs = [(getattr(self, name), getattr(others, name)) for name in _BY_WINDOW]
-        order = np.lexsort([np.concatenate(pairs[_BY_WINDOW.index(k)]) for k in ("start_s", "recording")])
+        order = np.lexsort(
+            [np.concatenate(pairs[_BY_WINDOW.index(k)]) for k in ("start_s", "recording")]
+        )
         found = (np.concatenate(pair)[order] for pair in pairs)
         return replace(self, **dict(zip(_BY_WINDOW, found, strict=True)))
 

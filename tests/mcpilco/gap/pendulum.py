@@ -32,8 +32,17 @@ def hidden(rng: np.random.Generator) -> tuple[str, dict[str, float], Force]:
     return name, *forces[name]
 
 
+Outside = Callable[[float], float]
+"""torque that depends on time alone [N m]: a hand, the wind"""
+
+
 def record(
-    rng: np.random.Generator, force: Force, number: int, gain: float = 1.0, delay: float = 0.0
+    rng: np.random.Generator,
+    force: Force,
+    number: int,
+    gain: float = 1.0,
+    delay: float = 0.0,
+    outside: Outside = lambda time: 0.0,
 ) -> Recording:
     """Ten seconds under torques of several kinds; positions only, with noise."""
     t = DT * np.arange(round(SECONDS / DT))
@@ -44,7 +53,9 @@ def record(
 
     def slope(time: float, x: np.ndarray) -> tuple[float, float]:
         held = torque[max(int((time - delay) / DT + 1e-9), 0)]
-        total = gain * held - FRICTION * x[1] - MASS * GRAVITY * LENGTH * np.sin(x[0])
+        total = (
+            outside(time) + gain * held - FRICTION * x[1] - MASS * GRAVITY * LENGTH * np.sin(x[0])
+        )
         return x[1], (total + force(x[0], x[1])) / (MASS * LENGTH**2)
 
     x, states = np.array([rng.normal(0, 0.3), 0.0]), []

@@ -76,6 +76,25 @@ def test_a_detent_that_is_not_in_the_catalogue_is_unknown() -> None:
     assert gap.verdict == "unknown"
 
 
+def test_a_push_by_hand_is_an_event_and_no_effect() -> None:
+    rng = np.random.default_rng(10)
+
+    def friction(q: float, v: float) -> float:
+        return -0.1 * v / float(np.hypot(v, 2e-3))
+
+    def push(time: float) -> float:
+        return 3.0 if 4.0 <= time < 4.3 else 0.0
+
+    measured = [record(rng, friction, number) for number in range(4)]
+    measured[1] = record(rng, friction, 1, outside=push)
+    gap = investigate(PLANT(), measured)
+    assert [named.name for named in gap.named] == ["coulomb_friction"]
+    assert {event.recording for event in gap.events} == {"recording_1"}
+    assert len(gap.events) == 1
+    assert gap.events[0].start_s <= 4.0 and 4.3 <= gap.events[0].end_s
+    assert gap.events[0].end_s - gap.events[0].start_s < 3.5
+
+
 def test_too_little_is_refused_with_what_would_do() -> None:
     rng = np.random.default_rng(9)
     long = record(rng, nothing, 0)

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+
+import envs
+from mcpilco.gap.fit import Fit, fit, settle
+from mcpilco.gap.model import Model, scales
+from mcpilco.gap.residual_force import explain, respond
+from mcpilco.gap.windows import Windows, cut
+from tests.mcpilco.gap.pendulum import STD, Force, Outside, record
+
+
+def nothing(q: float, v: float) -> float:
+    return 0.0
+
+
+def nominal_fit(force: Force = nothing, outside: Outside = lambda time: 0.0) -> tuple[Fit, Windows]:
+    """The pendulum without effects, on recordings in which a force is hidden."""
+    rng = np.random.default_rng(1)
+    measured = [record(rng, force, number, outside=outside) for number in range(4)]
+    windows = cut(measured, np.array([STD, 1.0]))
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    model = Model(plant, (), {}, scales(plant, windows))
+    starts = settle(model, windows, np.zeros(0), windows.guess)
+    return fit(model, windows, np.zeros(0), starts), windows
+
+
+def test_a_force_that_depends_on_the_state_is_predicted_from_window_to_window() -> None:
+    def feeding(q: float, v: float) -> float:
+        return 0.2 * v / (1.0 + v * v)
+
+    explained = explain(respond(*nominal_fit(feeding)))
+    assert explained.share > 0.6
+
+
+def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
+    phases = np.random.default_rng(2).uniform(0.0, 6.0, 8)
+
+    def wind(time: float) -> float:
+        return 0.1 * float(np.sum(np.sin(2.0 * np.pi * np.arange(1, 9) * 0.37 * time + phases)))
+
+    explained = explain(respond(*nominal_fit(outside=wind)))
+    assert explained.share < 0.3
+
+
+def test_the_response_is_what_a_pushed_pendulum_does() -> None:
+    """Beside the same difference quotient with a hand-made constant torque."""
+    found, windows = nominal_fit()
+    response = respond(found, windows)
+    pushed = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    usual = found.model.scales["pendulum"].force
+    hold = 3  # samples, as HOLD_S
+    commands = windows.commands[0].copy()
+    first = windows.lead + 5 * hold
+    size = 1e-3 * usual
+    y = []
+    for sign in (1.0, -1.0):
+        moved = commands.copy()
+        moved[first : first + hold, 0] += sign * size
+        y.append(pushed.simulate(found.starts[:1], moved[None, windows.lead :], windows.dt)[0])
+    change = (y[0] - y[1])[: windows.y.shape[2], 0] / (2.0 * size / usual) / STD
+    seen = windows.measured[0, 0]
+    lin_free = response.G[0][: windows.y.shape[2], 5]
+    basis = _start_columns(found, windows)
+    told = np.where(seen, change, 0.0)
+    told = told - basis @ (basis.T @ told)
+    np.testing.assert_allclose(lin_free, told, atol=1e-3 * np.abs(told).max())
+
+
+def _start_columns(found: Fit, windows: Windows) -> np.ndarray:
+    """Orthonormal columns of what a start state does to the angles of the first window."""
+    plant, columns = found.model.plant, []
+    for nudge in (np.array([[1e-4, 0.0]]), np.array([[0.0, 1e-3]])):
+        commands = windows.commands[:1, windows.lead :]
+        up = plant.simulate(found.starts[:1] + nudge, commands, windows.dt)[0]
+        down = plant.simulate(found.starts[:1] - nudge, commands, windows.dt)[0]
+        angle = (up - down)[: windows.y.shape[2], 0]
+        columns.append(np.where(windows.measured[0, 0], angle, 0.0))
+    return np.linalg.qr(np.stack(columns, axis=1))[0]
