@@ -13,9 +13,10 @@ import tyro
 from mcpilco.cli.options import optional
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
+    from mcpilco.gap import Gap as Investigated
     from mcpilco.plant import Plant
     from mcpilco.recordings import Recording
 
@@ -27,7 +28,7 @@ class Gap:
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
     """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
-    """folder for gap.json and corrected.json"""
+    """folder for gap.json, corrected.json, report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
     """id of an env, or an MJCF file"""
     columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
@@ -72,7 +73,21 @@ class Gap:
         for line in summary(gap):
             print(line)
         print(f"Written: {self.out / 'gap.json'}")
+        self._draw(gap)
         return 0
+
+    def _draw(self, gap: Investigated) -> None:
+        """The page and the Rerun recording; what cannot be drawn loses nothing else."""
+        from mcpilco.gap.film import write_film
+        from mcpilco.report.gap_page import write_gap_report
+
+        try:
+            print(f"Written: {write_gap_report(gap, self.out / 'report.html')}")
+            if gap.comparison is not None:
+                print(f"Written: {write_film(gap, self.out / 'gap.rrd')}")
+                print(f"Look at it with: mcpilco view {self.out}")
+        except McPilcoError as error:
+            print(f"mcpilco: without pictures: {error}", file=sys.stderr)
 
     def _plant(self) -> Plant:
         if Path(self.plant).suffix == ".xml":

@@ -13,7 +13,7 @@ from mcpilco.gap.events import Event, events, outlying
 from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
-from mcpilco.gap.show import Comparison, compare
+from mcpilco.gap.show import Comparison, Models, compare, path
 from mcpilco.gap.where import Disagreement, locate, structure
 from mcpilco.gap.windows import Windows, cut
 from mcpilco.plant import Active, Plant
@@ -60,6 +60,10 @@ class Gap:
     """names of the recordings on which the models are compared"""
     found: Found | None = None
     """the search"""
+    models: Models | None = None
+    """the models that were compared, to look at them further"""
+    recordings: tuple[Recording, ...] = ()
+    """all of them"""
 
 
 def investigate(
@@ -111,20 +115,21 @@ def investigate(
     if left.whiteness > STRUCTURED:
         verdict = "unknown"
     corrected = _corrected(best)
+    models = Models(model, null, best, path(found, best))
     return Gap(
         plant=plant,
         verdict=verdict,
         named=named,
         corrected=corrected,
         where=locate(best if verdict == "unknown" else null, windows),
-        comparison=compare(
-            model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)
-        ),
+        comparison=compare(models, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
         events=spans,
         experiments=(),
         train=names[0],
         held_out=names[1],
         found=found,
+        models=models,
+        recordings=tuple(recordings),
     )
 
 
