@@ -67,27 +67,32 @@ class Gap:
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")
+        written = ["gap.json"]
         if gap.verdict != "too_poor":
             correction = correction_of(gap.corrected, plant)
             write_correction(self.out / "corrected.json", correction)
+            written.append("corrected.json")
         for line in summary(gap):
             print(line)
-        print(f"Written: {self.out / 'gap.json'}")
-        self._draw(gap)
+        written += self._draw(gap)
+        print(f"In {self.out}: {', '.join(written)}.")
+        if "gap.rrd" in written:
+            print(f"Look at it with: mcpilco view {self.out}")
         return 0
 
-    def _draw(self, gap: Investigated) -> None:
-        """The page and the Rerun recording; what cannot be drawn loses nothing else."""
+    def _draw(self, gap: Investigated) -> list[str]:
+        """The files of pictures that are written; what cannot be drawn loses nothing else."""
         from mcpilco.gap.film import write_film
         from mcpilco.report.gap_page import write_gap_report
 
+        written = []
         try:
-            print(f"Written: {write_gap_report(gap, self.out / 'report.html')}")
             if gap.comparison is not None:
-                print(f"Written: {write_film(gap, self.out / 'gap.rrd')}")
-                print(f"Look at it with: mcpilco view {self.out}")
+                written.append(write_film(gap, self.out / "gap.rrd").name)
+            written.append(write_gap_report(gap, self.out / "report.html").name)
         except McPilcoError as error:
-            print(f"mcpilco: without pictures: {error}", file=sys.stderr)
+            print(f"mcpilco: without all pictures: {error}", file=sys.stderr)
+        return written
 
     def _plant(self) -> Plant:
         if Path(self.plant).suffix == ".xml":

@@ -54,7 +54,7 @@ def _clip(
     windows = found.windows
     names = (baseline, "corrected")
     start = float(windows.start_s[w])
-    title = f"### {gap.recordings[windows.recording[w]].name}, from {start:.1f} s"
+    title = f"### {gap.held_out[windows.recording[w]]}, from {start:.1f} s"
     told = ", ".join(f"{name} **{short(errors[name][w])}**" for name in names)
     words = "White: measured. Orange: the plant before, blue: corrected, each in a free run."
     return Clip(

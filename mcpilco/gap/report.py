@@ -49,6 +49,7 @@ def _error(gap: Gap) -> dict[str, Any] | None:
         "noise_floor": found.noise_floor,
         "closed": vars(found.closed),
         "channels": found.channels,
+        "steps": [{"added": step.added, **vars(step.error)} for step in found.steps],
     }
 
 

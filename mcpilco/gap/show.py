@@ -97,7 +97,7 @@ class Comparison:
     steps: tuple[Step, ...]
     """how the error at the end shrinks, from the nominal plant to the corrected one"""
     windows: Windows
-    """the held-out windows"""
+    """the held-out windows; they number the held-out recordings"""
     runs: dict[str, Float[np.ndarray, "W X T"]]
     """free runs of the nominal, refitted and corrected plant over them, in each state's unit"""
 

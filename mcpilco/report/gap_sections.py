@@ -208,7 +208,7 @@ def windows(gap: Gap, found: Comparison) -> Section:
     for x, state in list(enumerate(gap.plant.layout.states))[0::2]:
         label = f"{state} [{units[state]}]"
         for w in shown:
-            recording = gap.recordings[found.windows.recording[w]].name
+            recording = gap.held_out[found.windows.recording[w]]
             title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
             runs = {name: found.runs[name][w, x] for name in names}
             measured = found.windows.y[w, x]

@@ -140,6 +140,7 @@ def _blueprint(clips: Sequence[Clip], naming: Naming, scene: Scene) -> rr.bluepr
     }
     states = np.concatenate([_whole(clip.measured) for clip in clips])
     points = [*(pose.translation for pose in scene.poses(states).values()), scene.marker(states)]
+    points += [np.array([position]) for _, position in scene.fixed]
     names = (MEASURED, *clips[0].models)
     return build_side_by_side(
         titles, {entity(WORLD, name): name for name in names}, np.concatenate(points)

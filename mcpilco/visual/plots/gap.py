@@ -103,7 +103,8 @@ def plot_shrink(
     ax.text(floor, -0.72, " noise alone", fontsize="small", va="center")
     for place, (name, error) in enumerate(zip(names, errors, strict=True)):
         text = name if place == 0 else f"+ {name}"
-        ax.text(1.06 * least, place - 0.35, f"{text}: {error:.4g}", fontsize="small", va="center")
+        number = f"{error:.0f}" if error >= 1000.0 else f"{error:.3g}"
+        ax.text(1.06 * least, place - 0.35, f"{text}: {number}", fontsize="small", va="center")
     ax.set(
         xlabel="error at the end [noise std]",
         xscale="log",

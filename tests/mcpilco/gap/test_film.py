@@ -31,6 +31,7 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
     write_film(found, tmp_path / "gap.rrd")
     ends = [np.sqrt(np.nanmean(np.square(c.measured - c.models["nominal"])[-5:])) for c in shown]
     assert ends == sorted(ends, reverse=True)
+    assert {clip.note.split(",")[0] for clip in shown} == {f"### {n}" for n in found.held_out}
     assert found.comparison is not None
     windows = found.comparison.windows
     samples = sum(len(r) for r in found.recordings if r.name in found.held_out)

@@ -9,9 +9,11 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 from mcpilco.gap import Gap
+from mcpilco.gap.events import Event
 from mcpilco.report import gap_sections
 from mcpilco.report.gap_page import write_gap_report
 from mcpilco.report.parts import Picture
+from tests.mcpilco.gap.pushed import PUSH_S
 from tests.mcpilco.report.test_page import Reader
 
 _DOT = "data:image/svg+xml;base64,PHN2Zy8+"
@@ -28,7 +30,8 @@ def read(gap: Gap, folder: Path) -> Reader:
 
 
 def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
-    page = read(found, tmp_path)
+    left_out = Event(found.recordings[1].name, *PUSH_S)
+    page = read(replace(found, events=(left_out,)), tmp_path)
     assert page.headings == [
         "What to mind",
         "What is missing",
@@ -43,11 +46,13 @@ def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
     # growth and shrink; three profiles and a map; one channel of two plants; three windows
     assert len(page.images) == 2 + 4 + 2 + 3
     assert all(image["alt"] for image in page.images)
+    series = [image["alt"] for image in page.images[-3:]]
+    assert all(f"angle in {found.held_out[0]}, from" in says for says in series)
     friction = found.named[0]
     assert f"{friction.parameters['f_c'].value:.4g} N m" in page.text
     for name in (*found.train, *found.held_out):
         assert name in page.text
-    assert "recording_1 was left out from" in page.text
+    assert "recording_1 was left out from 4.0 to 4.7 s" in page.text
 
 
 @pytest.mark.usefixtures("undrawn")
