@@ -18,7 +18,7 @@ CLIPS = 12
 
 
 def write_film(gap: Gap, path: Path) -> Path:
-    """The path of the recording written; the window that the nominal plant misses most is first.
+    """The path of the recording written; the window that is missed most comes first.
 
     Args:
         gap: of which it tells.
@@ -30,13 +30,13 @@ def write_film(gap: Gap, path: Path) -> Path:
     """
     if gap.comparison is None or gap.models is None:
         raise InputError("a film needs models that were compared; the recordings are too poor.")
-    found, baseline = gap.comparison, gap.models.baseline
+    found, names = gap.comparison, gap.models.shown
     errors = {
         name: np.sqrt(np.nanmean(at_end(error(found.windows, y)), axis=1))
         for name, y in found.runs.items()
     }
-    order = sorted(_apart(found), key=lambda w: -errors[baseline][w])
-    clips = [_clip(gap, found, w, baseline, errors) for w in order[:CLIPS]]
+    order = sorted(_apart(found), key=lambda w: -errors[names[0]][w])
+    clips = [_clip(gap, found, w, names, errors) for w in order[:CLIPS]]
     chain = gap.plant.build({p.name: p.value for p in gap.plant.parameters})
     layout = gap.plant.layout
     naming = Naming(
@@ -48,15 +48,15 @@ def write_film(gap: Gap, path: Path) -> Path:
 
 
 def _clip(
-    gap: Gap, found: Comparison, w: int, baseline: str, errors: dict[str, np.ndarray]
+    gap: Gap, found: Comparison, w: int, names: tuple[str, ...], errors: dict[str, np.ndarray]
 ) -> Clip:
     """One window."""
     windows = found.windows
-    names = (baseline, "corrected")
     start = float(windows.start_s[w])
     title = f"### {gap.held_out[windows.recording[w]]}, from {start:.1f} s"
     told = ", ".join(f"{name} **{short(errors[name][w])}**" for name in names)
-    words = "White: measured. Orange: the plant before, blue: corrected, each in a free run."
+    colors = ", ".join(f"{c}: {n}" for c, n in zip(("Orange", "blue"), names, strict=False))
+    words = f"White: measured. {colors}, in free runs."
     return Clip(
         note=f"{title}\n\nError at the end, in noise std: {told}\n\n{words}",
         measured=windows.y[w].T,

@@ -90,7 +90,8 @@ def summary(gap: Gap) -> list[str]:
             f"{short(found.nominal)}, refitted {short(found.refit)}, corrected "
             f"{short(found.corrected)}, noise alone {short(found.noise_floor)}."
         )
-        closed = found.closed
+    if gap.comparison is not None and gap.named:
+        closed = gap.comparison.closed
         lines.append(
             f"The gap is closed by {100 * closed.value:.1f} % "
             f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
@@ -111,6 +112,11 @@ def cautions(gap: Gap) -> list[str]:
         for named in gap.named
         if named.family[1:]
     ]
+    if gap.verdict == "unknown":
+        said.append(
+            "What is left over is no noise, and no effect of the catalogue explains it: the force "
+            "that is left over and the times of the misfit tell where to look."
+        )
     said += [
         f"{event.recording} was left out from {event.start_s:.1f} to {event.end_s:.1f} s, for no "
         "model explains it: a push, a contact, a fault of the log?"

@@ -50,6 +50,13 @@ class Models:
         freed = any(np.isinf(std) for std in self.nominal.priors.values())
         return "refit" if freed else "nominal"
 
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Which plants to look at beside one another; one alone where nothing was corrected."""
+        if self.corrected.model.named:
+            return (self.baseline, "corrected")
+        return ("nominal",) if self.baseline == "nominal" else ("nominal", "refit")
+
 
 @dataclass(frozen=True)
 class Interval:

@@ -47,15 +47,14 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
     found = gap.comparison
     if found is None:
         return tiles
-    closed, after = found.closed, f"after {found.horizon_s:g} s, in noise std"
-    tiles.append(
-        (
-            f"of the gap is closed ({100 * closed.low:.1f} to {100 * closed.high:.1f} %)",
-            f"{100 * closed.value:.1f} %",
-        )
-    )
+    if gap.named:
+        closed = found.closed
+        ends = f"({100 * closed.low:.1f} to {100 * closed.high:.1f} %)"
+        tiles.append((f"of the gap is closed {ends}", f"{100 * closed.value:.1f} %"))
+    after = f"after {found.horizon_s:g} s, in noise std"
     tiles.append((f"nominal error {after}", short(found.nominal)))
-    tiles.append((f"corrected error {after}", short(found.corrected)))
+    name = "corrected" if gap.named else "refitted"
+    tiles.append((f"{name} error {after}", short(found.corrected)))
     tiles.append(("what noise alone does", short(found.noise_floor)))
     return tiles
 
@@ -65,9 +64,9 @@ def _sections(gap: Gap) -> Iterator[Section]:
     if gap.named:
         yield made("What is missing", partial(sections.effects, gap))
     if gap.comparison is not None:
-        yield made("What adding it is worth", partial(sections.worth, gap, gap.comparison))
+        yield made("Errors on held-out recordings", partial(sections.worth, gap, gap.comparison))
     if gap.models is not None:
-        yield made("The force that is missing", partial(sections.force, gap, gap.models))
+        yield made("The force that is left over", partial(sections.force, gap, gap.models))
         yield made("When they disagree", partial(sections.when, gap, gap.models))
     if gap.comparison is not None:
         yield made("Held-out windows", partial(sections.windows, gap, gap.comparison))

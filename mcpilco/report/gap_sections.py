@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -65,7 +65,9 @@ def worth(gap: Gap, found: Comparison) -> Section:
     """The errors on held-out recordings, and how they shrink."""
     times = found.windows.dt * np.arange(found.windows.y.shape[2])
     steps = [step.error for step in found.steps]
-    growth = partial(plot_growth, times, found.over_time, found.bands)
+    names = [name for name in found.over_time if gap.named or name != "corrected"]
+    errors_over_time = {name: found.over_time[name] for name in names}
+    growth = partial(plot_growth, times, errors_over_time, found.bands)
     shrink = partial(
         plot_shrink,
         [step.added for step in found.steps],
@@ -74,14 +76,13 @@ def worth(gap: Gap, found: Comparison) -> Section:
         found.noise_floor,
     )
     units = _units(gap.plant)
-    names = ("nominal", "refit", "corrected", "noise_floor")
     rows = [
         (channel, *(f"{errors[name]:.3g} {units[channel]}" for name in names))
         for channel, errors in found.channels.items()
     ]
     same = not set(gap.train).isdisjoint(gap.held_out)
     return Section(
-        "What adding it is worth",
+        "What adding it is worth" if gap.named else "Errors on held-out recordings",
         f"Free runs through {len(found.windows)} windows "
         + (
             "of the recordings, which were fitted too: there are too few to hold some out. "
@@ -96,7 +97,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
         ],
         [
             Table(
-                (f"error after {found.horizon_s:g} s", "nominal", "refitted", "corrected", "noise"),
+                (f"error after {found.horizon_s:g} s", *(n.replace("_", " ") for n in names)),
                 rows,
             )
         ],
@@ -106,17 +107,15 @@ def worth(gap: Gap, found: Comparison) -> Section:
 def force(gap: Gap, models: Models) -> Section:
     """The generalised force that the nominal and the corrected plant leave over."""
     plants = models.named()
-    left = {
-        name: leftover(*plants[name], _without_events(gap), _std(gap))
-        for name in dict.fromkeys((models.baseline, "corrected"))
-    }
+    left = {name: leftover(*plants[name], _without_events(gap), _std(gap)) for name in models.shown}
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
-        "The force that is missing",
-        f"What the {models.baseline} plant would need at a joint to move as the recordings do, as "
+        "The force that is missing" if gap.named else "The force that is left over",
+        f"What the {models.shown[0]} plant would need at a joint to move as the recordings do, as "
         f"a mean over {SPAN_S:g} s. A curve over the velocity is friction, one over the position a "
         "spring or the weight, one over the command the actuator; the lines are medians, half of "
-        "all values lie within the bands. What the corrected plant leaves over should be flat.",
+        "all values lie within the bands."
+        + (" What the corrected plant leaves over should be flat." if gap.named else ""),
         pictures,
         columns=2,
     )
@@ -164,10 +163,7 @@ def _force_at(j: int, plant: Plant, left: Mapping[str, Leftover]) -> Iterator[Pi
 def when(gap: Gap, models: Models) -> Section:
     """How far both plants miss each channel, over the time of the recordings."""
     plants = models.named()
-    maps = {
-        name: time_map(*plants[name], gap.recordings, _std(gap))
-        for name in (models.baseline, "corrected")
-    }
+    maps = {name: time_map(*plants[name], gap.recordings, _std(gap)) for name in models.shown}
     names = [recording.name for recording in gap.recordings]
     events = [(names.index(e.recording), e.start_s, e.end_s) for e in gap.events]
     pictures = []
@@ -182,11 +178,11 @@ def when(gap: Gap, models: Models) -> Section:
     rows = [(part.channel, f"{100 * part.share:.0f} %", part.condition) for part in gap.where]
     return Section(
         "When they disagree",
-        f"The misfit of windows of a second, their starts fitted: {models.baseline} plant on the "
-        "left, corrected plant on the right. White is noise, grey is not covered."
+        f"The misfit of windows of a second, their starts fitted, by the {_listed(models.shown)} "
+        "plant. White is noise, grey is not covered."
         + (" The black bars are the spans that were left out." if events else ""),
         pictures,
-        [Table(("channel", "share of the misfit", "largest"), rows)],
+        [Table(("channel", "share of the misfit", "largest"), rows)] if rows else [],
         columns=2,
     )
 
@@ -200,10 +196,10 @@ def _most(maps: Mapping[str, TimeMap], x: int) -> float | None:
 def windows(gap: Gap, found: Comparison) -> Section:
     """Some held-out windows: measured, nominal, corrected."""
     assert gap.models is not None
-    names = (gap.models.baseline, "corrected")
+    names = gap.models.shown
     times = found.windows.dt * np.arange(found.windows.y.shape[2])
     units = _units(gap.plant)
-    shown = _shown(found, gap.models.baseline)
+    shown = _shown(found, names[0])
     pictures = []
     for x, state in list(enumerate(gap.plant.layout.states))[0::2]:
         label = f"{state} [{units[state]}]"
@@ -223,9 +219,9 @@ def windows(gap: Gap, found: Comparison) -> Section:
     )
 
 
-def _shown(found: Comparison, baseline: str) -> list[int]:
+def _shown(found: Comparison, name: str) -> list[int]:
     """Windows in which a plant is worse than in 90, 50 and 10 % of all."""
-    squares = np.nanmean(at_end(error(found.windows, found.runs[baseline])), axis=1)
+    squares = np.nanmean(at_end(error(found.windows, found.runs[name])), axis=1)
     order = np.argsort(squares)
     return [int(order[round(part * (len(order) - 1))]) for part in _PARTS]
 
@@ -278,6 +274,10 @@ def recordings(gap: Gap) -> Section:
         ]
         tables.append(Table(("state", "noise std"), noise))
     return Section("Recordings", "", (), tables, folded=True)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and the ".join(names)
 
 
 def _std(gap: Gap) -> Float[np.ndarray, " X"]:

@@ -17,6 +17,8 @@ _FRAME = (110, 116, 130)
 """of what does not move"""
 _THICK = 0.05
 """radius of a link, in lengths of the longest [-]"""
+_POINT = 0.5
+"""size of a scene whose bodies have no length at all [m]"""
 _SHORTEST = 0.1
 """length of a body that has none, in lengths of the longest [-]"""
 
@@ -27,7 +29,7 @@ def chain_scene(chain: Chain) -> Scene:
     A link that carries no other ends at twice the way to its center of mass, as a rod would.
     """
     tips = _tips(chain)
-    size = max(float(np.linalg.norm(tips, axis=1).max()), 1e-3)
+    size = float(np.linalg.norm(tips, axis=1).max()) or _POINT
     radius = _THICK * size
     shapes = {}
     for number, body in enumerate(chain.bodies):

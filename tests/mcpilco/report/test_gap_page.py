@@ -73,6 +73,25 @@ def test_page_of_too_little_says_what_to_record(found: Gap, tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_page_of_a_plant_that_lacks_nothing_speaks_of_no_correction(
+    found: Gap, tmp_path: Path
+) -> None:
+    assert found.models is not None
+    models = replace(found.models, corrected=found.models.refit)
+    page = read(replace(found, verdict="none", named=(), models=models), tmp_path)
+    assert page.headings[:2] == ["Errors on held-out recordings", "The force that is left over"]
+    assert "of the gap is closed" not in page.text
+    assert not any("corrected" in image["alt"] for image in page.images)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_page_of_something_unknown_says_where_to_look(found: Gap, tmp_path: Path) -> None:
+    page = read(replace(found, verdict="unknown", named=()), tmp_path)
+    assert page.headings[0] == "What to mind"
+    assert "tell where to look" in page.text
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_errors_of_recordings_that_were_fitted_are_called_that(
     found: Gap,
     tmp_path: Path,
