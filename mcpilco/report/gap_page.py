@@ -74,4 +74,5 @@ def _sections(gap: Gap) -> Iterator[Section]:
         yield made("What to record next", partial(sections.experiments, gap))
     if gap.found is not None:
         yield made("What was compared", partial(sections.candidates, gap, gap.found))
-    yield made("Recordings", partial(sections.recordings, gap))
+    if gap.recordings:
+        yield made("Recordings", partial(sections.recordings, gap))

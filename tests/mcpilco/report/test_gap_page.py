@@ -15,6 +15,7 @@ from mcpilco.report.gap_page import write_gap_report
 from mcpilco.report.parts import Picture
 from tests.mcpilco.gap.pushed import PUSH_S
 from tests.mcpilco.report.test_page import Reader
+from tests.mcpilco.visual import browser
 
 _DOT = "data:image/svg+xml;base64,PHN2Zy8+"
 
@@ -108,3 +109,16 @@ def test_text_of_a_recording_cannot_become_markup(found: Gap, tmp_path: Path) ->
         replace(found, recordings=(odd, *found.recordings[1:])), tmp_path / "page.html"
     )
     assert "<script" not in (tmp_path / "page.html").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(browser.CHROMIUM is None, reason="no chromium; apt-get install chromium")
+@pytest.mark.parametrize("width", [390, 1200])
+def test_browser_shows_the_page_within_its_width(found: Gap, tmp_path: Path, width: int) -> None:
+    path = write_gap_report(found, tmp_path / "report.html")
+    with browser.page(tmp_path / "profile") as page:
+        page.open(f"file://{path}", width, 800)
+        page.wait_for("document.readyState == 'complete'")
+        assert page.ask("document.documentElement.scrollWidth") <= width
+        assert page.ask("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
+        assert page.problems == []
