@@ -124,7 +124,7 @@ class Film:
             group="" if len(self._reels) == 1 else "ab"[i],
         )
         if reel.scene is not None:
-            log_scene(track, reel.scene, rollout)
+            log_scene(track, reel.scene, rollout.shown_states)
             if trial.prediction is not None:
                 log_particles(track, reel.scene, trial.prediction)
         log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)

@@ -13,9 +13,10 @@ import tyro
 from mcpilco.cli.options import optional
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
+    from mcpilco.gap import Gap as Investigated
     from mcpilco.plant import Plant
     from mcpilco.recordings import Recording
 
@@ -27,7 +28,7 @@ class Gap:
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
     """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
-    """folder for gap.json and corrected.json"""
+    """folder for gap.json, corrected.json, report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
     """id of an env, or an MJCF file"""
     columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
@@ -66,13 +67,32 @@ class Gap:
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")
+        written = ["gap.json"]
         if gap.verdict != "too_poor":
             correction = correction_of(gap.corrected, plant)
             write_correction(self.out / "corrected.json", correction)
+            written.append("corrected.json")
         for line in summary(gap):
             print(line)
-        print(f"Written: {self.out / 'gap.json'}")
+        written += self._draw(gap)
+        print(f"In {self.out}: {', '.join(written)}.")
+        if "gap.rrd" in written:
+            print(f"Look at it with: mcpilco view {self.out}")
         return 0
+
+    def _draw(self, gap: Investigated) -> list[str]:
+        """The files of pictures that are written; what cannot be drawn loses nothing else."""
+        from mcpilco.gap.film import write_film
+        from mcpilco.report.gap_page import write_gap_report
+
+        written = []
+        try:
+            if gap.comparison is not None:
+                written.append(write_film(gap, self.out / "gap.rrd").name)
+            written.append(write_gap_report(gap, self.out / "report.html").name)
+        except McPilcoError as error:
+            print(f"mcpilco: without all pictures: {error}", file=sys.stderr)
+        return written
 
     def _plant(self) -> Plant:
         if Path(self.plant).suffix == ".xml":

@@ -1,4 +1,4 @@
-"""`mcpilco view`: look at a run's rollouts beside the particles predicted for them."""
+"""`mcpilco view`: look at a run's rollouts beside the particles predicted for them, or at a gap."""
 
 from __future__ import annotations
 
@@ -16,16 +16,21 @@ from mcpilco.cli.options import RunPath, optional
 from mcpilco.cli.system import choose_trial, open_env
 from mcpilco.typing import InputError, McPilcoError
 
+_FIRST_WINDOW_S = 1.0
+"""about the end of the first window of a gap's recording [s]"""
 _LOOK_S = 1.0
 """between two looks at a run that is being written [s]"""
 
 
 @dataclass(frozen=True)
 class View:
-    """Look at the rollouts of a run in the Rerun viewer, one trial after another."""
+    """Look at the rollouts of a run in the Rerun viewer, one trial after another.
+
+    Or at what `mcpilco gap` has found.
+    """
 
     run: RunPath
-    """run folder"""
+    """run folder, folder of `mcpilco gap`, or .rrd file"""
     other: Annotated[
         tyro.conf.Positional[Path | None],
         tyro.conf.arg(metavar="[RUN_B]", help_behavior_hint="(default: none)"),
@@ -50,6 +55,10 @@ class View:
         """
         from mcpilco.run_folder import RunFolder
 
+        film = self.run / "gap.rrd" if self.run.is_dir() else self.run
+        if film.suffix == ".rrd" and film.is_file():
+            self._show_gap(film)
+            return 0
         runs = [RunFolder.open(path) for path in (self.run, self.other) if path is not None]
         if self.live:
             self._follow(runs)
@@ -74,6 +83,12 @@ class View:
         else:
             at = end_s() if self.at is None else self.at
             print(screenshot(recording, self.screenshot, at))
+
+    def _show_gap(self, film: Path) -> None:
+        """What `mcpilco gap` has recorded; a picture is of the end of its first window."""
+        if self.other is not None or self.live or self.trial is not None:
+            raise InputError(f"{film} is no run: it takes no RUN_B, --trial or --live.")
+        self._show(film, lambda: _FIRST_WINDOW_S)
 
     def _follow(self, runs: list[Any]) -> None:
         """Show what a run learns, until the viewer is closed."""

@@ -14,7 +14,7 @@ from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.residual_force import explain, respond
-from mcpilco.gap.show import Comparison, compare
+from mcpilco.gap.show import Comparison, Models, compare, path
 from mcpilco.gap.where import Disagreement, locate, structure
 from mcpilco.gap.windows import SECONDS, Windows, cut
 from mcpilco.plant import Active, Plant
@@ -65,6 +65,10 @@ class Gap:
     """names of the recordings on which the models are compared"""
     found: Found | None = None
     """the search"""
+    models: Models | None = None
+    """the models that were compared, to look at them further"""
+    recordings: tuple[Recording, ...] = ()
+    """all of them"""
 
 
 def investigate(
@@ -112,20 +116,21 @@ def investigate(
     named = weigh(found, best, windows)
     verdict = "unknown" if _something_else(best, null, windows) else "named" if named else "none"
     corrected = _corrected(best)
+    models = Models(model, null, best, path(found, best))
     return Gap(
         plant=plant,
         verdict=verdict,
         named=named,
         corrected=corrected,
         where=locate(best if verdict == "unknown" else null, windows),
-        comparison=compare(
-            model, null, best, cut([recordings[n] for n in held_out], std, every=EVERY_S)
-        ),
+        comparison=compare(models, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
         events=events(masked, recordings),
         experiments=(),
         train=names[0],
         held_out=names[1],
         found=found,
+        models=models,
+        recordings=tuple(recordings),
     )
 
 

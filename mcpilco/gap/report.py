@@ -49,6 +49,7 @@ def _error(gap: Gap) -> dict[str, Any] | None:
         "noise_floor": found.noise_floor,
         "closed": vars(found.closed),
         "channels": found.channels,
+        "steps": [{"added": step.added, **vars(step.error)} for step in found.steps],
     }
 
 
@@ -68,7 +69,7 @@ def _finite(value: Any) -> Any:
 
 def summary(gap: Gap) -> list[str]:
     """Some lines that an engineer can act on."""
-    lines = [f"{gap.plant.name}: {_VERDICTS[gap.verdict]}"]
+    lines = [f"{gap.plant.name}: {verdict(gap)}"]
     for named in gap.named:
         numbers = ", ".join(
             f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
@@ -86,13 +87,14 @@ def summary(gap: Gap) -> list[str]:
         found = gap.comparison
         lines.append(
             f"Error after {found.horizon_s:g} s on held-out recordings, in noise std: nominal "
-            f"{found.nominal:.3g}, refitted {found.refit:.3g}, corrected {found.corrected:.3g}, "
-            f"noise alone {found.noise_floor:.3g}."
+            f"{short(found.nominal)}, refitted {short(found.refit)}, corrected "
+            f"{short(found.corrected)}, noise alone {short(found.noise_floor)}."
         )
-        closed = found.closed
+    if gap.comparison is not None and gap.named:
+        closed = gap.comparison.closed
         lines.append(
-            f"The gap is closed by {100 * closed.value:.0f} % "
-            f"({100 * closed.low:.0f} to {100 * closed.high:.0f})."
+            f"The gap is closed by {100 * closed.value:.1f} % "
+            f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
         )
     lines += [
         f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
@@ -100,6 +102,44 @@ def summary(gap: Gap) -> list[str]:
         for event in gap.events
     ]
     return lines + list(gap.experiments)
+
+
+def cautions(gap: Gap) -> list[str]:
+    """What a reader of the numbers must not miss."""
+    said = [
+        f"Instead of {named.name} at {named.target} it could be {' or '.join(named.family[1:])}: "
+        "these recordings cannot tell."
+        for named in gap.named
+        if named.family[1:]
+    ]
+    if gap.verdict == "unknown":
+        said.append(
+            "What is left over is no noise, and no effect of the catalogue explains it: the force "
+            "that is left over and the times of the misfit tell where to look."
+        )
+    said += [
+        f"{event.recording} was left out from {event.start_s:.1f} to {event.end_s:.1f} s, for no "
+        "model explains it: a push, a contact, a fault of the log?"
+        for event in gap.events
+    ]
+    if not set(gap.train).isdisjoint(gap.held_out) and gap.comparison is not None:
+        said.append(
+            "The errors are of recordings that were fitted too; record three or more to have some "
+            "held out."
+        )
+    return said
+
+
+def short(value: float) -> str:
+    """A number with three digits, large ones without an exponent."""
+    return f"{value:.0f}" if 1000.0 <= abs(value) < 1e7 else f"{value:.3g}"
+
+
+def verdict(gap: Gap) -> str:
+    """The verdict as a sentence."""
+    if gap.verdict == "named" and len(gap.named) > 1:
+        return f"{len(gap.named)} effects are missing in the plant."
+    return _VERDICTS[gap.verdict]
 
 
 _VERDICTS = {

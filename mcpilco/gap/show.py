@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, remembered, residual, run, settle
 from mcpilco.gap.model import Model
+from mcpilco.gap.name import Found
 from mcpilco.gap.windows import Windows
 
 KNOWN_S = 0.3
@@ -17,17 +19,64 @@ FEWEST = 5
 """windows that must be left"""
 RESAMPLES, BLOCK = 500, 8
 """of the bootstrap over blocks of neighbouring windows, which overlap"""
+END = 0.1
+"""last part of a window, whose error counts as that at its end"""
 
 
 @dataclass(frozen=True)
-class Closed:
-    """Part of the gap that the correction closes."""
+class Models:
+    """What is compared."""
+
+    nominal: Model
+    """as it was given"""
+    refit: Fit
+    """the plant with its uncertain parameters refitted"""
+    corrected: Fit
+    """the plant with the effects that were found"""
+    steps: tuple[Fit, ...] = ()
+    """the plant with the first of these effects, with the first two, ...; without all of them"""
+
+    def named(self) -> dict[str, tuple[Model, Float[np.ndarray, " p"]]]:
+        """Each plant that is told of, with its parameters, by name."""
+        return {
+            "nominal": (self.nominal, np.zeros(self.nominal.nuisances)),
+            "refit": (self.refit.model, self.refit.theta),
+            "corrected": (self.corrected.model, self.corrected.theta),
+        }
+
+    @property
+    def baseline(self) -> str:
+        """What a gap is measured from: the refit where parameters were freed, else the nominal."""
+        freed = any(np.isinf(std) for std in self.nominal.priors.values())
+        return "refit" if freed else "nominal"
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Which plants to look at beside one another; one alone where nothing was corrected."""
+        if self.corrected.model.named:
+            return (self.baseline, "corrected")
+        return ("nominal",) if self.baseline == "nominal" else ("nominal", "refit")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its 95 % interval."""
 
     value: float
     low: float
     """of the 95 % interval"""
     high: float
     """of the 95 % interval"""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The error at the end of held-out windows with one thing more mended."""
+
+    added: str
+    """what: the parameters, or an effect at its target"""
+    error: Interval
+    """mean over the joints, each in its noise std [-]"""
 
 
 @dataclass(frozen=True)
@@ -44,41 +93,42 @@ class Comparison:
     """of the plant with the effects that were found"""
     noise_floor: float
     """of a model without error: noise, and what it does to the estimated start"""
-    closed: Closed
+    closed: Interval
     """(nominal - corrected) / (nominal - noise floor); with refit where parameters were freed"""
     channels: dict[str, dict[str, float]]
     """the same by state, in its unit"""
     over_time: dict[str, Float[np.ndarray, " T"]]
-    """the errors over the time since the start, by model [noise std]"""
+    """the errors over the time since the start, by model [noise std]; NaN where none is known"""
+    bands: dict[str, Float[np.ndarray, "2 T"]]
+    """ends of their 95 % intervals"""
+    steps: tuple[Step, ...]
+    """how the error at the end shrinks, from the nominal plant to the corrected one"""
+    windows: Windows
+    """the held-out windows; they number the held-out recordings"""
+    runs: dict[str, Float[np.ndarray, "W X T"]]
+    """free runs of the nominal, refitted and corrected plant over them, in each state's unit"""
 
 
-def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Comparison:
+def compare(models: Models, windows: Windows) -> Comparison:
     """Errors of the nominal, refitted and corrected plant on held-out windows.
 
     Windows whose motion forgets its start before their end are left out: there no model, not even
     the true one, can be told from another.
     """
     T = windows.y.shape[2]
-    kept = remembered(corrected.model, windows, corrected.theta, windows.guess)
+    best = models.corrected
+    kept = remembered(best.model, windows, best.theta, windows.guess)
     whole = np.any(kept.measured[:, 0::2, -1], axis=1)
     if whole.sum() >= FEWEST:
         windows = windows[np.flatnonzero(whole)]
-    plants = {
-        "nominal": (nominal, np.zeros(nominal.nuisances)),
-        "refit": (refit.model, refit.theta),
-        "corrected": (corrected.model, corrected.theta),
-    }
-    errors = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
-    errors["noise_floor"] = noise_floor(corrected.model, corrected.theta, windows)
-    end = slice(T - max(1, T // 10), T)
-    positions = slice(0, None, 2)
-    by_window = {  # mean squared error at the end, of each window and joint
-        name: np.nanmean(np.square(e[:, positions, end]), axis=2) for name, e in errors.items()
-    }
+    plants = models.named()
+    runs = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
+    errors = {name: error(windows, y) for name, y in runs.items()}
+    errors["noise_floor"] = noise_floor(best.model, best.theta, windows)
+    by_window = {name: at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
-    states = nominal.plant.layout.states
-    freed = any(np.isinf(std) for std in nominal.priors.values())
-    baseline = "refit" if freed else "nominal"
+    draws = _draws(len(windows))
+    states = models.nominal.plant.layout.states
     channels = {
         states[2 * j]: {
             name: float(np.sqrt(np.nanmean(parts[:, j])) * windows.std[2 * j])
@@ -86,28 +136,35 @@ def compare(nominal: Model, refit: Fit, corrected: Fit, windows: Windows) -> Com
         }
         for j in range(len(states) // 2)
     }
-    seen = windows.measured[:, positions].any(axis=(0, 1))
-    over_time = {
-        name: np.sqrt(np.nanmean(np.square(e[:, positions][:, :, seen]), axis=(0, 1)))
-        for name, e in errors.items()
+    growth = {name: _over_time(e, np.ones((1, len(e))))[0] for name, e in errors.items()}
+    bands = {
+        name: np.percentile(_over_time(e, draws), [2.5, 97.5], axis=0) for name, e in errors.items()
     }
     return Comparison(
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
-        closed=_closed(by_window, baseline),
+        closed=_closed(by_window, models.baseline, draws),
         channels=channels,
-        over_time=over_time,
+        over_time=growth,
+        bands=bands,
+        steps=_steps(models, windows, by_window, draws),
+        windows=windows,
+        runs=runs,
     )
 
 
 def free_run(
     model: Model, theta: Float[np.ndarray, " p"], windows: Windows
 ) -> Float[np.ndarray, "W X T"]:
-    """(measured - simulated) / noise std, from starts fitted to the first part of each window."""
+    """Simulated measurements, from starts fitted to the first part of each window."""
     y = windows.y.copy()
     y[:, :, round(KNOWN_S / windows.dt) :] = np.nan
     starts = settle(model, replace(windows, y=y), theta, windows.guess)
-    simulated = run(model, windows, theta[None], starts[None])[0]
+    return run(model, windows, theta[None], starts[None])[0]
+
+
+def error(windows: Windows, simulated: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W X T"]:
+    """(measured - simulated) / noise std; NaN where nothing was measured."""
     r = residual(windows, simulated).reshape(windows.y.shape)
     return np.where(windows.measured, r, np.nan)
 
@@ -115,32 +172,120 @@ def free_run(
 def noise_floor(
     model: Model, theta: Float[np.ndarray, " p"], windows: Windows
 ) -> Float[np.ndarray, "W X T"]:
-    """`free_run` of a model on its own motions with noise: what no model can do better."""
+    """Errors of a model on its own motions with noise: what no model can do better."""
     starts = settle(model, windows, theta, windows.guess)
     truth = run(model, windows, theta[None], starts[None])[0]
     noise = np.random.default_rng(0).standard_normal(truth.shape) * windows.std[:, None]
-    own = np.where(windows.measured, truth + noise, np.nan)
-    return free_run(model, theta, replace(windows, y=own))
+    own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
+    return error(own, free_run(model, theta, own))
 
 
-def _rms(parts: Float[np.ndarray, "W J"]) -> float:
-    return float(np.mean(np.sqrt(np.nanmean(parts, axis=0))))
+def at_end(e: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W J"]:
+    """Mean squared error of each position at the end of each window."""
+    T = e.shape[2]
+    squares = np.square(e[:, 0::2, T - max(1, round(END * T)) :])
+    known = np.isfinite(squares)
+    return _ratio(np.where(known, squares, 0.0).sum(axis=2), known.sum(axis=2))
 
 
-def _closed(by_window: dict[str, Float[np.ndarray, "W J"]], baseline: str) -> Closed:
-    """The part of the gap that is closed, with an interval by the block bootstrap."""
-    W = len(by_window["nominal"])
+def path(found: Found, best: Fit) -> tuple[Fit, ...]:
+    """The best fit of one of a fit's effects, the best of two with this one, ...; without itself.
+
+    They are fits of the search, on its windows.
+    """
+    ours, steps = set(best.model.named), []
+    chosen: set = set()
+    for size in range(1, len(ours)):
+        for known, _ in found.ranked:  # the best first
+            theirs = set(known.model.named)
+            if len(theirs) == size and chosen <= theirs <= ours:
+                steps.append(known)
+                chosen = theirs
+                break
+    return tuple(steps)
+
+
+def _steps(
+    models: Models,
+    windows: Windows,
+    by_window: Mapping[str, Float[np.ndarray, "W J"]],
+    draws: Float[np.ndarray, "R W"],
+) -> tuple[Step, ...]:
+    """The errors of the nominal plant, the refitted one, and those with more and more effects."""
+    parts = {"nominal": by_window["nominal"], "parameters refitted": by_window["refit"]}
+    before: tuple = models.refit.model.named
+    for known in (*models.steps, models.corrected):
+        added = [str(active) for active in known.model.named if active not in before]
+        before = known.model.named
+        if known is models.corrected:
+            squares = by_window["corrected"]
+        else:
+            squares = at_end(error(windows, free_run(known.model, known.theta, windows)))
+        if added:
+            parts[" + ".join(added)] = squares
+    return tuple(Step(name, _with_interval(squares, draws)) for name, squares in parts.items())
+
+
+def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:
+    low, high = np.percentile(_mean_rms(squares, draws), [2.5, 97.5])
+    return Interval(_rms(squares), float(low), float(high))
+
+
+def _rms(squares: Float[np.ndarray, "W J"]) -> float:
+    return float(_mean_rms(squares, np.ones((1, len(squares))))[0])
+
+
+def _mean_rms(
+    squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, " R"]:
+    """Mean over the joints of the root of the mean over windows, each as often as it was drawn."""
+    return np.sqrt(_weighted_mean(squares, draws)).mean(axis=1)
+
+
+def _over_time(
+    e: Float[np.ndarray, "W X T"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, "R T"]:
+    """Root-mean-square error of position at each time; NaN where nothing was measured."""
+    by_time = np.square(e[:, 0::2])
+    seen = np.isfinite(by_time).sum(axis=1)
+    total = np.nansum(by_time, axis=1)
+    return np.sqrt(_ratio(draws @ total, draws @ seen))
+
+
+def _weighted_mean(
+    values: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, "R J"]:
+    known = np.isfinite(values)
+    return _ratio(draws @ np.where(known, values, 0.0), draws @ known)
+
+
+def _ratio(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """A mean; NaN of nothing."""
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _draws(W: int) -> Float[np.ndarray, "R W"]:
+    """How often each window is in each resample of the block bootstrap."""
     rng = np.random.default_rng(0)
-    blocks = [np.arange(first, min(first + BLOCK, W)) for first in range(0, W, BLOCK)]
+    blocks = -(-W // BLOCK)
+    times = np.stack(
+        [np.bincount(rng.integers(blocks, size=blocks), minlength=blocks) for _ in range(RESAMPLES)]
+    )
+    return np.repeat(times, BLOCK, axis=1)[:, :W].astype(float)
 
-    def share(chosen: np.ndarray) -> float:
-        rms = {name: _rms(parts[chosen]) for name, parts in by_window.items()}
+
+def _closed(
+    by_window: Mapping[str, Float[np.ndarray, "W J"]],
+    baseline: str,
+    draws: Float[np.ndarray, "R W"],
+) -> Interval:
+    """The part of the gap that is closed, with an interval by the block bootstrap."""
+
+    def share(drawn: np.ndarray) -> np.ndarray:
+        rms = {name: _mean_rms(squares, drawn) for name, squares in by_window.items()}
         gap = rms[baseline] - rms["noise_floor"]
-        return (rms[baseline] - rms["corrected"]) / gap if gap > 0.0 else 0.0
+        closed = rms[baseline] - rms["corrected"]
+        return np.where(gap > 0.0, closed / np.where(gap > 0.0, gap, 1.0), 0.0)
 
-    draws = [
-        share(np.concatenate([blocks[n] for n in rng.integers(len(blocks), size=len(blocks))]))
-        for _ in range(RESAMPLES)
-    ]
-    low, high = np.percentile(draws, [2.5, 97.5])
-    return Closed(share(np.arange(W)), float(low), float(high))
+    low, high = np.percentile(share(draws), [2.5, 97.5])
+    return Interval(float(share(np.ones((1, len(draws[0]))))[0]), float(low), float(high))

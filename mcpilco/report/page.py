@@ -1,20 +1,16 @@
-"""The page: everything that a run folder tells, in one HTML file."""
+"""The page of a run: everything that its folder tells, in one HTML file."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from mcpilco.archive import write_bytes
 from mcpilco.history import History, read_history
-from mcpilco.report import sections
+from mcpilco.report import document, sections
+from mcpilco.report.document import Document, made
 from mcpilco.report.parts import Section
 from mcpilco.run_folder import RunFolder
-from mcpilco.typing import InputError, McPilcoError
-
-_TEMPLATE = Path(__file__).parent / "page.html.j2"
 
 
 def write_report(run: RunFolder, out: Path | None = None) -> Path:
@@ -28,31 +24,21 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
         RunFolderError: nothing can be read, or the page cannot be written.
         InputError: matplotlib or jinja2 is missing.
     """
-    _require_extra()
+    document.require_extra()
     history = read_history(run)
     path = run.path / "report.html" if out is None else out
-    page = render(history).encode()
-    with contextlib.suppress(OSError):  # the writing then says what is wrong
-        path.parent.mkdir(parents=True, exist_ok=True)
-    return write_bytes(path, page)
+    return document.write(path, page_of(history))
 
 
-def render(history: History) -> str:
-    """The page's text."""
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
-    made = list(_sections(history))
+def page_of(history: History) -> Document:
+    """What the page of a run holds."""
     config = history.run.config
-    return template.render(
+    return Document(
         title=f"{config['env']}, {config['preset']}, seed {config['seed']}",
-        folder=history.run.path.resolve().name,
+        about=history.run.path.resolve().name,
         tiles=_tiles(history),
-        failures=sections.failures(history),
-        sections=made,
+        sections=_sections(history),
+        cautions=sections.failures(history),
     )
 
 
@@ -60,26 +46,19 @@ def _sections(history: History) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     learned = history.learned
     if learned:
-        yield _made("Learning", partial(sections.learning, history))
+        yield made("Learning", partial(sections.learning, history))
         last = learned[-1]
-        yield _made("Last trial", partial(sections.rollout, history, last, False))
-        yield _made("How far the predictions hold", partial(sections.errors, history))
-        yield _made("Calibration", partial(sections.calibration, history))
-        yield _made("Policy", partial(sections.policy, history))
-        yield _made("Policy search", partial(sections.search, history))
-        yield _made("Timings", partial(sections.timings, history))
+        yield made("Last trial", partial(sections.rollout, history, last, False))
+        yield made("How far the predictions hold", partial(sections.errors, history))
+        yield made("Calibration", partial(sections.calibration, history))
+        yield made("Policy", partial(sections.policy, history))
+        yield made("Policy search", partial(sections.search, history))
+        yield made("Timings", partial(sections.timings, history))
     for trial in history.trials:
         if not learned or trial is not learned[-1]:
             title, fold = f"Trial {trial.number}", bool(learned)
-            yield _made(title, partial(sections.rollout, history, trial, fold))
-    yield _made("Configuration", partial(sections.configuration, history))
-
-
-def _made(title: str, make: Callable[[], Section]) -> Section:
-    try:
-        return make()
-    except McPilcoError as error:
-        return Section(title, f"This cannot be shown. {error}")
+            yield made(title, partial(sections.rollout, history, trial, fold))
+    yield made("Configuration", partial(sections.configuration, history))
 
 
 def _tiles(history: History) -> list[tuple[str, str]]:
@@ -98,13 +77,3 @@ def _tiles(history: History) -> list[tuple[str, str]]:
     tiles.append(("last cost, real", f"{last.real_cost:.2f}"))
     tiles.append(("time of the trials", f"{sum(t.row['wall_s'] for t in learned):.0f} s"))
     return tiles
-
-
-def _require_extra() -> None:
-    try:
-        import jinja2  # noqa: F401
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"A report needs {error.name}; install it with: pip install 'mcpilco[report]'"
-        ) from error

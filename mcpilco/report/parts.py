@@ -48,12 +48,20 @@ class Section:
     tables: Sequence[Table] = ()
     key: bool = False
     """explain the colours of a rollout"""
+    columns: int = 0
+    """pictures beside one another, where the page is wide enough; 0: as many as fit"""
     folded: bool = False
     """show the title only, until it is clicked"""
 
 
-def draw(says: str, plot: Callable[[Axes], object]) -> Picture:
+def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture:
     """The picture that a function draws on new axes; equal drawings make equal pictures.
+
+    Args:
+        says: what it shows.
+        plot: draws.
+        margins: where left, right, bottom and top of the axes are, in parts of the picture, where
+            labels need more room than usual.
 
     Raises:
         InputError: matplotlib cannot draw the values, which is so where they are beyond all scales.
@@ -69,7 +77,7 @@ def draw(says: str, plot: Callable[[Axes], object]) -> Picture:
     }
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=_INCHES)
-        figure.subplots_adjust(**_MARGINS)
+        figure.subplots_adjust(**{**_MARGINS, **margins})
         ax = figure.subplots()
         ax.spines[["top", "right"]].set_visible(False)
         content = io.BytesIO()

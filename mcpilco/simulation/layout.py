@@ -47,3 +47,9 @@ class Layout:
     def unit_of(self, target: str) -> tuple[str, str]:
         """Units of position and force at the joint that a target belongs to."""
         return ("m", "N") if self.slides[self.joint_of(target)] else ("rad", "N m")
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the states."""
+        positions = [self.unit_of(joint)[0] for joint in self.joints]
+        return tuple(unit for x in positions for unit in (x, f"{x}/s"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -22,6 +24,12 @@ _LOOK = np.array([0.0, 1.0, -0.15])
 """the camera looks along +y, slightly from above, so that x runs to the right and z upwards"""
 _DISTANCE = 1.0
 """from the camera to what it looks at, in diagonals of the box around that [-]"""
+_WIDE = 2.0
+"""width over height of a scene above which several stand one above the other [-]"""
+_ROW = 3.0
+"""width over height of the view of one of three such scenes [-]"""
+_MARGIN = 1.4
+"""distance of the camera from a scene whose view it fills, in heights of this view [-]"""
 _SMALLEST_DIAGONAL = 0.3
 """where nothing moves [m]"""
 
@@ -58,6 +66,11 @@ def build_blueprint(
     else:
         left = rrb.Vertical(_scene_view(extent), about, row_shares=[4, 1], name="system")
         body = rrb.Horizontal(left, plots, column_shares=[1, 1])
+    return _blueprint(body, live)
+
+
+def _blueprint(body: rrb.Container, live: bool = False) -> rrb.Blueprint:
+    """A layout and the panels around it; it plays, or follows what is to come."""
     return rrb.Blueprint(
         body,
         rrb.TimePanel(
@@ -70,6 +83,32 @@ def build_blueprint(
         auto_layout=False,
         auto_views=False,
     )
+
+
+def build_side_by_side(
+    titles: Mapping[str, str],
+    worlds: Mapping[str, str],
+    extent: Float[np.ndarray, "N 3"],
+) -> rrb.Blueprint:
+    """The layout: scenes beside one another over the notes and the curves.
+
+    Args:
+        titles: of the curves, by entity.
+        worlds: names of the scenes, by entity.
+        extent: points that each camera must see [m].
+    """
+    width, _, height = np.ptp(extent, axis=0)
+    wide = width > _WIDE * height
+    aspect = _ROW if wide else 1.0
+    distance = _MARGIN * max(height, width / aspect, _SMALLEST_DIAGONAL)
+    scenes = [_scene_view(extent, path, name, distance) for path, name in worlds.items()]
+    plots = rrb.Grid(*(_curve(*entry) for entry in titles.items()), grid_columns=2, name="curves")
+    about = rrb.TextDocumentView(origin=ABOUT, name="about")
+    if wide:
+        right = rrb.Vertical(plots, about, row_shares=[3, 1])
+        return _blueprint(rrb.Horizontal(rrb.Vertical(*scenes, name="scenes"), right))
+    below = rrb.Horizontal(about, plots, column_shares=[1, 3])
+    return _blueprint(rrb.Vertical(rrb.Horizontal(*scenes, name="scenes"), below))
 
 
 def _plots(task: TaskSpec) -> list[rrb.TimeSeriesView]:
@@ -91,13 +130,19 @@ def _curve(path: str, title: str) -> rrb.TimeSeriesView:
     )
 
 
-def _scene_view(extent: Float[np.ndarray, "N 3"]) -> rrb.Spatial3DView:
+def _scene_view(
+    extent: Float[np.ndarray, "N 3"],
+    origin: str = WORLD,
+    name: str = "scene",
+    distance: float | None = None,
+) -> rrb.Spatial3DView:
     low, high = extent.min(axis=0), extent.max(axis=0)
     centre = (low + high) / 2
-    distance = _DISTANCE * max(float(np.linalg.norm(high - low)), _SMALLEST_DIAGONAL)
+    if distance is None:
+        distance = _DISTANCE * max(float(np.linalg.norm(high - low)), _SMALLEST_DIAGONAL)
     return rrb.Spatial3DView(
-        origin=WORLD,
-        name="scene",
+        origin=origin,
+        name=name,
         background=_NIGHT,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(

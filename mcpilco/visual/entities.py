@@ -115,9 +115,8 @@ class Track:
         self.rec.send_columns(path, index, columns, strict=True)
 
 
-def log_scene(track: Track, scene: Scene, rollout: Rollout) -> None:
+def log_scene(track: Track, scene: Scene, states: Float[np.ndarray, "T X"]) -> None:
     """The bodies, the target and the latest path of the marker on the system."""
-    states = rollout.shown_states
     track.still(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     for i, (shape, position) in enumerate(scene.fixed):
         track.still(
@@ -134,7 +133,7 @@ def log_scene(track: Track, scene: Scene, rollout: Rollout) -> None:
     if scene.target is not None:
         target = rr.Points3D([scene.target], colors=[_TARGET], radii=rr.Radius.ui_points(7))
         track.still(track.under(WORLD, "target"), target)
-    _log_tails(
+    log_tails(
         track, track.under(WORLD, "tail"), scene.marker(states)[:, None], track.colors.system, 1.0
     )
 
@@ -150,10 +149,10 @@ def log_particles(track: Track, scene: Scene, prediction: Prediction) -> None:
     points = rr.Points3D.columns(positions=markers.reshape(-1, 3)).partition([particles] * rows)
     track.moving(path, 0, rows, points)
     shown = markers[:, _some(particles, _TAILS)]
-    _log_tails(track, track.under(WORLD, "particle_tails"), shown, track.colors.tails, 0.5)
+    log_tails(track, track.under(WORLD, "particle_tails"), shown, track.colors.tails, 0.5)
 
 
-def _log_tails(
+def log_tails(
     track: Track,
     path: str,
     markers: Float[np.ndarray, "T P 3"],
@@ -185,20 +184,20 @@ def log_curves(
                 track, track.under(STATES, name), 0, particles, np.median(particles, axis=1)
             )
         if rollout.states is not None or track.colors.observed is None:
-            _log_line(track, track.under(STATES, name, "system"), 0, rollout.shown_states[:, i])
+            log_line(track, track.under(STATES, name, "system"), 0, rollout.shown_states[:, i])
         _log_perceived(track, task, rollout, i)
     for i, name in enumerate(task.input_names):
         if prediction is not None:
             particles = prediction.inputs[:, :, i]
             median = np.median(particles, axis=1)
             _log_spread(track, track.under(INPUTS, name), 0, particles, median, "StepAfter")
-        _log_line(
+        log_line(
             track, track.under(INPUTS, name, "system"), 0, rollout.inputs[:, i], hold="StepAfter"
         )
     if prediction is not None:
         _log_spread(track, track.under(COST), 1, prediction.costs, prediction.costs.mean(axis=1))
     if costs is not None:
-        _log_line(track, track.under(COST, "system"), 1, costs)
+        log_line(track, track.under(COST, "system"), 1, costs)
 
 
 def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> None:
@@ -206,13 +205,13 @@ def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> No
     colors, name = track.colors, task.state_names[i]
     if colors.observed is not None and i in task.measured_states:
         seen = rollout.observations[:, task.measured_states.index(i)]
-        _log_dots(track, track.under(STATES, name, "observed"), 0, seen, colors.observed)
+        log_dots(track, track.under(STATES, name, "observed"), 0, seen, colors.observed)
     if colors.estimated is not None and rollout.estimates is not None:
         path = track.under(STATES, name, "estimated")
-        _log_dots(track, path, 0, rollout.estimates[:, i], colors.estimated)
+        log_dots(track, path, 0, rollout.estimates[:, i], colors.estimated)
     if colors.estimated is not None and rollout.smoothed is not None:
         path = track.under(STATES, name, "smoothed")
-        _log_line(track, path, 0, rollout.smoothed[:, i], colors.estimated)
+        log_line(track, path, 0, rollout.smoothed[:, i], colors.estimated)
 
 
 def _log_spread(
@@ -235,10 +234,10 @@ def _log_spread(
     columns = rr.Scalars.columns(scalars=shown.reshape(-1)).partition([series] * rows)
     track.still(f"{path}/particles", style)
     track.moving(f"{path}/particles", first, rows, columns)
-    _log_line(track, f"{path}/predicted", first, middle, track.colors.model, hold)
+    log_line(track, f"{path}/predicted", first, middle, track.colors.model, hold)
 
 
-def _log_line(
+def log_line(
     track: Track,
     path: str,
     first: int,
@@ -246,6 +245,7 @@ def _log_line(
     color: RGB | None = None,
     hold: Hold = "Linear",
 ) -> None:
+    """A line from step `first` on, called as its path ends."""
     name = path.rsplit("/", 1)[-1]
     style = rr.SeriesLines(
         colors=color or track.colors.system, widths=2.5, names=name, interpolation_mode=hold
@@ -261,11 +261,17 @@ def _ended(track: Track, values: Float[np.ndarray, T * b]) -> Float[np.ndarray, 
     return np.concatenate([values, gap])
 
 
-def _log_dots(
-    track: Track, path: str, first: int, values: Float[np.ndarray, " T"], color: RGB
+def log_dots(
+    track: Track,
+    path: str,
+    first: int,
+    values: Float[np.ndarray, " T"],
+    color: RGB,
+    size: float = 2.0,
 ) -> None:
+    """Dots from step `first` on, called as their path ends."""
     name = path.rsplit("/", 1)[-1]
-    style = rr.SeriesPoints(colors=color, markers="circle", marker_sizes=2.0, names=name)
+    style = rr.SeriesPoints(colors=color, markers="circle", marker_sizes=size, names=name)
     track.still(path, style)
     track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
 

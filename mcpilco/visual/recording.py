@@ -90,7 +90,7 @@ def _recording(
     track = Track(rec, rollout.dt)
     track.still(ABOUT, rr.TextDocument(_notes(name, properties), media_type="text/markdown"))
     if scene is not None:
-        log_scene(track, scene, rollout)
+        log_scene(track, scene, rollout.shown_states)
         if prediction is not None:
             log_particles(track, scene, prediction)
     costs = costs_of(task.cost, rollout)

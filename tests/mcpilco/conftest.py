@@ -13,6 +13,7 @@ from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, Kernel
 from mcpilco.policies import SumOfGaussians
 from mcpilco.task import TaskSpec
+from tests.mcpilco.gap.pushed import found  # noqa: F401  a fixture
 
 
 @pytest.fixture

@@ -381,6 +381,17 @@ def test_picture_is_of_the_end_unless_told(trained, shown, tmp_path):
     assert [call[2] for call in shown] == [pytest.approx(film_s), pytest.approx(0.5), 0.2]
 
 
+def test_a_gap_is_shown_by_its_folder_or_its_recording(shown, tmp_path, capsys):
+    film = tmp_path / "gap" / "gap.rrd"
+    film.parent.mkdir()
+    film.write_bytes(b"")
+    picture = ["--screenshot", str(tmp_path / "a.png")]
+    assert main(["view", str(film.parent)]) == 0
+    assert main(["view", str(film), *picture]) == 0
+    assert shown == [([film], False), (film, tmp_path / "a.png", 1.0)]
+    assert "is no run" in refused(capsys, "view", str(film.parent), "--live")
+
+
 def test_two_runs_are_overlaid_and_their_films_end_together(trained, shown, tmp_path):
     other = tmp_path / "other"
     assert main(["train", *RUN, "--seed", "5", "--out", str(other)]) == 0

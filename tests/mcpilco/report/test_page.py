@@ -13,7 +13,8 @@ pytest.importorskip("jinja2")
 
 from mcpilco.history import read_history
 from mcpilco.report import sections, write_report
-from mcpilco.report.page import render
+from mcpilco.report.document import render
+from mcpilco.report.page import page_of
 from mcpilco.report.parts import Picture
 from mcpilco.run_folder import RunFolder
 from mcpilco.typing import InputError, RunFolderError
@@ -188,7 +189,7 @@ def test_rollout_that_exploded_is_told_all_the_same(run) -> None:
 
 def test_text_of_a_run_cannot_become_markup(undrawn, run) -> None:
     config = {**run.config, "env": "<script>alert(1)</script>"}
-    text = render(read_history(RunFolder(run.path, config)))
+    text = render(page_of(read_history(RunFolder(run.path, config))))
     assert "<script" not in text
     Reader(text)
 

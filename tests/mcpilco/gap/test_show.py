@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from mcpilco.gap import Gap
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.name import Found
+from mcpilco.gap.show import path
+from mcpilco.plant import Active
+
+
+def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:
+    assert found.comparison is not None
+    steps = found.comparison.steps
+    assert [step.added for step in steps] == [
+        "nominal",
+        "parameters refitted",
+        "coulomb_friction (pendulum)",
+    ]
+    assert steps[0].error.value == found.comparison.nominal
+    assert steps[-1].error.value == found.comparison.corrected
+    for step in steps:
+        assert step.error.low <= step.error.value <= step.error.high
+    assert steps[-1].error.high < steps[1].error.low
+
+
+def test_errors_over_time_lie_within_their_bands_and_grow_only_without_the_effect(
+    found: Gap,
+) -> None:
+    assert found.comparison is not None
+    for name, values in found.comparison.over_time.items():
+        seen = np.isfinite(values)
+        low, high = found.comparison.bands[name][:, seen]
+        assert np.all((low <= values[seen]) & (values[seen] <= high))
+    end = {name: values[-1] for name, values in found.comparison.over_time.items()}
+    assert end["nominal"] > 10.0 > 2.0 > end["corrected"]
+    assert 0.5 < end["noise_floor"] < 2.0
+
+
+def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_it(
+    found: Gap,
+) -> None:
+    assert found.found is not None
+    null = found.found.null
+    a, b, c = found.plant.candidates()[:3]
+    sets = [(a, b, c), (a, b), (b, c), (c,), (a,), ()]  # the best first
+
+    def fitted(effects: tuple[Active, ...]) -> Fit:
+        return replace(null, model=replace(null.model, actives=effects))
+
+    fits = [fitted(effects) for effects in sets]
+    ranked = tuple((known, float(bic)) for bic, known in enumerate(fits))
+    way = path(Found(fits[0], null, ranked, ()), fits[0])
+    assert [known.model.named for known in way] == [(c,), (b, c)]
