@@ -67,3 +67,19 @@ def events(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, ..
         else:
             spans.append(Event(name, float(start), end))
     return tuple(spans)
+
+
+def outside(spans: Sequence[Event], windows: Windows, names: Sequence[str]) -> Windows:
+    """The windows that no event touches; all of them where none would be left.
+
+    Args:
+        spans: the events.
+        windows: of some recordings.
+        names: of these recordings.
+    """
+    ends = windows.start_s + windows.y.shape[2] * windows.dt
+    clear = np.ones(len(windows), dtype=bool)
+    for span in spans:
+        own = np.array([names[n] == span.recording for n in windows.recording])
+        clear &= ~(own & (windows.start_s < span.end_s) & (ends > span.start_s))
+    return windows[clear] if clear.any() else windows

@@ -202,7 +202,7 @@ def _settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarra
         lin = linearise(model, some, theta, starts[left], over_theta=False)
         now = np.einsum("wn,wn->w", lin.r, lin.r)
         moved = starts[left] + _start_step(lin, lin.r, damping[left])
-        then = _misfits(model, some, theta, moved)
+        then = misfits(model, some, theta, moved)
         better = then < now
         starts[left[better]] = moved[better]
         damping[left] *= np.where(better, 0.1, 10.0)
@@ -255,14 +255,14 @@ def fit(
             there = np.clip(theta + step, low, high)
             left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
             moved = starts + _start_step(lin, left, damping)
-            after = _misfits(model, windows, there, moved)
+            after = misfits(model, windows, there, moved)
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < CONVERGED * now:
                 break
             if not then < now:  # the step may be right, and too far for some starts
                 worse = np.flatnonzero(after > by_window)
                 moved[worse] = _settle(model, windows[worse], there, moved[worse])
-                after[worse] = _misfits(model, windows[worse], there, moved[worse])
+                after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
                 break
@@ -280,8 +280,8 @@ def fit(
     return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)
 
 
-def _misfits(
-    model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray
+def misfits(
+    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
 ) -> Float[np.ndarray, " W"]:
     """Squared residual of each window."""
     r = residual(windows, run(model, windows, theta[None], starts[None]))[0]
@@ -299,7 +299,7 @@ def _recovered(
     """Start states and misfits, those of lost windows fitted anew where that helps."""
     some = windows[lost]
     anew = settle(model, some, theta, some.guess)
-    found = _misfits(model, some, theta, anew)
+    found = misfits(model, some, theta, anew)
     better = found < by_window[lost]
     starts, by_window = starts.copy(), by_window.copy()
     numbers = np.flatnonzero(lost)[better]

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap.events import Event, events, outlying
+from mcpilco.gap.events import Event, events, outlying, outside
 from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.show import Comparison, Models, compare, path
+from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.where import Disagreement, locate, structure
 from mcpilco.gap.windows import SECONDS, Windows, cut
 from mcpilco.plant import Active, Plant
@@ -23,14 +24,16 @@ from mcpilco.typing import InputError
 
 UNCERTAINTY = 0.01
 """prior std of masses, lengths, base friction and gains, relative to the nominal values"""
-HELD_OUT = 3
-"""every third recording is held out"""
+HELD_OUT, FEWEST_SPLIT = 0.42, 3
+"""most of the samples that are held out; fewer recordings are not divided"""
 STRUCTURED = 50.0
 """whiteness of residuals beyond which something may still be missing"""
 PREDICTED = 0.3
 """part of what is left that forces of state and command explain, beyond which it is an effect"""
-LEFT, LARGE = 0.1, 3.0
-"""part of the gap, and misfit of a sample over the noise, beyond which something is missing"""
+LEFT = 0.1
+"""part of the gap that may be left over in any case"""
+LARGE, UNEVEN = 3.0, 3.0
+"""misfit of a sample over the noise, and its unevenness, that no noise has"""
 FEWEST = 6
 """windows without which nothing is named"""
 EVERY_S = 0.3
@@ -99,19 +102,21 @@ def investigate(
     if len(everything) < SEARCHED:
         everything = cut(recordings, std, every=0.5 * SECONDS)
     model = Model(plant, (), _priors(plant, uncertainty, free), scales(plant, everything))
-    windows = everything[np.isin(everything.recording, train)]
     names = [tuple(recordings[n].name for n in part) for part in (train, held_out)]
     if len(everything) < FEWEST:
         return _too_poor(plant, everything, names)
 
-    windows, masked = _without_events(model, windows)
-    candidates = _candidates(plant, windows)
-    found = search(model, _some(windows), candidates)
+    everything, masked = _without_events(model, everything)
+    windows = everything[np.isin(everything.recording, train)]
+    found = search(model, _some(windows), _candidates(plant, windows))
+    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     best, windows = _finish(found.best, windows)
     far = outlying(best, windows)
     if far.any():  # they stand out from what the best model leaves over
         masked = masked.joined(windows[far])
         best, windows = _finish(best, windows[~far])
+    unseen = cut([recordings[n] for n in held_out], std, every=EVERY_S)
+    spans = events(masked, recordings)
     null = _refit(found.null, windows)
     named = weigh(found, best, windows)
     verdict = "unknown" if _something_else(best, null, windows) else "named" if named else "none"
@@ -123,8 +128,8 @@ def investigate(
         named=named,
         corrected=corrected,
         where=locate(best if verdict == "unknown" else null, windows),
-        comparison=compare(models, cut([recordings[n] for n in held_out], std, every=EVERY_S)),
-        events=events(masked, recordings),
+        comparison=compare(models, outside(spans, unseen, names[1])),
+        events=spans,
         experiments=(),
         train=names[0],
         held_out=names[1],
@@ -168,12 +173,14 @@ def _noise(
 
 
 def _split(recordings: Sequence[Recording]) -> tuple[list[int], list[int]]:
-    """Numbers of the recordings to fit, and of those that are held out."""
+    """Numbers of the recordings to fit, and of the last ones, which are held out."""
     numbers = list(range(len(recordings)))
-    if len(numbers) < HELD_OUT:
+    if len(numbers) < FEWEST_SPLIT:
         return numbers, numbers
-    held_out = numbers[HELD_OUT - 1 :: HELD_OUT]
-    return [n for n in numbers if n not in held_out], held_out
+    lengths = np.array([len(recording) for recording in recordings])
+    after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
+    first = min(int(np.argmax(after <= HELD_OUT)), numbers[-1]) if after[-1] <= HELD_OUT else -1
+    return numbers[:first], numbers[first:]
 
 
 def _priors(
@@ -234,11 +241,15 @@ def _refit(found: Fit, windows: Windows) -> Fit:
 
 
 def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
-    """Whether what the best model leaves over is neither noise nor of little account."""
+    """Whether what the best model leaves over is neither noise nor of little account.
+
+    Noise of sensors may be correlated as well, but then it is alike in all windows, and no force
+    predicts it.
+    """
     left, gap = structure(best, windows), structure(null, windows)
     if left.whiteness < STRUCTURED:
         return False
-    if left.excess > max(LARGE, LEFT * gap.excess):
+    if left.excess > LEFT * gap.excess and (left.excess > LARGE or left.unevenness > UNEVEN):
         return True
     return explain(respond(best, windows)).share > PREDICTED
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -44,6 +44,14 @@ class Found:
     """all fits with their BIC, the best first"""
     scores: tuple[Score, ...]
     """of the effects that the best does not have"""
+    windows: Windows
+    """on which it searched"""
+
+    def choosing(self, best: Fit) -> Found:
+        """This search, with another of its fits as the best."""
+        rest = tuple(pair for pair in self.ranked if pair[0] is not best)
+        own = next(pair for pair in self.ranked if pair[0] is best)
+        return replace(self, best=best, ranked=(own, *rest))
 
 
 def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Found:
@@ -101,7 +109,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     order = {id(f): yardstick.bic(f) for f in seen.values()}
     rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
     ranked = tuple((f, order[id(f)]) for f in (best, *rest))
-    return Found(best, null, ranked, tuple(scores))
+    return Found(best, null, ranked, tuple(scores), windows)
 
 
 def _grow(known: Fit, score: Score, windows: Windows) -> Fit:

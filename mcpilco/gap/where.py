@@ -34,6 +34,8 @@ class Structure:
     """about 1 where the residuals are noise, see `whiteness`"""
     excess: float
     """misfit over noise: chi^2 of a sample, less 1"""
+    unevenness: float
+    """misfit of a window that is missed much over that of a usual one; about 1.5 for noise"""
 
 
 def residuals(found: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
@@ -46,7 +48,9 @@ def structure(found: Fit, windows: Windows) -> Structure:
     """Whether what a fit leaves over is noise."""
     r = residuals(found, windows)
     excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
-    return Structure(whiteness(r), excess)
+    by_window = (r**2).sum(axis=(1, 2)) / np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    usual, much = np.percentile(by_window, [50.0, 95.0])
+    return Structure(whiteness(r), excess, float(much / max(usual, 1e-300)))
 
 
 def whiteness(r: Float[np.ndarray, "W X T"]) -> float:

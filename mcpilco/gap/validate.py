@@ -1,0 +1,63 @@
+"""Which of the models that fit alike predicts recordings that it has not seen.
+
+Where a model fits to the noise, its evidence decides. Real machines are never fitted so well: what
+is left over is no noise, and an effect can follow it in the recordings at hand and mislead in the
+next. There each recording is predicted from the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mcpilco.gap.fit import Fit, fit, misfits, settle
+from mcpilco.gap.windows import Windows
+
+ROUGH = 4.0
+"""misfit of a sample beyond which a model does not fit to the noise"""
+OF_EACH_SIZE = 10
+"""models that are compared"""
+WORTH = 0.1
+"""least mean fall of the log misfit of a recording that was not seen, for an effect more"""
+
+
+def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
+    """The model that predicts each recording best from the others, with as few effects as will do.
+
+    Args:
+        ranked: fits of models, the best first.
+        windows: of several recordings; of one there is nothing to predict, and the first is it.
+    """
+    best = ranked[0]
+    measured = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    recordings = np.unique(windows.recording)
+    if np.median(best.by_window / measured) < ROUGH or len(recordings) < 2:
+        return best
+    sizes = sorted({len(found.model.named) for found in ranked})
+    compared = [
+        found
+        for size in sizes
+        for found in [f for f in ranked if len(f.model.named) == size][:OF_EACH_SIZE]
+    ]
+    return min(
+        compared,
+        key=lambda found: (
+            float(np.mean([_unseen(found, windows, r) for r in recordings]))
+            + WORTH * len(found.model.named)
+        ),
+    )
+
+
+def _unseen(found: Fit, windows: Windows, recording: int) -> float:
+    """Mean log misfit of a sample in the windows of a recording, the model fitted to the others."""
+    told, others = (
+        np.flatnonzero(windows.recording == recording),
+        np.flatnonzero(windows.recording != recording),
+    )
+    refitted = fit(found.model, windows[others], found.theta, found.starts[others], iterations=8)
+    some = windows[told]
+    starts = settle(found.model, some, refitted.theta, some.guess)
+    misfit = misfits(found.model, some, refitted.theta, starts)
+    samples = np.maximum(some.measured.sum(axis=(1, 2)), 1)
+    return float(np.mean(np.log(np.maximum(misfit / samples, 1.0))))
