@@ -30,7 +30,7 @@ STRUCTURED = 50.0
 """whiteness of residuals beyond which something may still be missing"""
 PREDICTED = 0.3
 """part of what is left that forces of state and command explain, beyond which it is an effect"""
-LEFT = 0.1
+LEFT = 0.3
 """part of the gap that may be left over in any case"""
 LARGE, UNEVEN = 3.0, 3.0
 """misfit of a sample over the noise, and its unevenness, that no noise has"""
