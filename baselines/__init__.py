@@ -1,1 +1,1 @@
-"""Other agents on the same protocol: nothing here yet."""
+"""Other agents on the same protocol, to compare with."""
