@@ -18,7 +18,7 @@ class TipDistanceCost:
     The tip is at (p + l sin q, -l cos q), up is (0, l), with q = 0 hanging.
 
     Reference: Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010),
-    section 3.7.1 and appendix C.2.
+    on the cart-pole swing-up.
     """
 
     cart: int

@@ -14,33 +14,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from mcpilco.callbacks import base
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    import gymnasium as gym
-
     from mcpilco.callbacks import Callback
     from mcpilco.controller import Act
-    from mcpilco.data import Transitions
     from mcpilco.model_based import ModelBasedAgent
-    from mcpilco.task import TaskSpec
 
 _HOMES = {"mcpilco": "mcpilco.agent:MCPILCO"}
 
 
-class Agent(Protocol):
-    """What training, resuming, judging and sweeping need of an agent."""
+class Agent(base.Agent, Protocol):
+    """What training, resuming, judging and sweeping need of an agent, beside what callbacks do."""
 
-    env: gym.Env
-    task: TaskSpec
-    config: Any
     seed: int
     horizon: int
     trials: int
-    transitions: Transitions | None
 
     def timesteps_of(self, trials: int) -> int:
         """The steps that `learn` needs for so many trials."""
@@ -58,10 +50,6 @@ class Agent(Protocol):
 
     def controller(self) -> Act:
         """What acts for one episode."""
-        ...
-
-    def save(self, path: str | Path) -> Path:
-        """Write all that `load` of the class needs."""
         ...
 
 

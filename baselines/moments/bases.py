@@ -83,7 +83,7 @@ def through_bases(bases: Bases, mean: Float[Tensor, "*b D"], cov: Float[Tensor, 
     Raises:
         torch.linalg.LinAlgError: s is no covariance: s + D_k is not positive definite.
 
-    Reference: DFR eqs. (14) to (23) and (27) to (30).
+    Reference: DFR on exact moment matching, with q, Q and beta as there.
     Differs: S is summed as sum_ij w_ai w_bj (Q_ij / (q_ai q_bj) - 1) with the parenthesis as
         expm1, so that nothing cancels where s is small.
     """

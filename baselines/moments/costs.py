@@ -47,7 +47,7 @@ def bell(
 ) -> tuple[Float[Tensor, "*b"], Float[Tensor, "*b R R"]]:
     """E[exp(-|y|^2 / 2)] for a Gaussian y [-], and (I + cov)^-1.
 
-    Reference: DFR eq. (25), with the target and the square root of T^-1 in y.
+    Reference: DFR on the saturating cost, with the target and the widths in y.
     """
     L = torch.linalg.cholesky(cov + torch.eye(mean.shape[-1], dtype=mean.dtype))
     whitened = torch.linalg.solve_triangular(L, mean[..., None], upper=False).squeeze(-1)

@@ -5,7 +5,7 @@
 V is defined for singular s too: by Stein's lemma it is E[df/dx].
 
 Reference: Deisenroth, Fox & Rasmussen, IEEE Transactions on Pattern Analysis and Machine
-Intelligence 37 (2), 2015 (PILCO; below: DFR), section 4 and appendix.
+Intelligence 37 (2), 2015 (PILCO; here: DFR), on exact moment matching.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Gaussian:
             entries: which of them the function has as its inputs.
             image: what it makes of them.
 
-        Reference: DFR section 4.3.
+        Reference: DFR on trajectory prediction: the chain of cross-covariances.
         """
         cross = self.cov[..., list(entries)] @ image.slope
         upper = torch.cat([self.cov, cross], -1)

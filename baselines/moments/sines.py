@@ -24,7 +24,9 @@ def through_sine(mean: Float[Tensor, "*b K"], cov: Float[Tensor, "*b K K"]) -> I
         mean: m [rad].
         cov: s [rad^2]; may be singular or zero.
 
-    Reference: the moment generating function of a Gaussian at imaginary arguments; DFR appendix.
+    By the moment generating function of a Gaussian at imaginary arguments.
+
+    Reference: DFR on squashing.
     """
     variance = cov.diagonal(dim1=-2, dim2=-1)
     shrink = torch.exp(-0.5 * variance)
@@ -65,7 +67,7 @@ def through_trig(
         cov: of x.
         angles: which entries are angles.
 
-    Reference: DFR appendix; cos q = sin(q + pi / 2).
+    As cos q = sin(q + pi / 2), all are sines.
     """
     twice = [angle for angle in angles for _ in range(2)]
     L = torch.eye(mean.shape[-1], dtype=mean.dtype)[twice]
@@ -83,7 +85,7 @@ def through_squash(
         cov: of a [-].
         limit: largest magnitude of each entry, in its unit.
 
-    Reference: DFR eq. (14) and appendix.
+    Reference: DFR on squashing.
     """
     eye = torch.eye(mean.shape[-1], dtype=mean.dtype)
     L = torch.cat([eye, 3.0 * eye])

@@ -34,7 +34,7 @@ class PILCO(ModelBasedAgent):
         agent.learn(total_timesteps=150)
         action, _ = agent.predict(observation)
 
-    Reference: Deisenroth, Fox & Rasmussen 2015, Algorithm 1.
+    Reference: Deisenroth, Fox & Rasmussen 2015 (DFR, see `baselines.moments.image`).
     Differs: L-BFGS in place of BFGS; where the model has no finite answer to the last policy, the
         search starts from a random one.
     """

@@ -18,7 +18,7 @@ POINT_STD = 0.01
 class SineSquash(Squash):
     """u = centre + half_range (9 sin a + sin 3a) / 8: any number becomes an input within bounds.
 
-    Reference: DFR eq. (14). Differs: PILCO's bounds are symmetric.
+    Reference: DFR (see `baselines.moments.image`). Differs: PILCO's bounds are symmetric.
     """
 
     def __init__(self, low: Bounds, high: Bounds) -> None:
@@ -36,7 +36,7 @@ class GPMean(nn.Module):
 
     Centres C, targets t and lengthscales l are trained: of 10 centres for the cart-pole 65 numbers.
 
-    Reference: DFR eq. (11); Deisenroth 2010, section 3.5.2.
+    Reference: DFR on nonlinear controllers, a deterministic Gaussian process.
     """
 
     def __init__(

@@ -44,7 +44,8 @@ class GaussianDynamics:
             policy: what acts.
             argument: its `bases`, made once for all steps.
 
-        Reference: DFR eqs. (10) to (13).
+        Reference: DFR on trajectory prediction.
+        Differs: the law from changes to states is the model's, x' = A x + B delta.
         """
         X, U, E = len(self.A), len(policy.squash.centre), self.bases.outputs
         joint, z = state, list(self.augmentation.plain)

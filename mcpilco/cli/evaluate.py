@@ -6,11 +6,14 @@ import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
 from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_thread
 from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.algorithms import Agent
 
 _MEASURES = {
     "return": "return [-]",
@@ -77,7 +80,7 @@ class Evaluate:
         limit = max(self.horizon, trained.get("max_episode_steps") or 0)
         return {**trained, "max_episode_steps": limit}
 
-    def _measure(self, agent: Any, training_seed: int) -> Mapping[str, Any]:
+    def _measure(self, agent: Agent, training_seed: int) -> Mapping[str, Any]:
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
 

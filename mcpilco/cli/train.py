@@ -15,12 +15,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    from mcpilco.algorithms import Agent
 
 _OUT = "runs/out"
 _TRIALS = 4
@@ -102,7 +105,7 @@ class Train:
         with reopened(self.resume, self.trials, self.task) as (run, agent):
             return self._learn(agent, run)
 
-    def _learn(self, agent: Any, run: Any) -> int:
+    def _learn(self, agent: Agent, run: Any) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
         rest = run.config["trials"] - len(run.finished_trials())
         try:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from mcpilco.archive import write_bytes
 from mcpilco.history import History, read_history
@@ -48,12 +49,18 @@ def render(history: History) -> str:
     made = list(_sections(history))
     config = history.run.config
     return template.render(
-        title=f"{config['env']}, {config['preset']}, seed {config['seed']}",
+        title=f"{config['env']}, {_setting(config)}, seed {config['seed']}",
         folder=history.run.path.resolve().name,
         tiles=_tiles(history),
         failures=sections.failures(history),
         sections=made,
     )
+
+
+def _setting(config: Mapping[str, Any]) -> str:
+    """The preset, after the algorithm where that is another than the package's own."""
+    algo = config.get("algo", "mcpilco")
+    return config["preset"] if algo == "mcpilco" else f"{algo} {config['preset']}"
 
 
 def _sections(history: History) -> Iterator[Section]:

@@ -136,6 +136,7 @@ def test_a_run_is_trained_evaluated_reported_and_resumed(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["episodes"] == 2
     assert main(["report", str(whole)]) == 0
     page = (whole / "report.html").read_text()
+    assert "pilco default, seed 0" in page
     assert "cannot be" not in page
     assert main(["export", str(whole), str(tmp_path / "policy.npz")]) == 2
     assert "SumOfGaussians" in capsys.readouterr().err

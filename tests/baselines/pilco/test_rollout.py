@@ -85,7 +85,7 @@ def test_one_step_has_nearly_the_moments_of_particles(scale):
     """Matched stage by stage: the error falls with the spread, where that of samples would not."""
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
-    mean, count = narrow_start().mean, 200_000
+    mean, count = narrow_start().mean, 100_000
     cov = scale**2 * torch.eye(4, dtype=torch.float64)
     states, _ = predicted(dynamics, policy, Gaussian(mean, cov), 1)
     rng = np.random.default_rng(2)
@@ -101,7 +101,7 @@ def test_one_step_has_nearly_the_moments_of_particles(scale):
             changes.append(k @ bases.weights[e] + variance.clamp_min(0).sqrt() * noise)
         following = x @ dynamics.A.T + torch.stack(changes, 1) @ dynamics.B.T
     std = following.std(0)
-    assert (((following.mean(0) - states.mean[1]) / std).abs() < 0.01).all()
+    assert (((following.mean(0) - states.mean[1]) / std).abs() < 0.015).all()
     correlation = (following.T.cov() - states.cov[1]) / (std[:, None] * std)
     assert (correlation.abs() < 0.02).all()
 
