@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 from mcpilco.archive import read_groups, write_groups
-from mcpilco.config import Config, from_dict
+from mcpilco.config import from_dict
 from mcpilco.data import Transitions
 from mcpilco.guess import guess_task
 from mcpilco.reward_cost import RewardCost
@@ -24,7 +24,7 @@ from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import Cost, EnvError, RunFolderError
 
 if TYPE_CHECKING:
-    from mcpilco.agent import MCPILCO
+    from mcpilco.model_based import ModelBasedAgent
 
 FORMAT = 2
 """version of the file"""
@@ -44,10 +44,9 @@ class SavedAgent:
     """bounds, policy, gp; transitions where there are any, perception where states are measured in
     part"""
 
-    @property
-    def config(self) -> Config:
-        """The agent's numbers."""
-        return from_dict(Config, self.about["config"])
+    def config(self, kind: type[Any]) -> Any:
+        """The agent's numbers, of the dataclass of its algorithm."""
+        return from_dict(kind, self.about["config"])
 
     @property
     def task(self) -> TaskSpec:
@@ -62,7 +61,7 @@ class SavedAgent:
             return task
         return dataclasses.replace(task, cost=guess.task.cost)
 
-    def restore(self, agent: MCPILCO) -> None:
+    def restore(self, agent: ModelBasedAgent) -> None:
         """Give a new agent all that the saved one had learned.
 
         Raises:
@@ -106,7 +105,7 @@ def load_policy(policy: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
         raise ValueError(f"its policy is another one: {error}") from error
 
 
-def write_agent(path: Path, agent: MCPILCO) -> Path:
+def write_agent(path: Path, agent: ModelBasedAgent) -> Path:
     """Write all that an agent has learned, and what it needs to go on; returns the file's path.
 
     Raises:
@@ -114,6 +113,7 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
     """
     about = {
         "format": FORMAT,
+        "algo": agent.algo,
         "config": dataclasses.asdict(agent.config),
         "task": agent.task.to_json(),
         "cost": _told(agent.task.cost),
@@ -137,8 +137,12 @@ def write_agent(path: Path, agent: MCPILCO) -> Path:
 
 
 @contextlib.contextmanager
-def reading(path: Path) -> Iterator[SavedAgent]:
+def reading(path: Path, algo: str) -> Iterator[SavedAgent]:
     """What a file holds, for the time in which an agent is made of it.
+
+    Args:
+        path: of the file.
+        algo: the algorithm of the agent; a file that names none is of `mcpilco`.
 
     Raises:
         RunFolderError: the file is missing or damaged, or the agent cannot be made of it.
@@ -149,6 +153,11 @@ def reading(path: Path) -> Iterator[SavedAgent]:
         raise RunFolderError(
             f"{path} has format {about.get('format')!r}, this mcpilco reads {READABLE}; "
             "save the agent with this version, or install the one that saved it."
+        )
+    if (saved := about.get("algo", "mcpilco")) != algo:
+        raise RunFolderError(
+            f"{path} holds an agent of the algorithm {saved!r}, expected one of {algo!r}; "
+            "load it with the class of its algorithm."
         )
     try:
         yield SavedAgent(about, arrays)

@@ -33,8 +33,8 @@ def _fits(value: Any, hint: Any) -> bool:
     return isinstance(value, hint)
 
 
-class _Checked:
-    """Raises InputError where an entry is not of its annotated type."""
+class Checked:
+    """A configuration; raises InputError where an entry is not of its annotated type."""
 
     def __post_init__(self) -> None:
         for name, hint in get_type_hints(type(self)).items():
@@ -55,6 +55,10 @@ class _Checked:
             value = getattr(self, name)
             _require(value <= most, f"{name} must be at most {most}, got {value}.")
 
+    def _above(self, name: str, least: float) -> None:
+        value = getattr(self, name)
+        _require(value > least, f"{name} must exceed {least:g}, got {value}.")
+
     def _positive(self, *names: str) -> None:
         for name in names:
             value = getattr(self, name)
@@ -63,7 +67,7 @@ class _Checked:
 
 
 @dataclass(frozen=True)
-class ModelConfig(_Checked):
+class ModelConfig(Checked):
     """How the dynamics are learned."""
 
     kernel: Literal["rbf+mpk", "rbf", "mpk"] = "rbf+mpk"
@@ -98,7 +102,7 @@ class ModelConfig(_Checked):
             f"path_features must be even, as many cosines as sines, got {features}.",
         )
         self._positive("noise_floor")
-        _require(self.plausible > 1, f"plausible must exceed 1, got {self.plausible}.")
+        self._above("plausible", 1)
         threshold = self.subset_threshold
         _require(
             threshold is None or threshold >= 0,
@@ -107,7 +111,7 @@ class ModelConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class PolicyConfig(_Checked):
+class PolicyConfig(Checked):
     """The policy `mcpilco.policies.SumOfGaussians`, and its random start."""
 
     bases: int = 100
@@ -132,7 +136,7 @@ class PolicyConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class Phase(_Checked):
+class Phase(Checked):
     """A stretch of the search with one learning rate and one dropout rate."""
 
     learning_rate: float
@@ -151,7 +155,7 @@ class Phase(_Checked):
 
 
 @dataclass(frozen=True)
-class SearchConfig(_Checked):
+class SearchConfig(Checked):
     """How the policy is improved in the model."""
 
     particles: int = 96
@@ -212,7 +216,7 @@ class SearchConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class EstimatorConfig(_Checked):
+class EstimatorConfig(Checked):
     """How the state is estimated where a task measures a part of it; else of no effect."""
 
     kind: Literal["kalman", "differences"] = "kalman"
@@ -229,7 +233,7 @@ class EstimatorConfig(_Checked):
 
 
 @dataclass(frozen=True)
-class Config(_Checked):
+class Config(Checked):
     """Everything an agent is told; the defaults are what learns best in the thesis's setting."""
 
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -304,8 +308,8 @@ class Preset:
 
     summary: str
     """what it is, in a line"""
-    config: Config
-    """numbers of the agent"""
+    config: Any
+    """numbers of the agent: `Config`, or those of another algorithm"""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     """keywords for `gymnasium.make`; they describe the cart-poles"""
 

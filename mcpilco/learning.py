@@ -6,16 +6,57 @@ import contextlib
 import functools
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
+from mcpilco.data import Prediction
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch, SearchResult
+from mcpilco.stopwatch import Spent
+
+
+class BestPolicy(Protocol):
+    """The best policy of a search, and what the model says of it."""
+
+    @property
+    def policy(self) -> Any: ...
+    @property
+    def cost(self) -> float:
+        """Expected, summed over the steps [-]."""
+        ...
+
+    @property
+    def cost_std(self) -> float:
+        """Standard deviation of that sum [-]."""
+        ...
+
+    def prediction(self, particles: int) -> Prediction: ...
+
+
+class Found(Protocol):
+    """What a search comes back with, such as `mcpilco.search.SearchResult`."""
+
+    @property
+    def best(self) -> BestPolicy: ...
+    @property
+    def starts(self) -> int: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def spent(self) -> Spent: ...
+
+
+class Request(Protocol):
+    """A search that waits for its answer, whatever the algorithm."""
+
+    def answer(self) -> Found:
+        """The result of this search alone."""
+        ...
 
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """A search that waits for its answer."""
+    """A search of MC-PILCO that waits for its answer; several can be answered together."""
 
     search: PolicySearch
     """how to search, and from which random numbers"""
@@ -34,7 +75,7 @@ class SearchRequest:
 
 
 Result = TypeVar("Result")
-Learning = Generator[SearchRequest, SearchResult, Result]
+Learning = Generator[Request, Found, Result]
 """work that stops at each search until it is sent the answer"""
 
 

@@ -61,15 +61,20 @@ class Model:
         targets = torch.from_numpy(self.increment.targets(transitions))
         return self.augmentation.regressors(states, inputs), targets
 
-    def fit(self, transitions: Transitions) -> dict[str, float]:
-        """Learn the hyperparameters anew from these data; returns the numbers of the fit by name.
+    def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
+        """Learn the hyperparameters from these data; returns the numbers of the fit by name.
+
+        Args:
+            transitions: all data.
+            warm: begin with the present hyperparameters, instead of anew.
 
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
         """
         X, Y = self.rows(transitions)
         optimiser = self.config.optimiser
-        self.gp.fit(X, Y, optimiser=optimiser, max_iterations=ITERATIONS[optimiser])
+        limit = ITERATIONS[optimiser]
+        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
         with torch.no_grad():
             nlml = self.gp.nlml(X, Y)
         values = {"model/samples": float(len(X))}

@@ -11,8 +11,8 @@ import hashlib
 from pathlib import Path
 
 
-def digest(*packages: str) -> str:
-    """A hash of all source files of some packages of mcpilco, such as `fused`."""
+def digest(*packages: str | Path) -> str:
+    """A hash of all source files of some packages of mcpilco, such as `fused`, or other folders."""
     total = hashlib.sha256()
     for package in packages:
         for path in sorted((Path(__file__).parent / package).glob("*.py")):

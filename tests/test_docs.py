@@ -24,6 +24,8 @@ import numpy as np
 import pytest
 
 import mcpilco.cli
+from baselines import pilco
+from baselines.pilco import PilcoConfig
 from envs.plants import PLANTS
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
 from mcpilco.effects import CATALOGUE, Effect
@@ -42,6 +44,7 @@ SMALL = Config(
     ),
     engine="eager",  # nothing to compile
 )
+SMALL_PILCO = PilcoConfig(centres=3, line_searches=1, evaluations=3, engine="eager")
 RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
 ELSEWHERE = re.compile(r"pendulum|balance|RUN|--help|CartPole-v9")
@@ -91,6 +94,9 @@ def small_presets(monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None) -> No
     """Presets that learn nothing in no time; shapes are not checked, as in use."""
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, config=SMALL))
+    for name, preset in pilco.PRESETS.items():
+        config = dataclasses.replace(SMALL_PILCO, cost=preset.config.cost)
+        monkeypatch.setitem(pilco.PRESETS, name, dataclasses.replace(preset, config=config))
 
 
 @pytest.fixture

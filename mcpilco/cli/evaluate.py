@@ -6,11 +6,14 @@ import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
 from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_thread
 from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.algorithms import Agent
 
 _MEASURES = {
     "return": "return [-]",
@@ -77,29 +80,18 @@ class Evaluate:
         limit = max(self.horizon, trained.get("max_episode_steps") or 0)
         return {**trained, "max_episode_steps": limit}
 
-    def _measure(self, agent: Any, training_seed: int) -> dict[str, list[float]]:
+    def _measure(self, agent: Agent, training_seed: int) -> Mapping[str, Any]:
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
 
-        from mcpilco.episode import run_episode
+        from mcpilco.sweep.fresh import outcomes_one_by_one
 
         seeds = np.random.SeedSequence((training_seed, self.seed)).generate_state(self.episodes)
-        samples: dict[str, list[float]] = {}
-        for seed in seeds:
-            rollout = run_episode(
-                agent.env,
-                agent.controller(),
-                self.horizon or agent.horizon,
-                agent.task.dt,
-                seed=int(seed),
-            )
-            outcome = {"return": float(rollout.rewards.sum()), **rollout.outcome}
-            for name, value in outcome.items():
-                samples.setdefault(name, []).append(value)
-        return samples
+        horizon = self.horizon or agent.horizon
+        return outcomes_one_by_one(agent.env, agent.controller, horizon, seeds.tolist())
 
 
-def _report(samples: Mapping[str, list[float]]) -> dict[str, Any]:
+def _report(samples: Mapping[str, Any]) -> dict[str, Any]:
     """Share of successes, and mean, standard deviation, smallest and largest of each measure."""
     import numpy as np
 
@@ -108,7 +100,7 @@ def _report(samples: Mapping[str, list[float]]) -> dict[str, Any]:
         report["success_rate"] = float(np.mean(samples["is_success"]))
     for name in _MEASURES:
         if name in samples:
-            values = np.array(samples[name])
+            values = samples[name]
             report[name] = {
                 "mean": float(values.mean()),
                 "std": float(values.std()),

@@ -10,6 +10,7 @@ import tyro
 
 from mcpilco.cli.options import RunPath, optional
 from mcpilco.cli.system import agent_of, finished_trial
+from mcpilco.typing import InputError
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,18 @@ class Export:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
+        from mcpilco.policies import SumOfGaussians
         from mcpilco.policy_file import write_policy
         from mcpilco.run_folder import RunFolder
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)
         agent = agent_of(run, trial)
+        if not isinstance(agent.policy, SumOfGaussians):
+            raise InputError(
+                f"export writes policies of the class SumOfGaussians, got {self.run} with a "
+                f"{type(agent.policy).__name__} of the algorithm {agent.algo}."
+            )
         path = write_policy(self.file, agent.policy, agent.task, agent.perception)
         print(f"Policy of trial {trial}: {path}")
         return 0

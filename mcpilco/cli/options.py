@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -16,6 +16,14 @@ TaskPath = Annotated[
     tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: what the env shows, or a guess)"),
 ]
 """file of a task: .py, .toml or .json"""
+
+
+Algo = Literal["mcpilco", "pilco"]
+"""an algorithm of this package or of `baselines`"""
+
+
+PresetName = Literal["default", "thesis", "tro2022", "tip"]
+"""a preset of any algorithm"""
 
 
 def optional(metavar: str, default: str) -> object:

@@ -27,6 +27,7 @@ class Report:
         """
         use_one_thread()
 
+        import baselines  # noqa: F401  registers its algorithms
         from mcpilco.report import write_report
         from mcpilco.run_folder import RunFolder
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mcpilco.cli.system import given_task, open_run_env
+from mcpilco.cli.system import algorithm_of, given_task, open_run_env
 from mcpilco.typing import InputError, RunFolderError
 
 
@@ -57,16 +57,16 @@ def reopened(path: Path, trials: int | None, task: Path | None = None) -> Iterat
 
 def _agent(run: Any, env: Any, task: Any) -> Any:
     """The agent after the last finished trial; a new one where nothing was measured yet."""
-    from mcpilco.agent import MCPILCO
-    from mcpilco.config import Config, from_dict
+    from mcpilco.config import from_dict
 
+    kind = algorithm_of(run)
     try:
-        config, seed = from_dict(Config, run.config["config"]), run.config["seed"]
+        config, seed = from_dict(kind.config_type, run.config["config"]), run.config["seed"]
     except InputError as error:
         raise RunFolderError(f"{run.path / 'config.json'} is damaged: {error}") from error
     if not run.agent_path.exists():
-        return MCPILCO("SumOfGaussians", env, config=config, seed=seed, task=task)
-    agent = MCPILCO.load(run.agent_path, env, task=task)
+        return kind(kind.policy_name, env, config=config, seed=seed, task=task)
+    agent = kind.load(run.agent_path, env, task=task)
     if (agent.config, agent.seed) != (config, seed):
         raise RunFolderError(
             f"{run.agent_path} is of another run than config.json beside it: their numbers or "

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import TaskPath, optional
-from mcpilco.cli.system import given_task, numbers, open_env, use_one_thread
+from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -32,8 +32,10 @@ class Sweep:
     """`0:30` are 0 to 29; `3,5,7` are these"""
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
-    preset: Literal["default", "thesis", "tro2022"] = "default"
-    """setting of the agent, and of the cart-pole"""
+    algo: Algo = "mcpilco"
+    """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
+    preset: PresetName = "default"
+    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
     trials: int = 4
     """policies to learn from each seed"""
     fresh: int = 100
@@ -65,13 +67,15 @@ class Sweep:
         """
         seeds = parse_seeds(self.seeds)
         self._check_engine()
-        config, env_kwargs = numbers(self.preset, self.env, self.horizon, self.exploration)
-        self._check(config, env_kwargs)
+        kind = algorithm(self.algo)
+        config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        self._check(kind, config, env_kwargs)
 
         from mcpilco.sweep import Settings, SweepFolder, sweep
 
-        # `module:Id` tells each process, on whatever machine, where the env is registered
+        # `module:name` tells each process, on whatever machine, where something is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
+        algo = self.algo if self.algo == "mcpilco" else f"baselines:{self.algo}"
         settings = Settings(
             env,
             env_kwargs,
@@ -81,6 +85,7 @@ class Sweep:
             self.fresh,
             None if self.task is None else str(self.task),
             self.fresh_horizon,
+            algo,
         )
         engine = self._engine()
         done = SweepFolder(self.out, settings).results().keys() & set(seeds)
@@ -100,13 +105,11 @@ class Sweep:
         failed = summary["failed"].keys() & {str(seed) for seed in seeds}
         return 1 if failed else 0
 
-    def _check(self, config: Any, env_kwargs: dict[str, Any]) -> None:
+    def _check(self, kind: Any, config: Any, env_kwargs: dict[str, Any]) -> None:
         """Raises McPilcoError where every seed would fail the same way."""
-        from mcpilco.agent import MCPILCO
-
         use_one_thread()
         with contextlib.closing(open_env(self.env, env_kwargs)) as env:
-            MCPILCO("SumOfGaussians", env, config=config, task=given_task(self.task))
+            kind(kind.policy_name, env, config=config, task=given_task(self.task))
 
     def _engine(self) -> Any:
         from mcpilco.sweep import BatchEngine, LocalEngine, RayEngine
@@ -117,6 +120,11 @@ class Sweep:
 
     def _check_engine(self) -> None:
         """Raises InputError where two options cannot both be meant."""
+        if self.device is not None and self.algo != "mcpilco":
+            raise InputError(
+                f"--device expected the algorithm mcpilco, got --algo {self.algo}, whose searches "
+                "run one by one; leave --device out."
+            )
         if self.device is not None and self.engine == "ray":
             raise InputError(
                 "--device expected the engine local, got --engine ray; leave one of them out: a "

@@ -9,14 +9,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.config import PRESETS
 from mcpilco.typing import InputError, RunFolderError
 
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from mcpilco.agent import MCPILCO
-    from mcpilco.config import Config
+    from mcpilco.model_based import ModelBasedAgent
     from mcpilco.run_folder import RunFolder
     from mcpilco.task import TaskSpec
 
@@ -34,18 +32,55 @@ def use_one_thread() -> None:
     threadpool_limits(1)
 
 
+def algorithm(name: str) -> type[ModelBasedAgent]:
+    """The class of an algorithm of this package or of `baselines`.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    import baselines  # noqa: F401  registers its algorithms
+    from mcpilco.algorithms import find
+
+    return find(name)
+
+
+def algorithm_of(run: RunFolder) -> type[ModelBasedAgent]:
+    """The class of the algorithm that a run names, `mcpilco` where it names none.
+
+    Raises:
+        RunFolderError: there is none of this name.
+    """
+    try:
+        return algorithm(run.config.get("algo", "mcpilco"))
+    except InputError as error:
+        raise RunFolderError(f"{run.path / 'config.json'} cannot be used: {error}") from error
+
+
 def numbers(
-    preset_name: str, env_id: str, horizon: int | None, exploration: int | None = None
-) -> tuple[Config, dict[str, Any]]:
+    kind: type[ModelBasedAgent],
+    preset_name: str,
+    env_id: str,
+    horizon: int | None,
+    exploration: int | None = None,
+) -> tuple[Any, dict[str, Any]]:
     """The agent's configuration and the env's keywords, of a preset.
 
     Args:
-        preset_name: of `mcpilco.config.PRESETS`.
+        kind: the algorithm.
+        preset_name: of its presets.
         env_id: of the env.
         horizon: of a rollout [steps]; None: the env's time limit.
         exploration: random inputs at first [steps]; None: one rollout.
+
+    Raises:
+        InputError: the algorithm has no such preset.
     """
-    preset = PRESETS[preset_name]
+    if preset_name not in kind.presets:
+        raise InputError(
+            f"--preset of the algorithm {kind.algo} must be one of {sorted(kind.presets)}, "
+            f"got {preset_name!r}."
+        )
+    preset = kind.presets[preset_name]
     env_kwargs = preset.keywords(env_id)
     config = preset.config
     if exploration is not None:
@@ -132,17 +167,16 @@ def finished_trial(run: RunFolder, asked: int | None) -> int:
     return choose_trial(run.finished_trials(), asked, none)
 
 
-def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> MCPILCO:
+def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> ModelBasedAgent:
     """The run's agent with the policy of one trial, and the estimator that it was learned behind.
 
     Raises:
         RunFolderError: a file is missing or damaged, or the files do not belong together.
         EnvError: the env does not fit.
     """
-    from mcpilco.agent import MCPILCO
     from mcpilco.agent_file import load_policy
 
-    agent = MCPILCO.load(run.agent_path, env)
+    agent = algorithm_of(run).load(run.agent_path, env)
     name = "policy"
     try:
         load_policy(agent.policy, run.read_arrays(trial, name))

@@ -15,12 +15,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import TaskPath, optional
-from mcpilco.cli.system import given_task, numbers, open_env, use_one_thread
+from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    from mcpilco.algorithms import Agent
 
 _OUT = "runs/out"
 _TRIALS = 4
@@ -32,8 +35,10 @@ class Train:
 
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
-    preset: Literal["default", "thesis", "tro2022"] = "default"
-    """setting of the agent, and of the cart-pole"""
+    algo: Algo = "mcpilco"
+    """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
+    preset: PresetName = "default"
+    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     trials: Annotated[int | None, optional("INT", f"{_TRIALS}, or those of the run resumed")] = None
@@ -72,14 +77,14 @@ class Train:
         if self.resume is not None:
             return self._go_on()
 
-        from mcpilco.agent import MCPILCO
         from mcpilco.run_folder import RunFolder
 
-        config, env_kwargs = numbers(self.preset, self.env, self.horizon, self.exploration)
+        kind = algorithm(self.algo)
+        config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):
             task = given_task(self.task)
-            agent = MCPILCO("SumOfGaussians", env, config=config, seed=self.seed, task=task)
+            agent = kind(kind.policy_name, env, config=config, seed=self.seed, task=task)
             run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
             with run.writing():
                 return self._learn(agent, run)
@@ -93,14 +98,14 @@ class Train:
         )
         if given != Train():
             raise InputError(
-                "--resume takes env, preset, seed, horizon and folder from the run; "
+                "--resume takes env, algo, preset, seed, horizon and folder from the run; "
                 "beside it stand only --task, --trials, --quiet, --tensorboard and --live."
             )
         assert self.resume is not None
         with reopened(self.resume, self.trials, self.task) as (run, agent):
             return self._learn(agent, run)
 
-    def _learn(self, agent: Any, run: Any) -> int:
+    def _learn(self, agent: Agent, run: Any) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
         rest = run.config["trials"] - len(run.finished_trials())
         try:
@@ -130,13 +135,15 @@ class Train:
             return self.out
         name = re.sub(r"[^\w.-]", "_", re.split(r"[/:]", self.env)[-1])
         time = datetime.now().strftime("%Y%m%d-%H%M%S")
-        return Path(_OUT) / f"{name}-{self.preset}-seed{self.seed}-{time}"
+        setting = self.preset if self.algo == "mcpilco" else f"{self.algo}-{self.preset}"
+        return Path(_OUT) / f"{name}-{setting}-seed{self.seed}-{time}"
 
     def _record(self, config: Any, env_kwargs: dict[str, Any]) -> dict[str, Any]:
         """What config.json holds."""
         return {
             "env": self.env,
             "env_kwargs": env_kwargs,
+            "algo": self.algo,
             "preset": self.preset,
             "seed": self.seed,
             "trials": _TRIALS if self.trials is None else self.trials,

@@ -94,6 +94,12 @@ def _generator_on(device: torch.device, generator: torch.Generator) -> torch.Gen
 
 
 def _check(requests: Sequence[SearchRequest]) -> None:
+    strange = {type(r).__name__ for r in requests if not isinstance(r, SearchRequest)}
+    if strange:
+        raise InputError(
+            f"Searches of MC-PILCO run together, got {', '.join(sorted(strange))}; run the seeds "
+            "of other algorithms one by one, without a device."
+        )
     kinds = {(r.search.config, r.trial, r.problem.horizon) for r in requests}
     if len(kinds) != 1:
         raise InputError(

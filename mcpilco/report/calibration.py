@@ -6,17 +6,21 @@ A trial's models never saw the trial: its data are held out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.stats import norm
 
-from mcpilco.config import Config, from_dict
+from mcpilco.algorithms import find
+from mcpilco.config import from_dict
 from mcpilco.data import Prediction
 from mcpilco.history import History, PastTrial, read_transitions
-from mcpilco.model import Model
 from mcpilco.typing import InputError, RunFolderError
+
+if TYPE_CHECKING:
+    from mcpilco.model_based import ModelBasedAgent
 
 LEVELS = np.concatenate([np.linspace(0.05, 0.95, 19), [0.99]])
 """nominal levels of the intervals"""
@@ -57,8 +61,8 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
         RunFolderError: a file is missing or damaged.
         NotPositiveDefiniteError: the data make a covariance singular, which they did not before.
     """
-    config = read_config(history)
-    model = Model(config.model, history.task)
+    kind, config = read_agent(history)
+    model = kind.make_model(config, history.task)
     arrays = history.run.read_arrays(trial.number, "gp")
     try:
         model.gp.load_arrays(arrays)
@@ -75,14 +79,15 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
     return OneStep(model.names, units, (Yq - mean).numpy(), std.numpy())
 
 
-def read_config(history: History) -> Config:
-    """The agent's numbers.
+def read_agent(history: History) -> tuple[type[ModelBasedAgent], Any]:
+    """The class of the agent, and its numbers.
 
     Raises:
-        RunFolderError: config.json does not hold them.
+        RunFolderError: config.json does not hold them, or its algorithm is not known here.
     """
     try:
-        return from_dict(Config, history.run.config["config"])
+        kind = find(history.run.config.get("algo", "mcpilco"))
+        return kind, from_dict(kind.config_type, history.run.config["config"])
     except InputError as error:
         path = history.run.path / "config.json"
         raise RunFolderError(f"{path} does not hold the agent's numbers: {error}") from error

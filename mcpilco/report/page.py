@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from mcpilco.history import History, read_history
 from mcpilco.report import document, sections
@@ -34,12 +35,18 @@ def page_of(history: History) -> Document:
     """What the page of a run holds."""
     config = history.run.config
     return Document(
-        title=f"{config['env']}, {config['preset']}, seed {config['seed']}",
+        title=f"{config['env']}, {_setting(config)}, seed {config['seed']}",
         about=history.run.path.resolve().name,
         tiles=_tiles(history),
         sections=_sections(history),
         cautions=sections.failures(history),
     )
+
+
+def _setting(config: Mapping[str, Any]) -> str:
+    """The preset, after the algorithm where that is another than the package's own."""
+    algo = config.get("algo", "mcpilco")
+    return config["preset"] if algo == "mcpilco" else f"{algo} {config['preset']}"
 
 
 def _sections(history: History) -> Iterator[Section]:

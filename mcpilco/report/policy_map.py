@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from itertools import combinations, islice, product
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
 from mcpilco.history import History, PastTrial
-from mcpilco.policies import SumOfGaussians, blank_policy
-from mcpilco.report.calibration import read_config
+from mcpilco.report.calibration import read_agent
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError, RunFolderError
 from mcpilco.visual.plots.models import PolicyMap
@@ -40,7 +40,7 @@ def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:
     ]
 
 
-def read_policy(history: History, trial: PastTrial) -> SumOfGaussians:
+def read_policy(history: History, trial: PastTrial) -> Any:
     """The policy of a trial.
 
     Raises:
@@ -50,7 +50,8 @@ def read_policy(history: History, trial: PastTrial) -> SumOfGaussians:
     try:
         centre, half_range = arrays["squash.centre"], arrays["squash.half_range"]
         low, high = centre - half_range, centre + half_range
-        policy = blank_policy(read_config(history).policy, history.task, low, high)
+        kind, config = read_agent(history)
+        policy = kind.make_policy(config, history.task, low, high)
         policy.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
     except (KeyError, TypeError, ValueError, RuntimeError, InputError) as error:
         path = history.run.arrays_path(trial.number, "policy")
@@ -67,7 +68,7 @@ def _pairs(task: TaskSpec) -> list[tuple[int, int]]:
 def _policy_map(
     task: TaskSpec,
     states: Float[np.ndarray, "T_plus_1 X"],
-    policy: SumOfGaussians,
+    policy: Any,
     pair: tuple[int, int],
     index: int,
 ) -> PolicyMap:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.config import PRESETS
+from mcpilco.algorithms import find
 from mcpilco.history import History, PastTrial, read_search
 from mcpilco.report.calibration import (
     LEVELS,
@@ -21,7 +21,7 @@ from mcpilco.report.calibration import (
 )
 from mcpilco.report.parts import Section, Table, draw
 from mcpilco.report.policy_map import policy_maps
-from mcpilco.typing import RunFolderError
+from mcpilco.typing import InputError, RunFolderError
 from mcpilco.visual.plots.models import plot_coverage, plot_errors, plot_policy
 from mcpilco.visual.plots.rollouts import plot_costs, plot_input, plot_state
 from mcpilco.visual.plots.training import plot_learning, plot_search, plot_times
@@ -228,13 +228,17 @@ def timings(history: History) -> Section:
 def configuration(history: History) -> Section:
     """All numbers of the agent; what differs from the preset is marked."""
     config = history.run.config
-    preset = PRESETS.get(config["preset"])
+    try:
+        preset = find(config.get("algo", "mcpilco")).presets.get(config["preset"])
+    except InputError:  # an algorithm that is not known here
+        preset = None
     usual = {} if preset is None else dict(_entries(json.loads(_json(preset.config))))
     rows = [
         (name, value, "" if usual.get(name, value) == value else usual[name])
         for name, value in _entries(config["config"])
     ]
-    about = [(key, _text(config[key])) for key in ("env", "env_kwargs", "preset", "seed", "trials")]
+    keys = ("env", "env_kwargs", "algo", "preset", "seed", "trials")
+    about = [(key, _text(config[key])) for key in keys if key in config]
     return Section(
         "Configuration",
         "",

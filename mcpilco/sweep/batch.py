@@ -16,7 +16,7 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     import torch
 
-    from mcpilco.learning import SearchRequest
+    from mcpilco.learning import Request
 
 
 class BatchEngine:
@@ -93,7 +93,7 @@ class _Seed:
     """A seed on its way: it has a request, or its outcome."""
 
     def __init__(self, job: SeedJob) -> None:
-        self.request: SearchRequest | None = None
+        self.request: Request | None = None
         self.outcome: Any = None
         self._learning = job.begin()
         self.go_on(None)

@@ -9,10 +9,12 @@ table.md           the same as a table
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mcpilco.algorithms import find
 from mcpilco.archive import write_bytes
 from mcpilco.config import from_dict
 from mcpilco.run_folder import read_json, write_json
@@ -98,6 +100,9 @@ def _completed(there: dict[str, Any]) -> dict[str, Any]:
     """What an earlier version wrote, with the entries that came since at their defaults."""
     try:
         settings = from_dict(Settings, {k: v for k, v in there.items() if k != "format"})
+        kind = find(settings.algo.rpartition(":")[2])
+        config = from_dict(kind.config_type, settings.config)
+        settings = dataclasses.replace(settings, config=config)
     except InputError:
         return there
     return {"format": there.get("format"), **settings.to_json()}

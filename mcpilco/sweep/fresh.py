@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -72,7 +72,7 @@ class FreshEpisodes:
         seeds = [_BEYOND_TRAINING + int(state) for state in states]
         if self._vector is not None:
             return batch_outcomes(self._vector, begin(), self._horizon, seeds[0])
-        return _single_outcomes(self._env, begin, self._horizon, seeds)
+        return outcomes_one_by_one(self._env, begin, self._horizon, seeds)
 
 
 def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcomes:
@@ -96,9 +96,10 @@ def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcome
     return outcomes
 
 
-def _single_outcomes(
-    env: gym.Env, begin: Callable[[], Act], horizon: int, seeds: list[int]
+def outcomes_one_by_one(
+    env: gym.Env, begin: Callable[[], Act], horizon: int, seeds: Sequence[int]
 ) -> Outcomes:
+    """The outcomes of one episode for each seed; of what the env tells, what it tells of all."""
     # dt dates the records, of which nothing is kept
     rollouts = [run_episode(env, begin(), horizon, dt=1.0, seed=seed) for seed in seeds]
     outcomes = {"return": np.array([float(rollout.rewards.sum()) for rollout in rollouts])}

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcpilco.algorithms import find_after_import
 from mcpilco.callbacks import Callback
 from mcpilco.config import Config
 from mcpilco.contract import make_env, task_of
@@ -39,8 +40,8 @@ class Settings:
     """keywords that the env is made with"""
     preset: str = "default"
     """what `config` is called"""
-    config: Config = field(default_factory=Config)
-    """the agent's numbers"""
+    config: Any = field(default_factory=Config)
+    """the agent's numbers, of its algorithm's class"""
     trials: int = 4
     """policies to learn from each seed"""
     fresh: int = 100
@@ -50,6 +51,8 @@ class Settings:
     guess"""
     fresh_horizon: int | None = None
     """most steps of a fresh episode; None: as many as of a training's"""
+    algo: str = "mcpilco"
+    """the algorithm, see `mcpilco.algorithms`; `package:name` imports the package first"""
 
     def __post_init__(self) -> None:
         if self.trials < 1:
@@ -102,13 +105,12 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
 
 def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
     """The learning that ends with the result of a seed."""
-    from mcpilco.agent import MCPILCO
-
+    kind = find_after_import(settings.algo)
     with contextlib.ExitStack() as stack:
         env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))
         given = None if settings.task is None else load_task(settings.task)
         task = task_of(env, given, quiet=True)
-        agent = MCPILCO("SumOfGaussians", env, config=settings.config, seed=seed, task=task)
+        agent = kind(kind.policy_name, env, config=settings.config, seed=seed, task=task)
         judge = None
         if settings.fresh:
             judge = stack.enter_context(_judge(settings, agent.horizon))

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
+from mcpilco.agent import MCPILCO
 from mcpilco.archive import read_arrays, write_arrays
 from mcpilco.callbacks import as_callback
+from mcpilco.config import PRESETS, Config
 from mcpilco.contract import horizon_of, input_bounds, task_of
 from mcpilco.data import Prediction, Rollout, TrialResult
 from mcpilco.episode import run_episode
@@ -66,6 +68,9 @@ def make_result(trial: int = 1, rollout: Rollout | None = None, told: bool = Tru
 
 class FakeAgent:
     """Calls the callbacks as MCPILCO does, with random inputs in place of a policy."""
+
+    algo, policy_name, config_type, presets = "mcpilco", "SumOfGaussians", Config, PRESETS
+    make_model, make_policy = MCPILCO.make_model, MCPILCO.make_policy
 
     def __init__(self, policy, env, *, preset="default", config=None, seed=0, task=None):
         self.env, self.config, self.seed = env, config, seed

@@ -156,6 +156,15 @@ def test_the_time_of_a_batch_is_shared(task: TaskSpec) -> None:
     assert spent.cpu_s > 0
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_search_of_another_algorithm_is_refused() -> None:
+    class OtherRequest:
+        pass
+
+    with pytest.raises(InputError, match="Searches of MC-PILCO run together, got OtherRequest"):
+        search_together([OtherRequest()])  # type: ignore[list-item]
+
+
 def test_what_does_not_belong_together_is_refused(task: TaskSpec) -> None:
     one = request(task, 0, PLAIN)[0]
     with pytest.raises(InputError, match="one configuration, trial and horizon, got 2 kinds"):

@@ -87,9 +87,9 @@ def test_model_had_not_seen_the_trial_that_it_is_judged_by(history) -> None:
 
 
 def steps_config(history):
-    from mcpilco.report.calibration import read_config
+    from mcpilco.report.calibration import read_agent
 
-    return read_config(history).model
+    return read_agent(history)[1].model
 
 
 def test_model_of_another_task_is_refused(history) -> None:

@@ -36,7 +36,7 @@ def test_batch_agrees_with_single_envs_on_the_same_episodes():
     for env in (single, many):
         reset = env.reset
         env.reset = lambda *, seed, options=None, reset=reset: reset(seed=seed, options=start)
-    one = fresh._single_outcomes(single, lambda: swing, 30, [1])
+    one = fresh.outcomes_one_by_one(single, lambda: swing, 30, [1])
     batch = batch_outcomes(many, swing, 30, 1)
     assert one.keys() == batch.keys() == {"return", "is_success", "time_up_s", "mean_abs_cart_m"}
     for name, values in one.items():
@@ -64,7 +64,7 @@ def test_episodes_repeat_with_seed_and_trial_alone():
 @pytest.mark.parametrize("vector", [True, False])
 def test_no_fresh_episode_has_the_seed_of_a_training(monkeypatch, vector):
     seeds = []
-    name = "batch_outcomes" if vector else "_single_outcomes"
+    name = "batch_outcomes" if vector else "outcomes_one_by_one"
     if not vector:
         monkeypatch.setattr(fresh, "_vector_form", lambda *arguments: None)
     monkeypatch.setattr(

@@ -1,0 +1,95 @@
+"""PILCO's model: a Gaussian process for the change of each state, with curbed hyperparameters."""
+
+from __future__ import annotations
+
+from math import log
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from baselines.moments.bases import Bases
+from baselines.pilco.config import PilcoConfig
+from baselines.pilco.rollout import GaussianDynamics
+from mcpilco.config import ModelConfig
+from mcpilco.data import Transitions
+from mcpilco.gp import GP
+from mcpilco.kernels import RBF
+from mcpilco.model import Model
+from mcpilco.task import TaskSpec
+
+_POWER = 30
+"""of the penalties: next to nothing within the curb, a wall beyond it"""
+
+
+class CurbedGP(GP):
+    """A GP whose marginal likelihood falls where signal-to-noise or lengthscales are extreme.
+
+        nlml + sum_d (log(l_d / std_d) / log longest)^30 + (log(signal / noise) / log ratio)^30
+
+    Reference: the PILCO package of Deisenroth, McHutchon, Hall and Rasmussen, its `hypCurb`.
+    """
+
+    kernel: RBF
+
+    def __init__(self, kernel: RBF, config: PilcoConfig, names: tuple[str, ...]) -> None:
+        super().__init__(kernel, noise_floor=0.0, names=names)
+        self._curbs = log(config.longest), log(config.signal_to_noise)
+
+    def nlml(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"]) -> Float[Tensor, " E"]:
+        """Negative log marginal likelihood of each output, with the penalties.
+
+        Raises:
+            NotPositiveDefiniteError: K + s^2 I has no Cholesky factor.
+        """
+        longest, ratio = self._curbs
+        lengths = (self.kernel.lengthscale / input_std(X)).log() / longest
+        signals = (0.5 * self.kernel.log_variance - self.noise_std.log()) / ratio
+        return super().nlml(X, Y) + lengths.pow(_POWER).sum(-1) + signals.pow(_POWER)
+
+    @torch.no_grad()
+    def _start_from(self, X: Tensor, Y: Tensor) -> None:
+        super()._start_from(X, Y)
+        self.kernel.lengthscale = input_std(X).expand_as(self.kernel.lengthscale)
+
+
+def input_std(X: Float[Tensor, "N D"]) -> Float[Tensor, " D"]:
+    """Standard deviation of each input; a constant input's own size, or 1."""
+    std, size = X.std(0, correction=0), X.abs().amax(0)
+    size = torch.where(size > 0, size, torch.ones_like(size))
+    return torch.where(std > 1e-9 * size, std, size)
+
+
+class PilcoModel(Model):
+    """GPs with squared exponential kernels for the changes of all states."""
+
+    gp: CurbedGP
+
+    def __init__(self, config: PilcoConfig, task: TaskSpec) -> None:
+        """A model that has seen nothing yet.
+
+        Args:
+            config: the curbs.
+            task: names, angles and velocities of the state.
+        """
+        super().__init__(ModelConfig(kernel="rbf", integration="full"), task)
+        kernel = self.gp.kernel
+        assert isinstance(kernel, RBF), "the configuration says so"
+        self.gp = CurbedGP(kernel, config, self.names)
+
+    def moments(self, transitions: Transitions) -> GaussianDynamics:
+        """The posterior given these data, as a model of Gaussian states.
+
+        Raises:
+            NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
+        """
+        posterior, kernel = self.gp.condition(*self.rows(transitions)), self.gp.kernel
+        bases = Bases(
+            posterior.X,
+            kernel.lengthscale.detach(),
+            kernel.variance.detach(),
+            posterior.alpha,
+            posterior.L_inv.mT @ posterior.L_inv,
+        )
+        A, B = torch.from_numpy(self.increment.A), torch.from_numpy(self.increment.B)
+        return GaussianDynamics(bases, self.augmentation, A, B)

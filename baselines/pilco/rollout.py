@@ -1,0 +1,121 @@
+"""The prediction of PILCO: one Gaussian over the state, from step to step, in closed form.
+
+This is the algorithm as it reads; `baselines.pilco.compiled` computes the same numbers faster.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from baselines.moments.bases import Bases, through_bases
+from baselines.moments.costs import expected_cost
+from baselines.moments.image import Gaussian
+from baselines.moments.sines import through_squash, through_trig
+from baselines.pilco.policy import GPMean
+from mcpilco.features import AngleAugmentation
+from mcpilco.typing import Cost
+
+
+@dataclass(frozen=True)
+class GaussianDynamics:
+    """What the posterior of the changes makes of a Gaussian state and a policy."""
+
+    bases: Bases
+    """of the E predicted changes, on regressors [z, u]"""
+    augmentation: AngleAugmentation
+    """from the state to z"""
+    A: Float[Tensor, "X X"]
+    """from the state to the next one"""
+    B: Float[Tensor, "X E"]
+    """from the predicted changes to the next state"""
+
+    def step(self, state: Gaussian, policy: GPMean, argument: Bases) -> tuple[Gaussian, Gaussian]:
+        """The next state, and the input that led to it.
+
+        The uncertainty of the functions is predicted, not the noise of measurements.
+
+        Args:
+            state: now.
+            policy: what acts.
+            argument: its `bases`, made once for all steps.
+
+        Reference: DFR on trajectory prediction.
+        Differs: the law from changes to states is the model's, x' = A x + B delta.
+        """
+        X, U, E = len(self.A), len(policy.squash.centre), self.bases.outputs
+        joint, z = state, list(self.augmentation.plain)
+        if angles := self.augmentation.angles:
+            joint = joint.joined(range(X), through_trig(*joint.part(range(X)), angles))
+            sines = range(X, X + 2 * len(angles), 2)
+            z += [*(i + 1 for i in sines), *sines]
+        a = range(joint.width, joint.width + U)
+        joint = joint.joined(z, through_bases(argument, *joint.part(z)))
+        u = range(joint.width, joint.width + U)
+        joint = joint.joined(a, through_squash(*joint.part(a), policy.squash.half_range))
+        joint = joint.moved(u, policy.squash.centre)
+        zu = [*z, *u]
+        following = joint.joined(zu, through_bases(self.bases, *joint.part(zu)))
+        untouched = self.A.new_zeros(X, following.width - X - E)
+        return following.mapped(torch.cat([self.A, untouched, self.B], 1)), Gaussian(*joint.part(u))
+
+
+class Predict(Protocol):
+    """`predicted`, or anything that computes the same."""
+
+    def __call__(
+        self, dynamics: GaussianDynamics, policy: GPMean, start: Gaussian, horizon: int
+    ) -> tuple[Gaussian, Gaussian]: ...
+
+
+def predicted(
+    dynamics: GaussianDynamics, policy: GPMean, start: Gaussian, horizon: int
+) -> tuple[Gaussian, Gaussian]:
+    """The states at times 0 to T and the inputs between; gradients flow to the policy.
+
+    Args:
+        dynamics: the model.
+        policy: the policy.
+        start: the state at time 0.
+        horizon: T [steps].
+
+    Raises:
+        torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
+    """
+    argument = policy.bases()
+    states, inputs = [start], []
+    for _ in range(horizon):
+        state, used = dynamics.step(states[-1], policy, argument)
+        states.append(state)
+        inputs.append(used)
+    return Gaussian.stacked(states), Gaussian.stacked(inputs)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is minimised: the expected cost over the horizon, of one Gaussian in a model."""
+
+    dynamics: GaussianDynamics
+    """the model"""
+    cost: Cost
+    """one that `baselines.moments.expected_cost` knows"""
+    start: Gaussian
+    """the state at time 0"""
+    horizon: int
+    """T [steps]"""
+    predict: Predict
+    """how it is predicted"""
+
+    def prediction(self, policy: GPMean) -> tuple[Gaussian, Gaussian, Float[Tensor, " T"]]:
+        """The states at times 0 to T, the inputs between, and the expected cost of each step [-].
+
+        Raises:
+            torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
+        """
+        states, inputs = self.predict(self.dynamics, policy, self.start, self.horizon)
+        after = Gaussian(states.mean[1:], states.cov[1:])
+        return states, inputs, expected_cost(self.cost, after, inputs)

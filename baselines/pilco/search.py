@@ -1,0 +1,202 @@
+"""PILCO's policy search: L-BFGS on the expected cost of one predicted Gaussian."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
+from torch import Tensor
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from baselines.moments.image import Gaussian
+from baselines.pilco.config import PilcoConfig
+from baselines.pilco.policy import GPMean
+from baselines.pilco.rollout import Problem
+from mcpilco.data import Prediction
+from mcpilco.stopwatch import Spent, Stopwatch
+
+_REMEMBERED = 50
+"""steps that L-BFGS remembers: most of a search, so that it is nearly BFGS"""
+_SPREAD_PARTICLES = 384
+"""particles that the spread of the cost is estimated from"""
+
+Report = Callable[[int, int, dict[str, float]], None]
+"""told after each evaluation: evaluations done, most of them, values by name"""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A policy, and what the model says of it."""
+
+    policy: GPMean
+    """its parameters are finite"""
+    problem: Problem
+    """what was minimised"""
+    states: Gaussian
+    """at times 0 to T"""
+    costs: Float[Tensor, " T"]
+    """expected, after each step [-]"""
+    normal: Float[Tensor, "P X"]
+    """standard normal numbers, one row for each particle that stands for the Gaussians"""
+
+    @property
+    def cost(self) -> float:
+        """Sum over the steps of the expected cost [-]."""
+        return float(self.costs.sum())
+
+    @property
+    def cost_std(self) -> float:
+        """Standard deviation over the particles of `prediction` of their summed costs [-]."""
+        return float(self.prediction(len(self.normal)).costs.sum(0).std(ddof=1))
+
+    @torch.no_grad()
+    def prediction(self, particles: int) -> Prediction:
+        """Particles that have the predicted Gaussian at each step.
+
+        A particle keeps its place in the Gaussian, x_t = m_t + S_t^1/2 n: moments that were matched
+        tell how the states of a step are spread, and no path through the steps.
+        """
+        values, vectors = torch.linalg.eigh(self.states.cov)
+        root = vectors * values.clamp_min(0.0).sqrt()[..., None, :] @ vectors.mT
+        states = self.states.mean[:, None, :] + self.normal[:particles] @ root
+        inputs = self.policy(states[:-1])
+        costs = self.problem.cost(states[1:], inputs)
+        return Prediction(states.numpy(), inputs.numpy(), costs.numpy())
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The policy found, and what was spent."""
+
+    best: Candidate
+    """of the lowest expected cost that was seen"""
+    starts: int
+    """policies that were started from"""
+    steps: int
+    """evaluations of the expected cost and its gradient"""
+    spent: Spent
+    """the time that it took"""
+
+
+@dataclass(frozen=True)
+class PilcoRequest:
+    """A search that waits for its answer."""
+
+    config: PilcoConfig
+    """most steps and evaluations"""
+    problem: Problem
+    """what is minimised"""
+    policy: GPMean
+    """where it starts; not changed"""
+    fresh: Callable[[], GPMean]
+    """makes a random policy, for where the model has no finite answer to the first"""
+    generator: torch.Generator
+    """source of the particles that are shown"""
+    report: Report
+    """told of each evaluation"""
+
+    def answer(self) -> SearchResult:
+        """The policy of the lowest expected cost that L-BFGS meets.
+
+        Raises:
+            torch.linalg.LinAlgError: the model has no finite answer to either start.
+        """
+        watch = Stopwatch()
+        objective = Objective(self.problem, copy.deepcopy(self.policy), self.config, self.report)
+        starts = 1
+        with threadpool_limits(1):  # the loops multiply small matrices
+            if not math.isfinite(objective.value(self.policy)):
+                starts += 1
+                if not math.isfinite(objective.value(self.fresh())):
+                    raise torch.linalg.LinAlgError(
+                        "The model predicts nothing finite, neither for the last policy nor for a "
+                        "random one."
+                    )
+            self._minimise(objective)
+            return SearchResult(self._candidate(objective), starts, objective.count, watch.read())
+
+    def _minimise(self, objective: Objective) -> None:
+        steps, most = self.config.line_searches, self.config.evaluations
+        limits = {"maxiter": steps, "maxfun": most, "maxcor": _REMEMBERED}
+        options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
+        with contextlib.suppress(_Enough):  # L-BFGS-B looks at maxfun between line searches only
+            minimize(objective, objective.best, jac=True, method="L-BFGS-B", options=options)
+
+    def _candidate(self, objective: Objective) -> Candidate:
+        policy = objective.policy
+        vector_to_parameters(torch.from_numpy(objective.best), policy.parameters())
+        with torch.no_grad():
+            states, _, costs = self.problem.prediction(policy)
+        size = _SPREAD_PARTICLES, states.width
+        normal = torch.randn(size, generator=self.generator, dtype=torch.float64)
+        return Candidate(policy, self.problem, states, costs, normal)
+
+
+class _Enough(Exception):  # noqa: N818  no error
+    """All evaluations are spent."""
+
+
+class Objective:
+    """The expected cost and its gradient as an optimiser sees them; keeps the best point.
+
+    Where the model has no finite answer the value is larger than all that were met, and flat: a
+    line search that has stepped there takes a shorter step.
+    """
+
+    def __init__(
+        self, problem: Problem, policy: GPMean, config: PilcoConfig, report: Report
+    ) -> None:
+        self.policy = policy
+        self.count = 0
+        """evaluations done"""
+        self.best = parameters_to_vector(policy.parameters()).detach().numpy().copy()
+        """parameters of the lowest cost so far"""
+        self._problem, self._report = problem, report
+        self._most = config.evaluations
+        self._lowest, self._highest = math.inf, 0.0
+
+    def value(self, policy: GPMean) -> float:
+        """The cost of a policy [-]; not finite where the model has no answer."""
+        return self._evaluate(parameters_to_vector(policy.parameters()).detach().numpy().copy())[0]
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """The cost [-] and its gradient.
+
+        Raises:
+            _Enough: there shall be no more evaluations.
+        """
+        if self.count >= self._most:
+            raise _Enough
+        value, gradient = self._evaluate(x)
+        if not math.isfinite(value):
+            return 2.0 * self._highest + 1.0, np.zeros_like(x)
+        return value, gradient
+
+    def _evaluate(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """The cost and its gradient, or NaN where either is not finite."""
+        self.count += 1
+        vector_to_parameters(torch.tensor(x), self.policy.parameters())
+        value, gradient = math.nan, np.full_like(x, math.nan)
+        try:
+            total = self._problem.prediction(self.policy)[2].sum()
+            slopes = torch.autograd.grad(total, list(self.policy.parameters()))
+        except torch.linalg.LinAlgError:
+            pass  # a covariance that is none: the step was too long
+        else:
+            gradient = parameters_to_vector(slopes).numpy()
+            value = float(total.detach()) if np.isfinite(gradient).all() else math.nan
+        if math.isfinite(value):
+            self._highest = max(self._highest, abs(value))
+            if value < self._lowest:
+                self._lowest, self.best = value, x.copy()
+        norm = float(np.linalg.norm(gradient))
+        self._report(self.count, self._most, {"policy/cost": value, "policy/gradient_norm": norm})
+        return value, gradient

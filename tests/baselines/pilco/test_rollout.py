@@ -1,0 +1,121 @@
+"""The prediction of PILCO: both ways to compute it, and what it is of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+from baselines.moments import Gaussian
+from baselines.pilco import compiled
+from baselines.pilco.rollout import Problem, predicted
+from mcpilco.costs import cart_pole_cost
+from tests.baselines.differences import slope_along
+from tests.baselines.pilco.models import narrow_start, random_dynamics, random_policy
+
+SYSTEMS = {
+    "cart-pole": {},
+    "no angle": {"angles": ()},
+    "two angles, two inputs": {"states": 3, "angles": (0, 2), "inputs": 2, "outputs": 3},
+    "fewer outputs than states": {"outputs": 2},
+}
+
+
+def parts(states: Gaussian, inputs: Gaussian) -> list[torch.Tensor]:
+    return [states.mean, states.cov, inputs.mean, inputs.cov]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
+    system = SYSTEMS[name]
+    dynamics = random_dynamics(**system)
+    policy = random_policy(dynamics, system.get("inputs", 1))
+    start, rng = narrow_start(len(dynamics.A)), np.random.default_rng(0)
+    results, gradients, weights = [], [], None
+    for predict in (predicted, compiled.predicted):
+        found = parts(*predict(dynamics, policy, start, 4))
+        weights = weights or [torch.from_numpy(rng.standard_normal(p.shape)) for p in found]
+        total = sum((p * w).sum() for p, w in zip(found, weights, strict=True))
+        gradients.append(torch.autograd.grad(total, list(policy.parameters())))
+        results.append([part.detach() for part in found])
+    for plain, fast in zip(*results, strict=True):
+        assert torch.allclose(plain, fast, rtol=1e-10, atol=1e-12)
+    for plain, fast in zip(*gradients, strict=True):
+        assert torch.allclose(plain, fast, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("predict", [predicted, compiled.predicted])
+def test_the_gradient_of_the_expected_cost_is_that_of_central_differences(predict):
+    dynamics = random_dynamics()
+    policy = random_policy(dynamics)
+    problem = Problem(dynamics, cart_pole_cost(), narrow_start(), 5, predict)
+    total = problem.prediction(policy)[2].sum()
+    gradient = parameters_to_vector(torch.autograd.grad(total, list(policy.parameters())))
+    at = parameters_to_vector(policy.parameters()).detach()
+    way = torch.from_numpy(np.random.default_rng(1).standard_normal(len(at)))
+
+    def cost(h: float) -> torch.Tensor:
+        vector_to_parameters(at + h * way, policy.parameters())
+        return problem.prediction(policy)[2].sum()
+
+    assert float(gradient @ way) == pytest.approx(slope_along(cost), rel=1e-7, abs=1e-7)
+
+
+def test_a_step_from_a_certain_state_is_the_posterior_at_it():
+    dynamics = random_dynamics()
+    policy = random_policy(dynamics)
+    mean = narrow_start().mean
+    states, inputs = predicted(dynamics, policy, Gaussian(mean, torch.zeros(4, 4).double()), 1)
+    with torch.no_grad():
+        u = policy(mean)
+        x = dynamics.augmentation.regressors(mean, u)
+    bases = dynamics.bases
+    distance = (x - bases.centres) / bases.lengthscale[:, None, :]
+    k = bases.variance[:, None] * torch.exp(-0.5 * distance.square().sum(-1))
+    change = (k * bases.weights).sum(-1)
+    left = bases.variance - torch.einsum("ei,eij,ej->e", k, bases.inverse, k)
+    assert torch.allclose(inputs.mean[0], u, atol=1e-12)
+    assert torch.allclose(states.mean[1], dynamics.A @ mean + dynamics.B @ change, atol=1e-12)
+    assert torch.allclose(states.cov[1], torch.diag(left), atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.1])
+def test_one_step_has_nearly_the_moments_of_particles(scale):
+    """Matched stage by stage: the error falls with the spread, where that of samples would not."""
+    dynamics = random_dynamics()
+    policy = random_policy(dynamics)
+    mean, count = narrow_start().mean, 100_000
+    cov = scale**2 * torch.eye(4, dtype=torch.float64)
+    states, _ = predicted(dynamics, policy, Gaussian(mean, cov), 1)
+    rng = np.random.default_rng(2)
+    with torch.no_grad():
+        x = mean + scale * torch.from_numpy(rng.standard_normal((count, 4)))
+        z = dynamics.augmentation.regressors(x, policy(x))
+        bases, changes = dynamics.bases, []
+        for e in range(4):
+            distance = (z[:, None, :] - bases.centres) / bases.lengthscale[e]
+            k = bases.variance[e] * torch.exp(-0.5 * distance.square().sum(-1))
+            variance = bases.variance[e] - ((k @ bases.inverse[e]) * k).sum(-1)
+            noise = torch.from_numpy(rng.standard_normal(count))
+            changes.append(k @ bases.weights[e] + variance.clamp_min(0).sqrt() * noise)
+        following = x @ dynamics.A.T + torch.stack(changes, 1) @ dynamics.B.T
+    std = following.std(0)
+    assert (((following.mean(0) - states.mean[1]) / std).abs() < 0.015).all()
+    correlation = (following.T.cov() - states.cov[1]) / (std[:, None] * std)
+    assert (correlation.abs() < 0.02).all()
+
+
+def test_covariances_stay_symmetric_and_positive():
+    dynamics = random_dynamics()
+    states, _ = compiled.predicted(dynamics, random_policy(dynamics), narrow_start(), 20)
+    assert torch.equal(states.cov, states.cov.mT)
+    assert float(torch.linalg.eigvalsh(states.cov.detach()).min()) > -1e-12
+
+
+@pytest.mark.parametrize("predict", [predicted, compiled.predicted])
+def test_a_covariance_that_is_none_ends_the_prediction(predict):
+    dynamics = random_dynamics()
+    start = Gaussian(torch.zeros(4).double(), -100.0 * torch.eye(4).double())
+    with pytest.raises(torch.linalg.LinAlgError):
+        predict(dynamics, random_policy(dynamics), start, 3)

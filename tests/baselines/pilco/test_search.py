@@ -1,0 +1,95 @@
+"""L-BFGS on the expected cost, and what it does where there is none."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from baselines.moments import Gaussian
+from baselines.pilco.rollout import Problem, predicted
+from baselines.pilco.search import PilcoRequest
+from mcpilco.costs import SaturatingCost
+from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
+
+COST = SaturatingCost((1,), (1.0,), (1.0,), (False,))
+CONFIG = dataclasses.replace(TINY, line_searches=10, evaluations=15)
+
+
+def request(predict=predicted, report=lambda *_: None, fresh=None, config=CONFIG) -> PilcoRequest:
+    dynamics = random_dynamics()
+    policy = random_policy(dynamics)
+    return PilcoRequest(
+        config=config,
+        problem=Problem(dynamics, COST, narrow_start(), 4, predict),
+        policy=policy,
+        fresh=fresh or (lambda: copy.deepcopy(policy)),
+        generator=torch.Generator().manual_seed(0),
+        report=report,
+    )
+
+
+def test_the_cost_falls_and_the_start_stays():
+    told, asked = [], None
+    asked = request(report=lambda step, most, values: told.append(values["policy/cost"]))
+    before = copy.deepcopy(asked.policy.state_dict())
+    found = asked.answer()
+    assert found.best.cost == pytest.approx(min(told), abs=1e-12)
+    assert found.best.cost < told[0] - 0.01
+    assert len(told) == found.steps <= CONFIG.evaluations
+    assert all(
+        torch.equal(value, before[name]) for name, value in asked.policy.state_dict().items()
+    )
+
+
+def test_the_expected_cost_is_that_of_the_particles_shown():
+    best = request().answer().best
+    prediction = best.prediction(300)
+    assert prediction.states.shape == (5, 300, 4)
+    assert prediction.inputs.shape == (4, 300, 1)
+    total = prediction.costs.sum(0)
+    assert total.mean() == pytest.approx(best.cost, abs=4 * total.std() / 300**0.5)
+    mean, cov = prediction.states[-1].mean(0), np.cov(prediction.states[-1].T)
+    assert mean == pytest.approx(
+        best.states.mean[-1].numpy(), abs=4 * cov.diagonal().max() ** 0.5 / 17
+    )
+
+
+class Sometimes:
+    """A prediction that has no answer at the calls named."""
+
+    def __init__(self, *failing: int, as_nan: bool = False) -> None:
+        self.failing, self.as_nan, self.calls = failing, as_nan, 0
+
+    def __call__(self, dynamics, policy, start, horizon):
+        self.calls += 1
+        if self.calls not in self.failing:
+            return predicted(dynamics, policy, start, horizon)
+        if not self.as_nan:
+            raise torch.linalg.LinAlgError
+        states, inputs = predicted(dynamics, policy, start, horizon)
+        return Gaussian(states.mean * math.nan, states.cov), inputs
+
+
+@pytest.mark.parametrize("as_nan", [False, True])
+def test_a_step_without_an_answer_is_shortened(as_nan):
+    usual = request().answer()
+    found = request(Sometimes(3, 4, as_nan=as_nan)).answer()
+    assert math.isfinite(found.best.cost)
+    assert found.best.cost < request(Sometimes(), config=TINY).answer().best.cost + 0.5
+    assert found.best.cost == pytest.approx(usual.best.cost, abs=0.3)
+
+
+def test_a_start_without_an_answer_gives_way_to_a_random_one():
+    found = request(Sometimes(1)).answer()
+    assert found.starts == 2
+    assert math.isfinite(found.best.cost)
+
+
+def test_where_nothing_has_an_answer_the_search_says_so():
+    with pytest.raises(torch.linalg.LinAlgError, match="nothing finite"):
+        request(Sometimes(1, 2)).answer()
