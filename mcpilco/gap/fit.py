@@ -194,10 +194,12 @@ def settle(
     return starts
 
 
-def _settle(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> np.ndarray:
+def _settle(
+    model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray, iterations: int = 10
+) -> np.ndarray:
     starts, damping = starts.copy(), np.full(len(starts), 1e-3)
     left = np.arange(len(starts))
-    for _ in range(10):
+    for _ in range(iterations):
         some = windows[left]
         lin = linearise(model, some, theta, starts[left], over_theta=False)
         now = np.einsum("wn,wn->w", lin.r, lin.r)
@@ -261,7 +263,7 @@ def fit(
                 break
             if not then < now:  # the step may be right, and too far for some starts
                 worse = np.flatnonzero(after > by_window)
-                moved[worse] = _settle(model, windows[worse], there, moved[worse])
+                moved[worse] = _settle(model, windows[worse], there, moved[worse], 4)
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:

@@ -22,12 +22,14 @@ PROMISING = 25.0
 """least score for which an effect is tried"""
 FRACTION = 5e-4
 """least part of the nominal misfit that a further effect must explain"""
-SHORTLIST = 8, 5
-"""effects that are tried: on the nominal model, and on one that has effects already"""
-BEAM = 3
-"""models that are carried on"""
+SHORTLIST = 8, 5, 4
+"""effects that are tried on a model that has none, one, two"""
+BEAM = 3, 2
+"""models with one effect, with two, that are carried on"""
 MOST = 3
 """effects at most"""
+HOPELESS = 0.5
+"""part of the nominal misfit that two effects leave over, beyond which no third is sought"""
 CAP = 9.0
 """how many times the median misfit a window may weigh in a comparison"""
 
@@ -85,7 +87,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
                 key = frozenset({*known.model.named, score.active})
                 if score.gain < PROMISING or (key in seen and key not in tried):
                     continue
-                if key not in tried and len(tried) == SHORTLIST[min(level, 1)]:
+                if key not in tried and len(tried) == SHORTLIST[level]:
                     continue
                 fitted = _grow(known, score, windows)
                 if key not in tried or fitted.chi2 < tried[key].chi2:
@@ -104,7 +106,9 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             best = leaner
             break
         best = leaner
-        beam = [best, *[f for f in grown if f is not worth[0]][: BEAM - 1]]
+        if level == MOST - 1 or (level and best.chi2 > HOPELESS * null.chi2):
+            break
+        beam = [best, *[f for f in grown if f is not worth[0]][: BEAM[level] - 1]]
     yardstick = Yardstick.of(best, windows)
     order = {id(f): yardstick.bic(f) for f in seen.values()}
     rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -59,16 +60,17 @@ class Windows:
         self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice
     ) -> Windows:
         """Some of the windows."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in _BY_WINDOW})
+        parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _BY_WINDOW}
+        return replace(self, **parts)
 
     def joined(self, others: Windows) -> Windows:
         """These windows and others of the same recordings, in the order of time."""
-        pairs = [(getattr(self, name), getattr(others, name)) for name in _BY_WINDOW]
-        order = np.lexsort(
-            [np.concatenate(pairs[_BY_WINDOW.index(k)]) for k in ("start_s", "recording")]
-        )
-        found = (np.concatenate(pair)[order] for pair in pairs)
-        return replace(self, **dict(zip(_BY_WINDOW, found, strict=True)))
+        both: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(others, name)])
+            for name in _BY_WINDOW
+        }
+        order = np.lexsort([both["start_s"], both["recording"]])
+        return replace(self, **{name: part[order] for name, part in both.items()})
 
     @property
     def measured(self) -> Bool[np.ndarray, "W X T"]:
