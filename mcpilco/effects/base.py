@@ -76,6 +76,8 @@ class Effect(ABC):
     """what its target is"""
     symbols: ClassVar[tuple[Symbol, ...]]
     """its parameters, in the order of their values"""
+    special: ClassVar[tuple[str, ...]] = ()
+    """effects that it becomes for some of its values"""
     law: ClassVar[int | None] = None
     """its formula in `mcpilco.simulation.laws`, where it is a force in a joint"""
 

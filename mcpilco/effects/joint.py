@@ -53,6 +53,7 @@ class StribeckFriction(JointForce):
     """-(f_c + f_d exp(-(v / v_s)^2)) sign(v): dry friction that is f_d stronger at rest."""
 
     name = "stribeck_friction"
+    special = ("coulomb_friction",)
     symbols = (
         Symbol("f_c", "{f}", low=0.0),
         Symbol("f_d", "{f}", low=0.0),
@@ -82,6 +83,7 @@ class AsymmetricFriction(JointForce):
     """-f_p where v > 0, +f_n where v < 0: dry friction of another size in each direction."""
 
     name = "asymmetric_friction"
+    special = ("coulomb_friction",)
     symbols = (Symbol("f_p", "{f}", low=0.0), Symbol("f_n", "{f}", low=0.0), TURN)
     law = laws.ASYMMETRIC
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap.events import Event, events, outlying, outside
+from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
@@ -130,7 +131,7 @@ def investigate(
         where=locate(best if verdict == "unknown" else null, windows),
         comparison=compare(models, outside(spans, unseen, names[1])),
         events=spans,
-        experiments=(),
+        experiments=tuple(experiments(found, best, windows)),
         train=names[0],
         held_out=names[1],
         found=found,

@@ -231,6 +231,33 @@ TIED = 20.0
 """difference in BIC below which sets of effects cannot be told apart"""
 
 
+@dataclass(frozen=True)
+class Rival:
+    """A model that has another effect in the place of one."""
+
+    active: Active
+    """the other effect"""
+    fit: Fit
+    behind: float
+    """its BIC less that of the best model"""
+
+    def holds(self, active: Active) -> bool:
+        """Whether an effect is a special case of the other, which then cannot be worse."""
+        same = active.target == self.active.target
+        return same and active.effect.name in self.active.effect.special
+
+
+def rivals(found: Found, active: Active) -> list[Rival]:
+    """The models of a search that differ from its best one by another effect for one of its own."""
+    ours = set(found.best.model.named)
+    listed = []
+    for fitted, b in found.ranked:
+        theirs = set(fitted.model.named)
+        if active not in theirs and len(theirs) == len(ours) and len(theirs - ours) == 1:
+            listed.append(Rival(next(iter(theirs - ours)), fitted, b - found.ranked[0][1]))
+    return listed
+
+
 def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
     """The effects of the best model with their intervals, probabilities and families.
 
@@ -240,9 +267,6 @@ def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
         windows: these.
     """
     layout = best.model.plant.layout
-    ours = set(best.model.named)
-    rivals = [(set(f.model.named), b) for f, b in found.ranked if set(f.model.named) != ours]
-    own = found.ranked[0][1]
     low, high = (best.model.told(end[None]) for end in intervals(best, windows))
     named = []
     for (active, values), (_, lows), (_, highs) in zip(
@@ -256,14 +280,11 @@ def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
             )
             if symbol.told
         }
-        instead = [
-            (next(iter(theirs - ours)), b)
-            for theirs, b in rivals
-            if active not in theirs and len(theirs - ours) == 1 and len(theirs) == len(ours)
-        ]
-        against = sum(math.exp(-0.5 * min(max(b - own, 0.0), 700.0)) for _, b in instead)
+        instead = rivals(found, active)
+        others = [rival.behind for rival in instead if not rival.holds(active)]
+        against = sum(math.exp(-0.5 * min(max(behind, 0.0), 700.0)) for behind in others)
         family = [active.effect.name]
-        family += [other.effect.name for other, b in instead if b - own < TIED]
+        family += [rival.active.effect.name for rival in instead if rival.behind < TIED]
         named.append(
             Named(
                 active.effect.name,

@@ -30,6 +30,8 @@ class Score:
     """by how much chi^2 would fall, were the model linear"""
     start: Float[np.ndarray, " symbols"]
     """values of the effect from which to fit"""
+    felt: float
+    """by how many noise std its probe moves the measurements, all else giving way"""
 
 
 def screen(
@@ -57,15 +59,18 @@ def screen(
     for active in candidates:
         parameter = fit.model.frees(active)
         if parameter is not None:
-            found.append(Score(active, whole.gain_of_freeing(parameter), active.effect.neutral))
+            gain, felt = whole.freeing(parameter)
+            found.append(Score(active, gain, active.effect.neutral, felt))
             continue
         probes = active.effect.probes(fit.model.scales[active.target])
         view = thinned if len(probes) > MANY else whole
         own = []
         for probe, columns in zip(probes, signatures(view, active, probes), strict=True):
-            mix, gain = _best_mix(*view.normal_equations(columns), _one_sided(active, probe))
-            gain *= len(windows) / len(view.windows)
-            own.append(Score(active, gain, _values(active, probe, mix)))
+            S, b = view.normal_equations(columns)
+            mix, gain = _best_mix(S, b, _one_sided(active, probe))
+            repeated = len(windows) / len(view.windows)
+            felt = float(np.sqrt(repeated * np.diag(S).max()))
+            own.append(Score(active, repeated * gain, _values(active, probe, mix), felt))
         found += sorted(own, key=lambda score: -score.gain)[:per_effect]
     return sorted(found, key=lambda score: -score.gain)
 
@@ -85,18 +90,19 @@ class _Projection:
     precision: Float[np.ndarray, " p"]
     """of the prior, tempered"""
 
-    def gain_of_freeing(self, number: int) -> float:
-        """By how much chi^2 would fall without the prior of one parameter."""
+    def freeing(self, number: int) -> tuple[float, float]:
+        """By how much chi^2 would fall without the prior of a parameter; how a tenth is felt."""
         H, g, held = self.H.copy(), self.g.copy(), self.precision[number]
         H[number, number] -= held
         others = np.delete(np.arange(len(H)), number)
         shared = H[others, number]
         alone = H[number, number] - shared @ np.linalg.solve(H[np.ix_(others, others)], shared)
         if alone < SEPARABLE * H[number, number]:
-            return 0.0
+            return 0.0, 0.0
         g[number] += held * self.fit.theta[number]
         before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)
-        return float(g @ np.linalg.solve(H, g) - before + 2.0 * held * self.fit.theta[number] ** 2)
+        gain = g @ np.linalg.solve(H, g) - before + 2.0 * held * self.fit.theta[number] ** 2
+        return float(gain), 0.1 * float(np.sqrt(alone))
 
     @classmethod
     def of(cls, fit: Fit, lin: Linear, windows: Windows) -> _Projection:

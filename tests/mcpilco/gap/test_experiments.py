@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import numpy as np
+
+import envs
+from mcpilco.gap import investigate
+from mcpilco.recordings import Recording
+from tests.mcpilco.gap.pendulum import record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]
+
+
+def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -> None:
+    rng = np.random.default_rng(7)
+    measured = [record(rng, lambda q, v: 0.0, number, gain=1.3) for number in range(3)]
+    gap = investigate(PLANT(), measured)
+    family = gap.named[0].family
+    sentences = [s for s in gap.experiments if "actuator_gain" in s]
+    assert bool(family[1:]) == bool(sentences)
+
+
+def test_what_small_motion_cannot_show_is_listed() -> None:
+    """Five thousandths of the usual torque: nothing speeds up enough for drag to be felt."""
+    rng = np.random.default_rng(8)
+    whole = [record(rng, lambda q, v: 0.0, number) for number in range(3)]
+    dt, plant = whole[0].dt, PLANT()
+    small = []
+    for recording in whole:
+        torque = 5e-3 * recording.inputs
+        motion = plant.simulate(np.zeros((1, 2)), torque[None], dt)[0, :-1]
+        angle = motion[:, 0] + 2e-3 * rng.standard_normal(len(torque))
+        states = np.stack([angle, np.full(len(torque), np.nan)], axis=1)
+        names = recording.state_names, recording.input_names
+        small.append(Recording(recording.name, recording.time, states, torque, *names))
+    found = [s for s in investigate(plant, small).experiments if "hardly show" in s]
+    assert len(found) == 1
+    assert "quadratic_drag" in found[0] or "hardening_spring" in found[0]
