@@ -20,6 +20,8 @@ LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
 CONVERGED = 1e-4
 """relative change of the cost below which a fit ends"""
+FAR, CRAWL = 10.0, 0.02
+"""misfit of a sample beyond which a model is far from fitting; change of the cost that is little"""
 TOLERATED = 9.0
 """how many times the median misfit a window may have and still count in full"""
 START_STEPS = 1e-3, 1e-2
@@ -233,6 +235,7 @@ def fit(
     theta: Float[np.ndarray, " p"],
     starts: Float[np.ndarray, "W X"],
     iterations: int = 20,
+    hasty: bool = False,
 ) -> Fit:
     """Theta and the start states that fit best, by Levenberg and Marquardt's method.
 
@@ -242,6 +245,7 @@ def fit(
         theta: where the search begins.
         starts: likewise.
         iterations: at most.
+        hasty: end as well where a model that is far from fitting crawls.
     """
     low, high = model.bounds
     damping = 1e-4
@@ -276,7 +280,8 @@ def fit(
         if lost.any() and not lost.all():  # the step was too far for their starts
             starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
         damping = damping * 0.03
-        if now - then < CONVERGED * now:
+        crawling = hasty and temper > FAR and now - then < CRAWL * now
+        if crawling or now - then < CONVERGED * now:
             break
     prior = float((model.precision * theta**2).sum())
     return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)

@@ -119,7 +119,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
 def _grow(known: Fit, score: Score, windows: Windows) -> Fit:
     """The fit of a model with one effect more, from where the score would begin."""
     model, theta = known.model.grown(known.theta, score.active, score.start)
-    return fit(model, windows, theta, known.starts, iterations=12)
+    return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
 
 
 def _without_superfluous(
@@ -135,7 +135,7 @@ def _without_superfluous(
         parameter = best.model.plant.parameter_of(active)
         model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
         key = frozenset(model.named)
-        smaller = fit(model, windows, theta, best.starts, iterations=12)
+        smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
         if not yardstick.prefers(best, seen[key], null):

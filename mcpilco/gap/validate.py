@@ -16,8 +16,8 @@ from mcpilco.gap.windows import Windows
 
 ROUGH = 4.0
 """misfit of a sample beyond which a model does not fit to the noise"""
-OF_EACH_SIZE = 10
-"""models that are compared"""
+NEAR, OF_EACH_SIZE = 3.0, 10
+"""times the misfit of the first model; models that are compared"""
 WORTH = 0.1
 """least mean fall of the log misfit of a recording that was not seen, for an effect more"""
 
@@ -35,10 +35,11 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
     if np.median(best.by_window / measured) < ROUGH or len(recordings) < 2:
         return best
     sizes = sorted({len(found.model.named) for found in ranked})
+    near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
     compared = [
         found
         for size in sizes
-        for found in [f for f in ranked if len(f.model.named) == size][:OF_EACH_SIZE]
+        for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
     return min(
         compared,
@@ -55,7 +56,9 @@ def _unseen(found: Fit, windows: Windows, recording: int) -> float:
         np.flatnonzero(windows.recording == recording),
         np.flatnonzero(windows.recording != recording),
     )
-    refitted = fit(found.model, windows[others], found.theta, found.starts[others], iterations=8)
+    refitted = fit(
+        found.model, windows[others], found.theta, found.starts[others], iterations=4, hasty=True
+    )
     some = windows[told]
     starts = settle(found.model, some, refitted.theta, some.guess)
     misfit = misfits(found.model, some, refitted.theta, starts)
