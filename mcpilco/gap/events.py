@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.residual_force import explain, respond
+from mcpilco.gap.where import residuals
 from mcpilco.gap.windows import Windows
 from mcpilco.recordings import Recording
 
 FAR, RARE = 12.0, 0.35
 """times the median misfit; part of the windows that may be events"""
+SPIKE = 8.0
+"""noise std by which a sample that was read wrongly stands out"""
 STRANGE = 0.5
 """least part of the misfit of an event that cannot be predicted"""
 PASSES = 4
@@ -31,6 +36,22 @@ class Event:
     """from its beginning [s]"""
     end_s: float
     """from its beginning [s]"""
+
+
+def without_spikes(found: Fit, windows: Windows) -> Windows:
+    """The windows without single samples that stand out from what is left over around them.
+
+    A sample that was read wrongly has no neighbours that share its error; what a model misses has.
+    """
+    r = np.where(windows.measured, residuals(found, windows), np.nan)
+    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), mode="reflect")
+    around = np.delete(sliding_window_view(padded, 5, axis=2), 2, axis=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
+        apart = np.abs(r - np.nanmedian(around, axis=3))
+        usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
+    spikes = apart > SPIKE * np.maximum(usual, 1.0)
+    return replace(windows, y=np.where(spikes, np.nan, windows.y))
 
 
 def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap.events import Event, events, outlying, outside
+from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, remembered, settle
 from mcpilco.gap.model import Model, scales
@@ -211,8 +211,13 @@ def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
     """The windows to search, and those that hold an event: it must not be explained by effects."""
     theta = np.zeros(model.nuisances)
     kept = remembered(model, windows, theta, windows.guess)
-    far = outlying(fit(model, kept, theta, settle(model, kept, theta, kept.guess)), kept)
-    return windows[~far], windows[far]
+    null = fit(model, kept, theta, settle(model, kept, theta, kept.guess))
+    clean = without_spikes(null, windows)
+    if not np.array_equal(clean.measured, windows.measured):
+        kept = without_spikes(null, kept)
+        null = fit(model, kept, null.theta, null.starts, iterations=5)
+    far = outlying(null, kept)
+    return clean[~far], clean[far]
 
 
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:
