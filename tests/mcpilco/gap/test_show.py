@@ -52,5 +52,5 @@ def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_
 
     fits = [fitted(effects) for effects in sets]
     ranked = tuple((known, float(bic)) for bic, known in enumerate(fits))
-    way = path(Found(fits[0], null, ranked, ()), fits[0])
+    way = path(Found(fits[0], null, ranked, (), found.found.windows), fits[0])
     assert [known.model.named for known in way] == [(c,), (b, c)]
