@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import jaxtyping
 import pytest
@@ -22,3 +24,13 @@ def unchecked_shapes() -> Iterator[None]:
     jaxtyping.config.update("jaxtyping_disable", True)
     yield
     jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.fixture
+def data() -> Path:
+    """`../shared/data` beside the checkout, or the folder that MCPILCO_DATA names."""
+    beside = Path(__file__).parents[2] / "shared" / "data"
+    folder = Path(os.environ.get("MCPILCO_DATA", beside))
+    if not folder.is_dir():
+        pytest.skip("the measured recordings are not here; MCPILCO_DATA names their folder")
+    return folder
