@@ -167,7 +167,7 @@ class Robust:
     @classmethod
     def of(cls, by_window: Float[np.ndarray, " W"], windows: Windows) -> Robust:
         """The limit that suits the misfits of some windows."""
-        samples = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+        samples = windows.samples
         return cls(samples, TOLERATED * max(1.0, float(np.median(by_window / samples))))
 
     def cost(self, by_window: Float[np.ndarray, " W"]) -> float:
@@ -328,7 +328,7 @@ def misfit(
     While a model misses an effect, its residuals are no noise, and the nominal parameters must not
     be bent for their sake: the prior holds against them as if the noise were that much larger.
     """
-    samples = windows.measured.sum(axis=(1, 2))
+    samples = windows.samples
     return max(1.0, float(weight @ by_window) / max(float(weight @ samples), 1.0))
 
 

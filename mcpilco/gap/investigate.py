@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.experiments import experiments
-from mcpilco.gap.fit import Fit, fit, remembered, settle
+from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.residual_force import explain, respond
@@ -23,6 +23,8 @@ from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
 
+ORDINARY = 3.0
+"""times the usual misfit up to which a window holds no event"""
 UNCERTAINTY = 0.01
 """prior std of masses, lengths, base friction and gains, relative to the nominal values"""
 HELD_OUT, FEWEST_SPLIT = 0.42, 3
@@ -108,14 +110,15 @@ def investigate(
         return _too_poor(plant, everything, names)
 
     everything, masked = _without_events(model, everything)
-    windows = everything[np.isin(everything.recording, train)]
+    windows = everything[everything.of(train)]
     found = search(model, _some(windows), _candidates(plant, windows))
     found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     best, windows = _finish(found.best, windows)
-    far = outlying(best, windows)
-    if far.any():  # they stand out from what the best model leaves over
-        masked = masked.joined(windows[far])
-        best, windows = _finish(best, windows[~far])
+    far = outlying(best, windows)  # of what the best model leaves over
+    masked, explained = _explained(best, windows, masked)
+    masked = masked.joined(windows[far])
+    if far.any() or len(explained):
+        best, windows = _finish(best, windows[~far].joined(explained[explained.of(train)]))
     unseen = cut([recordings[n] for n in held_out], std, every=EVERY_S)
     spans = events(masked, recordings)
     null = _refit(found.null, windows)
@@ -218,6 +221,24 @@ def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
         null = fit(model, kept, null.theta, null.starts, iterations=5)
     far = outlying(null, kept)
     return clean[~far], clean[far]
+
+
+def _explained(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, Windows]:
+    """Of windows that seemed to hold an event, those that still do, and those that a model fits.
+
+    Args:
+        best: the model, fitted to the other windows.
+        windows: these.
+        masked: what seemed to be events.
+    """
+    if not len(masked):
+        return masked, masked
+    usual = float(np.median(best.by_window / windows.samples))
+    kept = remembered(best.model, masked, best.theta, masked.guess)
+    starts = settle(best.model, kept, best.theta, kept.guess)
+    misfit = misfits(best.model, kept, best.theta, starts) / kept.samples
+    fine = misfit < ORDINARY * max(1.0, usual)
+    return masked[~fine], masked[fine]
 
 
 def _candidates(plant: Plant, windows: Windows) -> list[Active]:

@@ -163,8 +163,8 @@ class Yardstick:
     @classmethod
     def of(cls, best: Fit, windows: Windows) -> Yardstick:
         """The yardstick of a model that fits well."""
-        samples = windows.measured.sum(axis=(1, 2))
-        by_sample = best.by_window / np.maximum(samples, 1)
+        samples = windows.samples
+        by_sample = best.by_window / samples
         cap = CAP * max(1.0, float(np.median(by_sample)))
         misfit = float(np.minimum(best.by_window, cap * samples).sum() / samples.sum())
         repeated = windows.overlap * correlation_time(residuals(best, windows))
@@ -175,7 +175,7 @@ class Yardstick:
 
         Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
         """
-        samples = self.windows.measured.sum(axis=(1, 2))
+        samples = self.windows.samples
         misfit = float(np.minimum(found.by_window, self.cap * samples).sum())
         prior = float((found.model.precision * found.theta**2).sum())
         parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)

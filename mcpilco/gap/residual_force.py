@@ -77,7 +77,7 @@ def respond(found: Fit, windows: Windows) -> Response:
         G=lin.cleaned(G),
         x=np.tile(x, (1, J, 1)),
         joint=np.repeat(np.arange(J), len(first)),
-        samples=np.maximum(windows.measured.sum(axis=(1, 2)), 1),
+        samples=windows.samples,
     )
 
 

@@ -30,7 +30,7 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         windows: of several recordings; of one there is nothing to predict, and the first is it.
     """
     best = ranked[0]
-    measured = np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    measured = windows.samples
     recordings = np.unique(windows.recording)
     if np.median(best.by_window / measured) < ROUGH or len(recordings) < 2:
         return best
@@ -62,5 +62,5 @@ def _unseen(found: Fit, windows: Windows, recording: int) -> float:
     some = windows[told]
     starts = settle(found.model, some, refitted.theta, some.guess)
     misfit = misfits(found.model, some, refitted.theta, starts)
-    samples = np.maximum(some.measured.sum(axis=(1, 2)), 1)
+    samples = some.samples
     return float(np.mean(np.log(np.maximum(misfit / samples, 1.0))))

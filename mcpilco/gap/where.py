@@ -48,7 +48,7 @@ def structure(found: Fit, windows: Windows) -> Structure:
     """Whether what a fit leaves over is noise."""
     r = residuals(found, windows)
     excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
-    by_window = (r**2).sum(axis=(1, 2)) / np.maximum(windows.measured.sum(axis=(1, 2)), 1)
+    by_window = (r**2).sum(axis=(1, 2)) / windows.samples
     usual, much = np.percentile(by_window, [50.0, 95.0])
     return Structure(whiteness(r), excess, float(much / max(usual, 1e-300)))
 

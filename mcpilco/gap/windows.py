@@ -63,6 +63,10 @@ class Windows:
         parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _BY_WINDOW}
         return replace(self, **parts)
 
+    def of(self, recordings: Sequence[int]) -> Bool[np.ndarray, " W"]:
+        """Which windows are from some recordings, by their numbers."""
+        return np.isin(self.recording, recordings)
+
     def joined(self, others: Windows) -> Windows:
         """These windows and others of the same recordings, in the order of time."""
         both: dict[str, Any] = {
@@ -76,6 +80,11 @@ class Windows:
     def measured(self) -> Bool[np.ndarray, "W X T"]:
         """Where there is a measurement."""
         return np.isfinite(self.y)
+
+    @property
+    def samples(self) -> Int[np.ndarray, " W"]:
+        """Measured values of each window, at least 1."""
+        return np.maximum(self.measured.sum(axis=(1, 2)), 1)
 
 
 def cut(
