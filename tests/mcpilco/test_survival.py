@@ -9,6 +9,7 @@ import json
 import resource
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,7 +148,7 @@ def test_two_hundred_kills_at_random_moments_lose_nothing(
 def test_a_cart_pole_run_of_the_compiled_loops_survives_kills(tmp_path: Path) -> None:
     """As the user starts it: a fresh interpreter each time, and the signal of the task manager."""
     argv = ["--seed", "2", "--horizon", "8", "--trials", "2", "--quiet", "--preset", "default"]
-    program = ["python", "-m", "mcpilco.cli", "train"]
+    program = [sys.executable, "-m", "mcpilco.cli", "train"]
     rng = np.random.default_rng(1)
     begin, undisturbed, path = [*program, *argv, "--out"], tmp_path / "whole", tmp_path / "killed"
     subprocess.run([*begin, str(undisturbed)], check=True)
