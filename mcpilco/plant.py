@@ -112,6 +112,11 @@ class Plant:
         """Values of the parameters, each in its unit."""
         return np.array([parameter.value for parameter in self.parameters])
 
+    @property
+    def chain(self) -> Chain:
+        """The bodies, with the nominal values."""
+        return self.build({parameter.name: parameter.value for parameter in self.parameters})
+
     def parameter_of(self, active: Active) -> str | None:
         """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
         if active.effect.name == "body_mass":

@@ -64,9 +64,9 @@ def outlying(found: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     response = respond(found, windows)
     far = np.zeros(len(windows), dtype=bool)
     alike = explain(response, np.ones(len(windows))).left
-    before = np.square(response.r).sum(axis=1) / response.samples
+    before = response.by_window / response.samples
     for _ in range(PASSES):
-        left = np.minimum(alike, explain(response, response.weights() * ~far).left)
+        left = np.minimum(alike, explain(response, response.weights * ~far).left)
         now = left > FAR * max(1.0, float(np.median(left[~far])))
         now &= left > STRANGE * before
         if now.mean() > RARE:

@@ -37,7 +37,7 @@ def write_film(gap: Gap, path: Path) -> Path:
     }
     order = sorted(_apart(found), key=lambda w: -errors[names[0]][w])
     clips = [_clip(gap, found, w, names, errors) for w in order[:CLIPS]]
-    chain = gap.plant.build({p.name: p.value for p in gap.plant.parameters})
+    chain = gap.plant.chain
     layout = gap.plant.layout
     naming = Naming(
         states=dict(zip(layout.states, layout.units, strict=True)),

@@ -165,9 +165,8 @@ class Robust:
     """squared misfit of a sample up to which a window counts in full"""
 
     @classmethod
-    def of(cls, by_window: Float[np.ndarray, " W"], windows: Windows) -> Robust:
+    def of(cls, by_window: Float[np.ndarray, " W"], samples: Int[np.ndarray, " W"]) -> Robust:
         """The limit that suits the misfits of some windows."""
-        samples = windows.samples
         return cls(samples, TOLERATED * max(1.0, float(np.median(by_window / samples))))
 
     def cost(self, by_window: Float[np.ndarray, " W"]) -> float:
@@ -252,7 +251,7 @@ def fit(
     for _ in range(iterations):
         lin = linearise(model, windows, theta, starts)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
-        robust = Robust.of(by_window, windows)
+        robust = Robust.of(by_window, windows.samples)
         weight = robust.weights(by_window)
         temper = misfit(windows, by_window, weight)
         now = _cost(model, theta, by_window, robust, temper)
@@ -276,7 +275,7 @@ def fit(
         if not then < now:
             break
         theta, starts, by_window = there, moved, after
-        lost = Robust.of(after, windows).far(after)
+        lost = Robust.of(after, windows.samples).far(after)
         if lost.any() and not lost.all():  # the step was too far for their starts
             starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
         damping = damping * 0.03

@@ -11,8 +11,7 @@ from jaxtyping import Float, Int
 from mcpilco.gap.fit import residual, run, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.mechanics import generalised_forces
-from mcpilco.plant import Plant
+from mcpilco.mechanics import mass_matrix
 from mcpilco.recordings import Recording, smoothed
 from mcpilco.typing import InputError
 
@@ -122,7 +121,7 @@ def leftover(
     end = run(model, spans, theta[None], here[None])[0][:, :, steps]
     lacking = (there - end)[:, 1::2] / (steps * dt)
     q, v = (0.5 * (here + there)[:, part::2] for part in (0, 1))
-    force = np.einsum("nij,nj->ni", _inertia(model.plant, q), lacking)
+    force = np.einsum("nij,nj->ni", mass_matrix(model.plant.chain, q), lacking)
     u = spans.commands[:, spans.lead : spans.lead + steps].mean(axis=1)
     sound = np.isfinite(force).all(axis=1)
     return Leftover(q[sound], v[sound], u[sound], force[sound])
@@ -133,12 +132,3 @@ def _at(
 ) -> Float[np.ndarray, "W X"]:
     """States of the recordings at a sample of each span."""
     return np.stack([known[n][k] for n, k in zip(spans.recording, samples, strict=True)])
-
-
-def _inertia(plant: Plant, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
-    """The mass matrix at each position [kg, kg m or kg m^2]."""
-    chain = plant.build({parameter.name: parameter.value for parameter in plant.parameters})
-    chain = replace(chain, gravity=(0.0, 0.0, 0.0))
-    rest = np.zeros_like(q)
-    columns = [generalised_forces(chain, q, rest, rest + row) for row in np.eye(q.shape[1])]
-    return np.stack(columns, axis=2)

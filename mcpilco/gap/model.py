@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from mcpilco.effects import Scale
 from mcpilco.gap.windows import Windows
+from mcpilco.mechanics import generalised_forces, mass_matrix
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import Tables
 
@@ -183,7 +184,7 @@ def _positive(symbol) -> bool:
 def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
     """What is usual at each target of a plant in some recordings."""
     layout = plant.layout
-    chain = plant.build({p.name: p.value for p in plant.parameters})
+    chain = plant.chain
     J = len(layout.joints)
     found = {}
     y = windows.y.copy()
@@ -193,15 +194,8 @@ def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
     q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
     fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
     q, v = q[fine], v[fine]
-    from mcpilco.mechanics import generalised_forces
-
-    rest = np.zeros_like(q)
-    inertias = [
-        generalised_forces(chain, q[:200], rest[:200], rest[:200] + np.eye(J)[j])[:, j]
-        - generalised_forces(chain, q[:200], rest[:200], rest[:200])[:, j]
-        for j in range(J)
-    ]
-    weights = generalised_forces(chain, q, rest, rest)
+    inertias = mass_matrix(chain, q[:200]).mean(axis=0)
+    weights = generalised_forces(chain, q, np.zeros_like(q), np.zeros_like(q))
     commands = np.abs(windows.commands).reshape(-1, windows.commands.shape[-1])
     targets = {*layout.joints, *layout.bodies, *layout.actuators, *layout.states}
     for target in targets:
@@ -213,7 +207,7 @@ def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
         driven = gain if j in layout.drives else 0.0
         velocity = np.sqrt(np.mean(v[:, j] ** 2))
         signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
-        inertia = float(np.mean(inertias[j]))
+        inertia = float(inertias[j, j])
         force = max(driven, np.sqrt(np.mean(weights[:, j] ** 2)), 0.1 * inertia * velocity / 0.1)
         found[target] = Scale(
             position=float(np.abs(q[:, j]).max()) + 1e-9,

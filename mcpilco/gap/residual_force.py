@@ -12,11 +12,12 @@ depends on state and command can be learned so; a push by hand, which comes from
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mcpilco.gap.fit import LOST, TOLERATED, Fit, linearise
+from mcpilco.gap.fit import LOST, Fit, Robust, linearise
 from mcpilco.gap.windows import Windows
 from mcpilco.simulation import simulate
 from mcpilco.simulation.tables import IDEAL_ACTUATOR, Tables
@@ -49,16 +50,26 @@ class Response:
     def __len__(self) -> int:
         return len(self.r)
 
-    def __getitem__(self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"]) -> Response:
-        """Some of the windows."""
-        parts = self.r[chosen], self.G[chosen], self.x[chosen]
-        return Response(*parts, self.joint, self.samples[chosen])
+    @cached_property
+    def by_window(self) -> Float[np.ndarray, " W"]:
+        """The squared residuals of each."""
+        return np.square(self.r).sum(axis=1)
 
+    @cached_property
     def weights(self) -> Float[np.ndarray, " W"]:
         """Weights that keep a few windows from leading all others."""
-        misfit = np.square(self.r).sum(axis=1) / self.samples
-        limit = TOLERATED * max(1.0, float(np.median(misfit)))
-        return np.minimum(1.0, limit / np.maximum(misfit, 1e-12))
+        return Robust.of(self.by_window, self.samples).weights(self.by_window)
+
+    @cached_property
+    def prior(self) -> Float[np.ndarray, "Wm Wm"]:
+        """Covariance of all forces, of variance 1."""
+        W, m, D = self.x.shape
+        x, joint = self.x.reshape(W * m, D), np.tile(self.joint, W)
+        K = np.zeros((W * m, W * m))
+        for j in np.unique(self.joint):
+            own = np.flatnonzero(joint == j)
+            K[np.ix_(own, own)] = covariance(x[own], x[own])
+        return K
 
 
 def respond(found: Fit, windows: Windows) -> Response:
@@ -179,8 +190,6 @@ class Explained:
     """part of the squared residuals beyond the noise that is predicted, window by window [-]"""
     left: Float[np.ndarray, " W"]
     """squared residual of a sample that is not predicted from the other windows"""
-    by_joint: Float[np.ndarray, " J"]
-    """part of each joint in the force [-]"""
 
 
 def explain(response: Response, weight: Float[np.ndarray, " W"] | None = None) -> Explained:
@@ -190,44 +199,27 @@ def explain(response: Response, weight: Float[np.ndarray, " W"] | None = None) -
         response: of a fit.
         weight: of each window; by default those that fit far worse than most count less.
     """
-    W = len(response)
-    weight = response.weights() if weight is None else weight
-    K = _prior(response)
-    best: tuple[float, np.ndarray, np.ndarray] | None = None
-    for strength in STRENGTHS:
-        left, force = np.empty(W), np.zeros((W, response.G.shape[2]))
-        for fold in range(min(FOLDS, W)):
-            told = np.arange(W) % FOLDS == fold
-            prediction, force[told] = _predict(response, K * strength**2, weight, told)
-            left[told] = np.square(response.r[told] - prediction).sum(axis=1)
-        score = float(weight @ left)
-        if best is None or score < best[0]:
-            best = score, left, force
-    assert best is not None
-    before = np.square(response.r).sum(axis=1)
-    beyond = float(weight @ np.maximum(before - response.samples, 0.0))
-    share = float(weight @ (before - best[1])) / beyond if beyond > 0.0 else 0.0
-    force = np.array([np.square(best[2][:, response.joint == j]).sum() for j in _joints(response)])
-    return Explained(
-        share=max(share, 0.0),
-        left=best[1] / response.samples,
-        by_joint=force / max(force.sum(), 1e-300),
+    weight = response.weights if weight is None else weight
+    left = min(
+        (_unpredicted(response, strength, weight) for strength in STRENGTHS),
+        key=lambda left: float(weight @ left),
     )
+    beyond = float(weight @ np.maximum(response.by_window - response.samples, 0.0))
+    share = float(weight @ (response.by_window - left)) / beyond if beyond > 0.0 else 0.0
+    return Explained(share=max(share, 0.0), left=left / response.samples)
 
 
-def _joints(response: Response) -> range:
-    return range(int(response.joint.max()) + 1)
-
-
-def _prior(response: Response) -> Float[np.ndarray, "Wm Wm"]:
-    """Covariance of all forces."""
-    W, m, D = response.x.shape
-    x, joint = response.x.reshape(W * m, D), np.tile(response.joint, W)
-    K = np.zeros((W * m, W * m))
-    for j in _joints(response):
-        own = np.flatnonzero(joint == j)
-        K[np.ix_(own, own)] = covariance(x[own], x[own])
-    return K
+def _unpredicted(
+    response: Response, strength: float, weight: Float[np.ndarray, " W"]
+) -> Float[np.ndarray, " W"]:
+    """Squared residuals of each window, less what the other folds predict of it."""
+    left = np.empty(len(response))
+    K = response.prior * strength**2
+    for fold in range(min(FOLDS, len(response))):
+        told = np.arange(len(response)) % FOLDS == fold
+        missed = response.r[told] - _predict(response, K, weight, told)
+        left[told] = np.square(missed).sum(axis=1)
+    return left
 
 
 def _predict(
@@ -235,14 +227,14 @@ def _predict(
     K: Float[np.ndarray, "Wm Wm"],
     weight: Float[np.ndarray, " W"],
     told: Bool[np.ndarray, " W"],
-) -> tuple[Float[np.ndarray, "V n"], Float[np.ndarray, "V m"]]:
-    """Residuals and forces of some windows, from those of the others.
+) -> Float[np.ndarray, "V n"]:
+    """Residuals of some windows, from those of the others.
 
     The noise of a window is inflated to what is usual, and by its weight.
     """
     m = response.G.shape[2]
     known = ~told
-    misfit = np.square(response.r[known]).sum(axis=1) / response.samples[known]
+    misfit = response.by_window[known] / response.samples[known]
     noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
     inside, outside = np.repeat(known, m), np.repeat(told, m)
     G, r = response.G[known], response.r[known]
@@ -252,8 +244,7 @@ def _predict(
     system = _times_blocks(A, Kii)
     system[np.diag_indices(len(system))] += 1.0
     force = K[np.ix_(outside, inside)] @ np.linalg.solve(system, b)
-    force = force.reshape(-1, m)
-    return np.einsum("wni,wi->wn", response.G[told], force), force
+    return np.einsum("wni,wi->wn", response.G[told], force.reshape(-1, m))
 
 
 def _times_blocks(

@@ -107,7 +107,7 @@ class _Projection:
     @classmethod
     def of(cls, fit: Fit, lin: Linear, windows: Windows) -> _Projection:
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
-        weight = Robust.of(by_window, windows).weights(by_window)
+        weight = Robust.of(by_window, windows.samples).weights(by_window)
         precision = misfit(windows, by_window, weight) * fit.model.precision
         precision += 1e-9  # of what is free and unfelt
         P, H, g = lin.normal_equations(fit.theta, weight, precision)

@@ -30,9 +30,8 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         windows: of several recordings; of one there is nothing to predict, and the first is it.
     """
     best = ranked[0]
-    measured = windows.samples
     recordings = np.unique(windows.recording)
-    if np.median(best.by_window / measured) < ROUGH or len(recordings) < 2:
+    if np.median(best.by_window / windows.samples) < ROUGH or len(recordings) < 2:
         return best
     sizes = sorted({len(found.model.named) for found in ranked})
     near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
@@ -62,5 +61,4 @@ def _unseen(found: Fit, windows: Windows, recording: int) -> float:
     some = windows[told]
     starts = settle(found.model, some, refitted.theta, some.guess)
     misfit = misfits(found.model, some, refitted.theta, starts)
-    samples = some.samples
-    return float(np.mean(np.log(np.maximum(misfit / samples, 1.0))))
+    return float(np.mean(np.log(np.maximum(misfit / some.samples, 1.0))))

@@ -1,7 +1,7 @@
 """Rigid bodies on joints: open chains of hinges and slides, and their equations of motion."""
 
 from mcpilco.mechanics.chain import HINGE, SLIDE, Body, Chain, Chains, stack
-from mcpilco.mechanics.motion import accelerations, generalised_forces
+from mcpilco.mechanics.motion import accelerations, generalised_forces, mass_matrix
 
 __all__ = [
     "HINGE",
@@ -11,5 +11,6 @@ __all__ = [
     "Chains",
     "accelerations",
     "generalised_forces",
+    "mass_matrix",
     "stack",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 from numba import njit
@@ -39,6 +41,14 @@ def generalised_forces(
     """tau = M(q) q'' + bias(q, q') [N or N m]: inverse dynamics, see `accelerations`."""
     arrays = (np.ascontiguousarray(array, float) for array in (q, dq, ddq))
     return _generalised_forces(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
+
+
+def mass_matrix(chain: Chain, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
+    """M(q) [kg, kg m or kg m^2]: the forces that unit accelerations take, without gravity."""
+    weightless = replace(chain, gravity=(0.0, 0.0, 0.0))
+    rest = np.zeros_like(q)
+    columns = [generalised_forces(weightless, q, rest, rest + row) for row in np.eye(q.shape[1])]
+    return np.stack(columns, axis=2)
 
 
 def _compiled(source: str):

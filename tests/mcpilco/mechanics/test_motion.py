@@ -19,7 +19,7 @@ from tests.mcpilco.random_chains import random_mjcf, random_planar_chain
 
 
 def chain_of(plant: Plant) -> Chain:
-    return plant.build({parameter.name: parameter.value for parameter in plant.parameters})
+    return plant.chain
 
 
 def random_motion(rng, n: int, joints: int) -> list[np.ndarray]:

@@ -141,7 +141,7 @@ def test_each_sensor_looks_at_its_own_time():
 
 def test_a_double_pendulum_without_friction_keeps_its_energy():
     plant = double_pendulum().where(shoulder_friction=0.0, elbow_friction=0.0)
-    chain = plant.build({parameter.name: parameter.value for parameter in plant.parameters})
+    chain = plant.chain
     start = np.array([[2.5, 0.0, -1.0, 3.0]])
     y = plant.simulate(start, np.zeros((1, 100, 2)), DT)[0]
     q, dq, rest = y[:, 0::2], y[:, 1::2], np.zeros((101, 2))

@@ -26,7 +26,7 @@ ARM = """
 
 def chain(plant: str) -> Chain:
     nominal = envs.PLANTS[plant]()
-    return nominal.build({p.name: p.value for p in nominal.parameters})
+    return nominal.chain
 
 
 @pytest.mark.parametrize(
