@@ -40,16 +40,21 @@ def rollout_of(
     return functools.partial(fast.rollout, single=config.precision == "float32")
 
 
+def warn_without_numba(error: ImportError) -> None:
+    """Says what the compiled loops lack, and what happens instead."""
+    logger.warning(
+        "The compiled loops need numba (%s); torch computes the same, some times slower. "
+        "Run `pip install numba`.",
+        error,
+    )
+
+
 @functools.cache
 def _fastest() -> ModuleType:
     """The compiled loops; where numba is missing, the same algorithm in torch."""
     try:
         from mcpilco import fused
     except ImportError as error:
-        logger.warning(
-            "The compiled loops need numba (%s); torch computes the same, some times slower. "
-            "Run `pip install numba`.",
-            error,
-        )
+        warn_without_numba(error)
         return batched
     return fused

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import logging
 
 import torch
 
@@ -17,14 +16,13 @@ from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Predict, Problem, predicted
 from baselines.pilco.search import PilcoRequest
 from mcpilco.callbacks import Callback
+from mcpilco.engine import warn_without_numba
 from mcpilco.features import AngleAugmentation
 from mcpilco.model_based import ModelBasedAgent
 from mcpilco.perception import Perception
 from mcpilco.policies import Bounds
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
-
-logger = logging.getLogger(__name__)
 
 
 class PILCO(ModelBasedAgent):
@@ -133,10 +131,6 @@ def _compiled() -> Predict:
     try:
         from baselines.pilco import compiled
     except ImportError as error:
-        logger.warning(
-            "The compiled loops need numba (%s); torch computes the same, some times slower. "
-            "Run `pip install numba`.",
-            error,
-        )
+        warn_without_numba(error)
         return predicted
     return compiled.predicted
