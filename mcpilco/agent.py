@@ -59,6 +59,7 @@ class MCPILCO(ModelBasedAgent):
             reference_cost=self.reference_cost,
             rollout=rollout_of(self.config, dynamics, self.policy, observer),
             observer=observer,
+            correlation=self.config.search.correlation_of(trial),
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1

@@ -189,6 +189,9 @@ class SearchConfig(Checked):
     this share of the mean cost of a random rollout [-]"""
     evaluation_particles: int = 384
     """particles that judge a start, without dropout"""
+    correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)
+    """correlation of a particle's noise in successive steps in trial 1, 2, ...; the last entry
+    holds from there on; with 0 the model errs anew in each step [-]"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -196,11 +199,15 @@ class SearchConfig(Checked):
         self._at_most(particles=1_000_000, evaluation_particles=1_000_000)
         _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
-        for name in ("steps", "rates", "phases", "restarts"):
+        for name in ("steps", "rates", "phases", "restarts", "correlations"):
             _require(bool(getattr(self, name)), f"{name} must have at least one entry.")
         _require(min(self.restarts) >= 0, f"restarts must not be negative, got {self.restarts}.")
         _require(min(self.steps) >= 1, f"steps must all be at least 1, got {self.steps}.")
         _require(min(self.rates) > 0, f"rates must all be positive, got {self.rates}.")
+        _require(
+            all(0 <= correlation < 1 for correlation in self.correlations),
+            f"correlations must all be in [0, 1), got {self.correlations}.",
+        )
 
     def steps_of(self, trial: int) -> int:
         """Most steps of one start in trial 1, 2, ..."""
@@ -209,6 +216,10 @@ class SearchConfig(Checked):
     def rate_of(self, trial: int) -> float:
         """Factor of the learning rates in trial 1, 2, ..."""
         return self.rates[min(trial, len(self.rates)) - 1]
+
+    def correlation_of(self, trial: int) -> float:
+        """Correlation of a particle's noise in successive steps in trial 1, 2, ... [-]."""
+        return self.correlations[min(trial, len(self.correlations)) - 1]
 
     def starts_of(self, trial: int) -> int:
         """Most starts in trial 1, 2, ..."""
@@ -332,6 +343,7 @@ PRESETS: dict[str, Preset] = {
                 clip_norm=None,
                 polish=False,
                 restarts=(0,),
+                correlations=(0.0,),
             ),
         ),
     ),
@@ -354,6 +366,7 @@ PRESETS: dict[str, Preset] = {
                 polish=False,
                 restarts=(0,),
                 evaluation_particles=400,
+                correlations=(0.0,),
             ),
             precision="float32",
         ),

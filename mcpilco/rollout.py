@@ -7,6 +7,7 @@ numbers faster.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -108,6 +109,8 @@ class Problem:
     """how particles are rolled out"""
     observer: Observer | None = None
     """what the policy acts behind; None: it sees the states"""
+    correlation: float = 0.0
+    """of a particle's noise in successive steps, in [0, 1) [-]"""
 
     def particles(
         self,
@@ -131,9 +134,15 @@ class Problem:
     def normals(
         self, count: int, generator: torch.Generator
     ) -> tuple[Float[Tensor, "P X"], Float[Tensor, "T P E"]]:
-        """Fresh standard normal numbers for the starts and for the steps of `count` particles."""
+        """Fresh standard normal numbers for the starts and for the steps of `count` particles.
+
+        Those of a particle's steps are correlated. A model that errs at a state errs alike at the
+        next: drawn anew in each step, its errors would cancel along the way, and a policy that
+        lives on that fails on the system.
+        """
         start = _normal(generator, count, len(self.start_mean))
-        return start, _normal(generator, self.horizon, count, self.dynamics.noise_dim)
+        noise = _normal(generator, self.horizon, count, self.dynamics.noise_dim)
+        return start, _correlated(noise, self.correlation)
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""
@@ -144,6 +153,20 @@ class Problem:
     def costs(self, particles: Particles) -> Float[Tensor, "T P"]:
         """Cost of each particle at the end of each step [-]; no policy can change the start's."""
         return self.cost(particles.states[1:], particles.inputs)
+
+
+def _correlated(white: Float[Tensor, "T P E"], correlation: float) -> Float[Tensor, "T P E"]:
+    """Noise of the same variance in which each step resembles the one before, from white noise.
+
+    e_t = r e_(t-1) + sqrt(1 - r^2) w_t: an autoregressive process of first order.
+    """
+    if correlation == 0.0:
+        return white
+    fresh = math.sqrt(1 - correlation**2)
+    steps = [white[0]]
+    for w in white[1:]:
+        steps.append(correlation * steps[-1] + fresh * w)
+    return torch.stack(steps)
 
 
 def _normal(generator: torch.Generator, *shape: int) -> Tensor:

@@ -53,6 +53,8 @@ SETTINGS = {
     "float32": replace(DEFAULT, precision="float32"),
     "no-polish": searching(polish=False),
     "no-widening": searching(widening=1.0),
+    "uncorrelated": searching(correlations=(0.0,)),
+    "correlated-always": searching(correlations=(0.8,)),
     "one-start": searching(restarts=(0,)),
     "four-starts-first": searching(restarts=(3,)),
     "screened": searching(restarts=(3, 5), screening=0.3),

@@ -196,3 +196,24 @@ def test_problem_draws_the_noise_of_its_sensor_after_all_else() -> None:
         p.particles(LinearPolicy(), 7, torch.Generator().manual_seed(3)) for p in (problem, seen)
     )
     torch.testing.assert_close(second.states, first.states, rtol=0, atol=1e-13)
+
+
+def test_noise_of_successive_steps_has_the_asked_correlation_and_unit_variance() -> None:
+    problem = dataclasses.replace(make_problem(1.0), horizon=40, correlation=0.8)
+    _, noise = problem.normals(4000, torch.Generator().manual_seed(0))
+    error = 4 / math.sqrt(4000 * 2)  # four standard errors of a mean over particles and outputs
+    torch.testing.assert_close(
+        noise.var((1, 2)), torch.ones(40, dtype=noise.dtype), atol=1.5 * error, rtol=0
+    )
+    for lag in (1, 2, 5):
+        products = (noise[lag:] * noise[:-lag]).mean((1, 2))
+        expected = torch.full_like(products, 0.8**lag)
+        torch.testing.assert_close(products, expected, atol=1.5 * error, rtol=0)
+
+
+def test_without_correlation_the_noise_is_the_generators_own() -> None:
+    problem = make_problem(1.0)
+    start, noise = problem.normals(5, torch.Generator().manual_seed(3))
+    own = torch.Generator().manual_seed(3)
+    assert torch.equal(start, torch.randn(5, 2, dtype=torch.float64, generator=own))
+    assert torch.equal(noise, torch.randn(T, 5, 2, dtype=torch.float64, generator=own))
