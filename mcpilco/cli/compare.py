@@ -69,7 +69,7 @@ def _print_last(found: LineUp) -> None:
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False, caption=_CAPTION)
     table.add_column("run", overflow="fold")
     headings = (f"{measure.short}\n[{measure.unit}]" for measure in told)
-    for heading in ("seeds", "after\n[s]", *headings):
+    for heading in headings:
         table.add_column(Text(heading), justify="right", no_wrap=True)
     for run in found.runs:
         last = float(run.amounts[-1])
@@ -77,7 +77,9 @@ def _print_last(found: LineUp) -> None:
         for measure in told:
             values = list(run.at(last, measure.key).values())
             cells.append(_cell(estimate(values, measure, measure.statistics[0]), measure))
-        table.add_row(Text(run.name), str(len(run.courses)), f"{last:g}", *cells)
+        seeds = len(run.courses)
+        told_of = f"{seeds} seed{'s' * (seeds > 1)}, {last:g} s"
+        table.add_row(Text(f"{run.name}\n{told_of}"), *cells)
     Console().print(table)
 
 
