@@ -21,7 +21,7 @@ SHOWN = ("success", "p", "return", "fresh_return", "time_up_s", "mean_abs_cart_m
 SPENT = "cpu_s"
 """processor time; of a trial in a sweep, here of all trials up to it"""
 _SOLVED = 0.9
-"""least share of fresh rollouts in which a policy that solves the task succeeds [-]"""
+"""share of fresh rollouts in which a policy succeeds that solves the task, at least [-]"""
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,26 @@ class Course:
     """of each name in `SHOWN` and of `SPENT`; NaN where it is not told"""
 
     @property
-    def solved_s(self) -> float:
-        """Experience behind the first policy that solves the task [s]; inf where none does.
+    def succeeded_s(self) -> float:
+        """Experience behind the first policy whose test rollout succeeds [s].
 
-        It succeeds in 90 % of its fresh rollouts or, where there are none, in its test rollout.
-        NaN where nobody tells.
+        inf where none does, NaN where nobody tells.
         """
-        p = self.values["p"]
-        share = np.where(np.isnan(p), self.values["success"], p)
-        if np.isnan(share).all():
+        return self._first(self.values["success"], 1.0)
+
+    @property
+    def solved_s(self) -> float:
+        """Experience behind the first policy that succeeds in 90 % of its fresh rollouts [s].
+
+        inf where none does, NaN where there are none.
+        """
+        return self._first(self.values["p"], _SOLVED)
+
+    def _first(self, shares: Float[np.ndarray, " T"], least: float) -> float:
+        if np.isnan(shares).all():
             return math.nan
-        solved = self.experience_s[share >= _SOLVED]
-        return float(solved[0]) if len(solved) else math.inf
+        reached = self.experience_s[shares >= least]
+        return float(reached[0]) if len(reached) else math.inf
 
 
 @dataclass(frozen=True)

@@ -77,25 +77,34 @@ def about(runs: Sequence[Run]) -> str:
 
 def solved(runs: Sequence[Run]) -> str:
     """How much experience it takes."""
-    told = {r.name: [c.solved_s for c in r.courses.values()] for r in runs}
-    told = {name: [s for s in values if not math.isnan(s)] for name, values in told.items()}
+    first = {run.name: _told(c.succeeded_s for c in run.courses.values()) for run in runs}
+    often = {run.name: _told(c.solved_s for c in run.courses.values()) for run in runs}
     cells = [
-        (name, f"{_median(values):g}", f"{sum(map(math.isfinite, values))} of {len(values)}")
-        for name, values in told.items()
-        if values
+        (run.name, *_until(first[run.name]), *_until(often[run.name]))
+        for run in runs
+        if first[run.name] or often[run.name]
     ]
     if not cells:
         return ""
+    header = ("run", "first success [s]", "seeds", "solved [s]", "seeds")
     return (
-        markdown(("run", "experience until solved [s], median", "seeds that solve it"), cells)
-        + "\nSolved: the first policy that succeeds in 90 % of its fresh rollouts, where it has "
-        "none in its test rollout; inf where half of the seeds never do."
+        markdown(header, cells)
+        + "\nExperience, median over seeds, and how many seeds get there. First success: behind "
+        "the first policy whose test rollout succeeds; solved: behind the first that succeeds in 90 % "
+        "of its fresh rollouts; inf where half of the seeds have none."
     )
 
 
-def _median(values: Sequence[float]) -> float:
-    """The lower median, which exists where some are infinite."""
-    return sorted(values)[(len(values) - 1) // 2]
+def _told(seconds: Iterable[float]) -> list[float]:
+    return sorted(value for value in seconds if not math.isnan(value))
+
+
+def _until(rising: Sequence[float]) -> tuple[str, str]:
+    """The median, where half of the values may be infinite, and how many are not."""
+    if not rising:
+        return "", ""
+    upper, lower = rising[len(rising) // 2], rising[(len(rising) - 1) // 2]
+    return f"{(upper + lower) / 2:g}", f"{sum(map(math.isfinite, rising))} of {len(rising)}"
 
 
 def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:

@@ -49,7 +49,7 @@ def test_tables_hold_what_the_seeds_reached(two, tmp_path):
 
     page = (out / "comparison.md").read_text()
     assert "| two | mcpilco | tip | 4 | 100 |" in page
-    assert "| one | inf | 0 of 3 |\n| two | 6 | 4 of 4 |" in page
+    assert "| one | inf | 0 of 3 | inf | 0 of 3 |\n| two | 3 | 4 of 4 | 6 | 4 of 4 |" in page
     assert "| two minus one | 3 | 50.0 (50.0 to 50.0) | 50.0 (50.0 to 50.0) |" in page
 
 

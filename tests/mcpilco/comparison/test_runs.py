@@ -34,9 +34,11 @@ def test_a_task_is_solved_by_the_first_policy_that_succeeds_nine_times_in_ten(
     assert run.courses[0].solved_s == pytest.approx(seconds, nan_ok=True)
 
 
-def test_without_fresh_rollouts_the_test_rollout_says_whether_it_is_solved(tmp_path):
+def test_the_first_success_is_that_of_a_test_rollout(tmp_path):
     rows = trials_of([0.2, 0.8], p=None)
-    assert read_run(write_sweep(tmp_path / "a", {0: rows})).courses[0].solved_s == 6.0
+    course = read_run(write_sweep(tmp_path / "a", {0: rows})).courses[0]
+    assert course.succeeded_s == 6.0
+    assert math.isnan(course.solved_s)
 
 
 def test_the_amount_of_experience_is_the_median_over_seeds_that_reached_the_trial(tmp_path):
