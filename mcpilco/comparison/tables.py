@@ -90,8 +90,8 @@ def solved(runs: Sequence[Run]) -> str:
     return (
         markdown(header, cells)
         + "\nExperience, median over seeds, and how many seeds get there. First success: behind "
-        "the first policy whose test rollout succeeds; solved: behind the first that succeeds in 90 % "
-        "of its fresh rollouts; inf where half of the seeds have none."
+        "the first policy whose test rollout succeeds; solved: behind the first that succeeds in "
+        "90 % of its fresh rollouts; inf where half of the seeds have none."
     )
 
 
