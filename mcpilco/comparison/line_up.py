@@ -28,6 +28,10 @@ class LineUp:
         if len(fresh) > 1:
             counts = ", ".join(map(str, fresh))
             found.append(f"p is of different numbers of fresh rollouts: {counts}.")
+        tasks = {run.name: run.task for run in self.runs}
+        if len(set(tasks.values())) > 1:
+            told = ", ".join(f"{name}: {task or 'by the env'}" for name, task in tasks.items())
+            found.append(f"The agents were told different tasks, judged all by the env's: {told}.")
         machines = sorted(set().union(*(run.machines for run in self.runs)))
         if len(machines) > 1:
             found.append(f"CPU seconds are of different machines: {', '.join(machines)}.")
@@ -74,9 +78,9 @@ def _twin(run: Run, read: Sequence[tuple[Path, Run]]) -> tuple[int, tuple[Path, 
     """A single training of the same setting, where this is one too."""
     if run.fresh:
         return None
-    setting = run.algo, run.preset, run.config
+    setting = run.algo, run.preset, run.config, run.task
     for place, (path, other) in enumerate(read):
-        if not other.fresh and (other.algo, other.preset, other.config) == setting:
+        if not other.fresh and (other.algo, other.preset, other.config, other.task) == setting:
             return place, (path, other)
     return None
 

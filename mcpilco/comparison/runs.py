@@ -34,8 +34,6 @@ class Protocol:
     """keywords it is made with; success rule, noise and time limit are among them"""
     horizon: int | None
     """steps of an episode; None: the env's time limit"""
-    task: str | None
-    """file of the task, where the user gave one"""
     fresh_horizon: int | None = None
     """steps of a fresh rollout; None: those of the training"""
 
@@ -100,6 +98,8 @@ class Run:
     """a sentence on each seed that is missing"""
     config: str = ""
     """the agent's numbers as text; equal for runs that differ in their seed only"""
+    task: str | None = None
+    """file of what the agent was told of the env; None: what the env shows, or a guess"""
 
     @property
     def amounts(self) -> Float[np.ndarray, " T"]:
@@ -191,7 +191,6 @@ def _run(
             env=about["env"].rpartition(":")[2],
             env_kwargs=about["env_kwargs"],
             horizon=config.get("horizon"),
-            task=about.get("task"),
             fresh_horizon=about.get("fresh_horizon"),
         )
         return Run(
@@ -204,6 +203,7 @@ def _run(
             machines=frozenset(machines),
             problems=tuple(problems),
             config=json.dumps(config, sort_keys=True),
+            task=about.get("task"),
         )
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise RunFolderError(

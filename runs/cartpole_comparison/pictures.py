@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from mcpilco.archive import write_bytes
 from mcpilco.comparison import Run
 from mcpilco.comparison.statistics import MEASURES, Measure, estimate
-from mcpilco.visual.plots.comparison import Curve, plot_curves
+from mcpilco.visual.plots.comparison import Curve, plain_log_axis, plot_curves
 from mcpilco.visual.plots.style import SYSTEM, add_legend
 
 _DPI = 110
@@ -52,8 +52,9 @@ def write_experience(path: Path, runs: Sequence[Run]) -> None:
     plot_curves(curves, measure.title, axes[0])
     spent = {place: _over_time(curve, runs[place]) for place, curve in curves.items()}
     plot_curves(spent, measure.title, axes[1])
-    axes[1].set(xlabel="processor time so far, median [s]", xscale="log")
-    axes[0].set_xscale("log")
+    axes[1].set_xlabel("processor time so far, median [s]")
+    for ax in axes:
+        plain_log_axis(ax)
     add_legend(axes[0])
     _write(path, figure)
 

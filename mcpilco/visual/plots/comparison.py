@@ -66,11 +66,21 @@ def plot_curves(curves: Mapping[int, Curve], label: str, ax: Axes | None = None)
         ax.plot(curve.experience_s, curve.values, ".-", color=colour, label=curve.name)
     amounts = np.concatenate([curve.experience_s for curve in curves.values()])
     ax.set(xlabel="experience [s]", ylabel=label)
-    if len(known := np.unique(amounts)) <= _FEW:
-        ax.set_xticks(known)
     if amounts.min() > 0 and np.log10(amounts.max() / amounts.min()) > _DECADES:
-        ax.set_xscale("log")
+        plain_log_axis(ax)
+    elif len(known := np.unique(amounts)) <= _FEW:
+        ax.set_xticks(known)
     return ax
+
+
+def plain_log_axis(ax: Axes) -> None:
+    """A logarithmic axis of x with ordinary numbers at 1, 3, 10, 30 and so on."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_locator(NullLocator())
 
 
 def plot_seeds(

@@ -15,7 +15,6 @@ SEEDS = {k: trials_of([0.1, 0.9]) for k in range(2)}
         ({"env": "envs:mcpilco/Pendulum-v0"}, "env 'mcpilco/Pendulum-v0', not 'mcpilco/Cart"),
         ({"env_kwargs": {"dt": 0.05}}, "env_kwargs {'dt': 0.05}, not {}"),
         ({"config": {"horizon": 40}}, "horizon 40, not None"),
-        ({"task": "mine.py"}, "task 'mine.py', not None"),
         ({"fresh_horizon": 60}, "fresh_horizon 60, not None"),
     ],
 )
@@ -65,6 +64,15 @@ def test_equal_names_are_told_apart_by_their_paths(tmp_path):
     paths = [write_sweep(tmp_path / name, SEEDS) for name in ("a/default", "b/default", "tip")]
     runs = line_up([*paths, paths[0]]).runs
     assert [run.name for run in runs] == ["a/default", "b/default", "tip"]
+
+
+def test_an_agent_that_was_told_another_task_is_judged_alike_and_the_reader_is_told(tmp_path):
+    paths = [write_sweep(tmp_path / "a", SEEDS), write_sweep(tmp_path / "b", SEEDS, task="tip.py")]
+    found = line_up(paths)
+    assert len(found.runs) == 2
+    assert found.cautions == [
+        "The agents were told different tasks, judged all by the env's: a: by the env, b: tip.py."
+    ]
 
 
 def test_a_reader_is_told_of_other_machines_and_other_numbers_of_rollouts(tmp_path):

@@ -41,6 +41,8 @@ def test_a_run_has_the_colour_of_its_place():
 def test_seconds_and_hours_stand_on_a_logarithmic_axis():
     ax = plot_curves({0: make_curve("a", [12.0, 60.0, 3600.0])}, "p [%]")
     assert ax.get_xscale() == "log"
+    ax.figure.canvas.draw()
+    assert "300" in [label.get_text() for label in ax.get_xticklabels()]
 
 
 def test_each_seed_is_a_point_in_the_line_of_its_run():
