@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -36,6 +37,10 @@ class TipDistanceCost:
                 "TipDistanceCost length and width must be positive [m], "
                 f"got {self.length} and {self.width}."
             )
+
+    def widened(self, factor: float) -> TipDistanceCost:
+        """The same cost, `factor` times as wide: felt from further away."""
+        return dataclasses.replace(self, width=factor * self.width)
 
     def __call__(
         self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"] | None = None

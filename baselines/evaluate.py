@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from mcpilco.contract import horizon_of, make_env, task_of
 from mcpilco.controller import Act, remembering
-from mcpilco.stopwatch import Stopwatch
+from mcpilco.stopwatch import Spent, Stopwatch
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
 
@@ -65,6 +65,8 @@ class Judgement:
     """processor time that it was learned in, all before it included [s]"""
     outcomes: Mapping[str, Float[np.ndarray, " M"]]
     """of each episode, by the names of `MEASURES`"""
+    wall_s: float = 0.0
+    """time on the clock that it was learned in, all before it included [s]"""
 
     def mean(self, name: str) -> float | None:
         """Mean over the episodes; None where the env does not tell."""
@@ -74,7 +76,8 @@ class Judgement:
     def to_json(self) -> dict[str, Any]:
         """As JSON has it: the means, and the number of episodes."""
         means = {name: self.mean(name) for name in MEASURES}
-        costs = {"experience_s": self.experience_s, "cpu_s": self.cpu_s}
+        names = ("experience_s", "cpu_s", "wall_s")
+        costs = {name: getattr(self, name) for name in names}
         return {**costs, "episodes": len(self.outcomes["return"]), **means}
 
 
@@ -120,13 +123,15 @@ class Judge:
     def __exit__(self, *_: object) -> None:
         self._fresh.__exit__()
 
-    def __call__(self, agent: Actor, experience_s: float = 0.0, cpu_s: float = 0.0) -> Judgement:
+    def __call__(
+        self, agent: Actor, experience_s: float = 0.0, spent: Spent | None = None
+    ) -> Judgement:
         """What becomes of the agent's policy.
 
         Args:
             agent: acts; it is not changed.
             experience_s: duration of the data that the policy was learned from [s].
-            cpu_s: processor time that it was learned in [s].
+            spent: time that it was learned in.
 
         Raises:
             EnvError: the env returned a value that is not finite.
@@ -135,7 +140,9 @@ class Judge:
         def begin() -> Act:
             return remembering(agent.predict)
 
-        return Judgement(experience_s, cpu_s, self._fresh.outcomes(begin, self._seed, trial=0))
+        spent = spent or Spent()
+        outcomes = self._fresh.outcomes(begin, self._seed, trial=0)
+        return Judgement(experience_s, spent.cpu_s, outcomes, spent.wall_s)
 
 
 def learning_curve(agent: Learner, judge: Judge, amounts: Sequence[int]) -> Iterator[Judgement]:
@@ -152,13 +159,13 @@ def learning_curve(agent: Learner, judge: Judge, amounts: Sequence[int]) -> Iter
     """
     if any(after <= before for before, after in itertools.pairwise(amounts)):
         raise InputError(f"amounts must rise, got {list(amounts)}.")
-    cpu_s = 0.0
+    spent = Spent()
     for amount in amounts:
         watch = Stopwatch()
         if (missing := amount - agent.num_timesteps) > 0:
             agent.learn(missing)
-        cpu_s += watch.read().cpu_s
-        yield judge(agent, _experience(agent, judge.dt), cpu_s)
+        spent += watch.read()
+        yield judge(agent, _experience(agent, judge.dt), spent)
 
 
 def _experience(agent: Any, dt: float) -> float:

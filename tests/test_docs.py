@@ -76,8 +76,8 @@ def commands(page: Path) -> list[list[str]]:
     found = []
     for line in shell_lines(page):
         match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|view|report|check-env"
-            r"|doctor)\b.*)",
+            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|compare|view|report"
+            r"|check-env|doctor)\b.*)",
             line,
         )
         if match:

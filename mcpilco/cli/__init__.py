@@ -1,4 +1,4 @@
-"""The command line: `mcpilco train`, `evaluate`, `export`, `sweep`, `record`, `view`, and others.
+"""The command line: `mcpilco train`, `evaluate`, `export`, `sweep`, `compare`, `view`, and others.
 
 This package alone knows the envs of this project. A command imports what is slow (torch, rerun,
 gymnasium) when it runs, so that `--help` answers at once.
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import tyro
 
 from mcpilco.cli.check_env import CheckEnv
+from mcpilco.cli.compare import Compare
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
@@ -38,7 +39,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     _choose_gl()
     try:
         command = tyro.cli(
-            (Train | Evaluate | Export | Sweep | Record | Gap | View | Report | CheckEnv | Doctor),
+            (
+                Train
+                | Evaluate
+                | Export
+                | Sweep
+                | Compare
+                | Record
+                | Gap
+                | View
+                | Report
+                | CheckEnv
+                | Doctor
+            ),
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

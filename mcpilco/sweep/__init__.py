@@ -6,12 +6,12 @@ summary = sweep(settings, range(30), "runs/out/sweep", LocalEngine())
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from mcpilco.sweep.batch import BatchEngine
-from mcpilco.sweep.engines import Engine, Failure, LocalEngine, OnResult, RayEngine
+from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult, RayEngine
 from mcpilco.sweep.folder import SweepFolder
 from mcpilco.sweep.job import SeedJob, Settings
 from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, markdown, rows, summarise
@@ -34,6 +34,7 @@ def sweep(
     path: str | Path,
     engine: Engine | None = None,
     on_result: OnResult | None = None,
+    make_job: Callable[[Any, int], Job] = SeedJob,
 ) -> dict[str, Any]:
     """Train from each seed that the folder has no result of, and return the summary of all it has.
 
@@ -45,13 +46,14 @@ def sweep(
         path: folder of the sweep, new or begun with the same settings.
         engine: where the seeds run; by default on this machine, one a core.
         on_result: told each seed that ends in this call, with its result or `Failure`.
+        make_job: what trains one seed of these settings, and returns a result as `run_seed` does.
 
     Raises:
         RunFolderError: the folder cannot be written, or holds something else.
     """
     folder = SweepFolder(path, settings)
     done = folder.results()
-    jobs = {seed: SeedJob(settings, seed) for seed in seeds if seed not in done}
+    jobs = {seed: make_job(settings, seed) for seed in seeds if seed not in done}
 
     def keep(seed: int, outcome: Any) -> None:
         folder.write(seed, outcome)

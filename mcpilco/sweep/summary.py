@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 CONFIDENCE = 0.95
 """level of every interval"""
@@ -63,23 +64,35 @@ def rate(flags: Iterable[bool | None]) -> dict[str, float] | None:
 
 def mean(values: Iterable[float | None]) -> dict[str, Any] | None:
     """Mean over seeds with its bootstrap interval, which takes two; None where nobody tells."""
-    from scipy.stats import bootstrap
-
     told = _told(values)
     if not len(told):
         return None
-    low = high = None
-    if len(told) > 1:
-        interval = bootstrap(
-            (told,),
-            np.mean,
-            n_resamples=_RESAMPLES,
-            confidence_level=CONFIDENCE,
-            method="percentile",  # the others are undefined where all values are equal
-            rng=np.random.default_rng(0),
-        ).confidence_interval
-        low, high = float(interval.low), float(interval.high)
+    low, high = bootstrapped(told, np.mean)
     return {"n": len(told), "mean": float(told.mean()), "low": low, "high": high}
+
+
+def bootstrapped(
+    values: Float[np.ndarray, " S"], statistic: Callable[..., Any]
+) -> tuple[float | None, float | None]:
+    """Ends of the bootstrap interval of a statistic over seeds; None where there is one seed only.
+
+    Args:
+        values: one for each of S seeds.
+        statistic: of the values along `axis`.
+    """
+    from scipy.stats import bootstrap
+
+    if len(values) < 2:
+        return None, None
+    interval = bootstrap(
+        (values,),
+        statistic,
+        n_resamples=_RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",  # the others are undefined where all values are equal
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(interval.low), float(interval.high)
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:

@@ -1,46 +1,68 @@
-"""The thesis's comparison on the cart-pole: MC-PILCO and PILCO from the same seeds.
+"""The comparison on the cart-pole: MC-PILCO, PILCO and stable-baselines3 on one protocol.
 
-python runs/cartpole_comparison/run.py                          # 30 seeds of each: hours
-python runs/cartpole_comparison/run.py --seeds 0:1              # one seed of each: minutes
-python runs/cartpole_comparison/run.py --rows pilco pilco-tip   # some of them
+python runs/cartpole_comparison/run.py                              # the thesis's comparison: hours
+python runs/cartpole_comparison/run.py --rows sac tqc ppo           # model-free: hours a row
+python runs/cartpole_comparison/run.py --env mujoco                 # the same in MuJoCo
+python runs/cartpole_comparison/run.py --seeds 20:21 --rows mcpilco pilco    # a seed: minutes
 
-Results are kept in results/<row>/, a file a seed; the same command goes on where it was stopped,
-and rewrites README.md between its markers from all results that are there.
+Results are kept in results/<env>/<row>/, a file a seed; the same command goes on where it was
+stopped, and rewrites the pictures, and README.md between its markers, from all results that are
+there.
 """
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
-sys.path.append(str(Path(__file__).parents[1]))  # the thesis's tables are those of that run
+sys.path.append(str(Path(__file__).parents[1]))  # its modules, and the thesis's tables
 
-from cartpole_swingup.run import cells, spreads, table
+from cartpole_comparison import pictures, tables
 
-from mcpilco.cli.sweep import Sweep
+from mcpilco.cli.sweep import Sweep, parse_seeds, progress
+from mcpilco.cli.system import algorithm, numbers
+from mcpilco.comparison import Run, read_run
 from mcpilco.sweep.page import costs, failures, fill, machines, read_summaries
 
 HERE = Path(__file__).parent
-TRIALS = 4
+SYSTEMS = {
+    "cartpole": "mcpilco/CartPoleSwingUp-v0",
+    "mujoco": "mcpilco/MujocoCartPoleSwingUp-v0",
+}
+DT = 0.1
+TRIALS, FRESH = 4, 100
+AMOUNTS = (12, 30, 60, 120, 300, 600, 1200, 1800, 2700, 3600)
+"""experience after which what learns without a model is judged [s]"""
 
 
 @dataclass(frozen=True)
 class Row:
-    """An agent of the table."""
+    """An agent of the tables."""
 
     algo: str
-    preset: str
+    preset: str = "default"
+    amounts: tuple[int, ...] = ()
+    """experience after which it is judged [s]; none: after each of `TRIALS` trials"""
+
+    @property
+    def seeds(self) -> str:
+        """By default; no choice of any row's numbers has looked at them."""
+        return "20:25" if self.amounts else "20:50"
 
 
 ROWS: Mapping[str, Row] = {
-    "mcpilco": Row("mcpilco", "default"),
-    "pilco": Row("pilco", "default"),
+    "mcpilco": Row("mcpilco"),
+    "pilco": Row("pilco"),
     "pilco-tip": Row("pilco", "tip"),
+    "sac": Row("sac", amounts=AMOUNTS),
+    "tqc": Row("tqc", amounts=AMOUNTS),
+    "ppo": Row("ppo", amounts=AMOUNTS[2:]),  # it learns from 60 s at a time
 }
 
 
@@ -48,14 +70,21 @@ ROWS: Mapping[str, Row] = {
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "0:30"
-    """`0:30` are 0 to 29"""
-    rows: tuple[Literal["mcpilco", "pilco", "pilco-tip"], ...] = ("mcpilco", "pilco", "pilco-tip")
-    """which agents: MC-PILCO, PILCO with the thesis's cost, PILCO with its own"""
+    seeds: str | None = None
+    """`20:50` are 20 to 49; by default these, and 20:25 for sac, tqc and ppo"""
+    rows: tuple[Literal["mcpilco", "pilco", "pilco-tip", "sac", "tqc", "ppo"], ...] = (
+        "mcpilco",
+        "pilco",
+        "pilco-tip",
+    )
+    """which agents: MC-PILCO, PILCO with the thesis's cost, PILCO with its own, and those of
+    stable-baselines3"""
+    env: Literal["cartpole", "mujoco"] = "cartpole"
+    """analytic, or MuJoCo's"""
     workers: int | None = None
     """processes at a time; by default one a core"""
     out: Path = HERE
-    """folder of results/ and README.md"""
+    """folder of results/, pictures and README.md"""
 
 
 def main() -> int:
@@ -63,53 +92,87 @@ def main() -> int:
     codes = []
     for name in arguments.rows:
         print(f"{name}:", flush=True)
-        row, out = ROWS[name], arguments.out / "results" / name
-        sweep = Sweep(
-            out=out,
-            seeds=arguments.seeds,
-            algo=row.algo,
-            preset=row.preset,
-            trials=TRIALS,
-            workers=arguments.workers,
-        )
-        codes.append(sweep())
-        write_readme(arguments.out)
+        row, out = ROWS[name], arguments.out / "results" / arguments.env / name
+        codes.append((by_amounts if row.amounts else by_trials)(row, arguments, out))
+        write_readme(arguments.out)  # a stop loses no table
     print(f"Tables: {arguments.out / 'README.md'}")
     return max(codes)
 
 
+def by_trials(row: Row, arguments: Arguments, out: Path) -> int:
+    """Train the seeds that are missing, judged after each trial."""
+    return Sweep(
+        out=out,
+        seeds=arguments.seeds or row.seeds,
+        env=SYSTEMS[arguments.env],
+        algo=row.algo,
+        preset=row.preset,
+        trials=TRIALS,
+        fresh=FRESH,
+        workers=arguments.workers,
+    )()
+
+
+def by_amounts(row: Row, arguments: Arguments, out: Path) -> int:
+    """Train the seeds that are missing, judged after amounts of experience."""
+    from baselines.seed_curve import CurveJob, CurveSettings
+    from mcpilco.sweep import Failure, LocalEngine, SweepFolder, sweep
+
+    seeds, env = parse_seeds(arguments.seeds or row.seeds), SYSTEMS[arguments.env]
+    config, env_kwargs = numbers(algorithm(row.algo), row.preset, env, None)
+    settings = CurveSettings(
+        env=f"envs:{env}",
+        env_kwargs=env_kwargs,
+        preset=row.preset,
+        config=config,
+        trials=len(row.amounts),
+        fresh=FRESH,
+        algo=f"baselines:{row.algo}",
+        amounts=tuple(round(seconds / DT) for seconds in row.amounts),
+    )
+    make_job = functools.partial(CurveJob, checkpoints=out.with_name(f"{out.name}-checkpoints"))
+    done = SweepFolder(out, settings).results().keys() & set(seeds)
+    with progress(len(seeds), len(done), quiet=False) as tell:
+
+        def on_result(seed: int, outcome: object) -> None:
+            tell(seed, outcome)
+            if not isinstance(outcome, Failure):
+                make_job(settings, seed).forget()
+
+        engine = LocalEngine(arguments.workers)
+        summary = sweep(settings, seeds, out, engine, on_result, make_job)
+    return int(any(str(seed) in summary["failed"] for seed in seeds))
+
+
 def write_readme(out: Path) -> None:
-    """Put the tables of the results that are there into README.md."""
-    summaries = read_summaries(out / "results", ROWS)
-    parts = [*tables({name: s for name, s in summaries.items() if s["trials"]})]
-    parts += [costs(summaries), failures(summaries), machines(summaries)]
+    """Put pictures and tables of the results that are there into README.md."""
+    parts: list[str] = []
+    everywhere = {}
+    for system, env in SYSTEMS.items():
+        summaries = read_summaries(out / "results" / system, ROWS)
+        everywhere |= {f"{system}/{name}": summary for name, summary in summaries.items()}
+        names = [name for name, summary in summaries.items() if summary["trials"]]
+        if names:
+            runs = [read_run(out / "results" / system / name) for name in names]
+            parts += [f"### `{env}`", *pictured(out, system, runs)]
+            trained = {name: summaries[name] for name in names if not ROWS[name].amounts}
+            parts += tables.thesis_tables(trained, published=system == "cartpole")
+            parts += tables.experience_tables(runs)
+    trained = {k: s for k, s in everywhere.items() if not ROWS[k.partition("/")[2]].amounts}
+    parts += [costs(trained), failures(everywhere), machines(everywhere)]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
-def tables(summaries: Mapping[str, Any]) -> Sequence[str]:
-    """Tables 5.1 to 5.3, the thesis's rows first."""
-    from mcpilco.sweep.summary import mean_cell, rate_cell
-
-    success = {}
-    for name, summary in summaries.items():
-        count = len(summary["seeds"])
-        ways = {
-            f"one rollout a policy, {count} seed{'s' * (count > 1)}": ("success", rate_cell),
-            "p over fresh rollouts of each policy": ("p", mean_cell),
-        }
-        for way, (key, cell) in ways.items():
-            shown = cells(summary, lambda trial, key=key, cell=cell: cell(trial[key]))
-            success[f"`{name}`, {way}"] = shown
-
-    return [
-        "### Success after each amount of experience [%] (thesis table 5.1)",
-        table("success", 1, success),
-        "In brackets: 95 % intervals, Wilson's for one rollout, the bootstrap over seeds for p.",
-        "### Time within 10 degrees of upright [s] (thesis table 5.2)",
-        table("time_up_s", 2, spreads(summaries, "time_up_s")),
-        "### Mean distance of the cart from the origin [m] (thesis table 5.3)",
-        table("mean_abs_cart_m", 2, spreads(summaries, "mean_abs_cart_m")),
-    ]
+def pictured(out: Path, system: str, runs: list[Run]) -> list[str]:
+    """The pictures of a system, written, as parts of the page."""
+    trained = [run for run in runs if not ROWS[run.name].amounts]
+    parts = []
+    if trained:
+        pictures.write_trials(out / f"{system}-trials.png", trained, published=system == "cartpole")
+        parts.append(f"![Time up, distance and return after each trial]({system}-trials.png)")
+    pictures.write_experience(out / f"{system}-experience.png", runs)
+    parts.append(f"![Success over experience and over processor time]({system}-experience.png)")
+    return parts
 
 
 if __name__ == "__main__":

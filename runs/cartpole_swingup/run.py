@@ -201,16 +201,16 @@ def cells(summary: Mapping[str, Any], cell: Any) -> list[str]:
     return ["" if trial is None else cell(trial) for trial in trials]
 
 
-def table(key: str, digits: int, rows: Mapping[str, Sequence[str]]) -> str:
-    """The thesis's rows and ours."""
+def table(key: str, digits: int, rows: Mapping[str, Sequence[str]], published: bool = True) -> str:
+    """The thesis's rows, where it has any, and ours."""
     from mcpilco.sweep.summary import markdown
 
-    published = [
+    theirs = [
         (f"{name}, thesis", *(f"{value:.{digits}f}" for value in values))
-        for name, values in PUBLISHED[key].items()
+        for name, values in (PUBLISHED[key].items() if published else ())
     ]
     header = ["after", *(f"{seconds} s" for seconds in EXPERIENCE)]
-    return markdown(header, published + [(name, *values) for name, values in rows.items()])
+    return markdown(header, theirs + [(name, *values) for name, values in rows.items()])
 
 
 def later_setting(summaries: Mapping[str, Any]) -> list[str]:

@@ -108,11 +108,17 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
     if arguments.quick:
         seeds = seeds[:1]
         settings = Settings(env, {}, name, hasty(config), trials=1, fresh=5)
-    path = out / "results" / system / name
-    done = SweepFolder(path, settings).results().keys() & set(seeds)
     print(f"{system}, {name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
+    return swept(settings, seeds, out / "results" / system / name, arguments.workers)
+
+
+def swept(
+    settings: Settings, seeds: Sequence[int], path: Path, workers: int | None
+) -> dict[str, Any]:
+    """Train the seeds that are missing, with a line for each; the summary of all."""
+    done = SweepFolder(path, settings).results().keys() & set(seeds)
     with progress(len(seeds), len(done), quiet=False) as on_result:
-        return sweep(settings, seeds, path, LocalEngine(arguments.workers), on_result)
+        return sweep(settings, seeds, path, LocalEngine(workers), on_result)
 
 
 def hasty(config: Config) -> Config:
@@ -176,12 +182,12 @@ def solved_seconds(trials: Sequence[Mapping[str, Any]]) -> float:
     return math.inf
 
 
-def differences(summaries: Mapping[str, Any]) -> str:
-    """How much more often the policies of each setting succeed than those of default."""
-    if "default" not in summaries:
-        return "The differences of p need results of `default`."
+def differences(summaries: Mapping[str, Any], base: str = "default") -> str:
+    """How much more often the policies of each setting succeed than those of the base."""
+    if base not in summaries:
+        return f"The differences of p need results of `{base}`."
     p = {name: shares(summary) for name, summary in summaries.items()}
-    default = p.pop("default")
+    default = p.pop(base)
     rows = []
     for name, changed in p.items():
         common = sorted(changed.keys() & default.keys())
@@ -192,7 +198,7 @@ def differences(summaries: Mapping[str, Any]) -> str:
     if not rows:
         return ""
     columns = (*experience(summaries), "mean of all")
-    return markdown(("p minus that of `default` [%]", "common seeds", *columns), rows)
+    return markdown((f"p minus that of `{base}` [%]", "common seeds", *columns), rows)
 
 
 def shares(summary: Mapping[str, Any]) -> dict[int, np.ndarray]:

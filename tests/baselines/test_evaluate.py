@@ -9,6 +9,7 @@ import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.pilco import PILCO
 from mcpilco import MCPILCO
+from mcpilco.stopwatch import Spent
 from mcpilco.typing import EnvError, InputError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.sweep.strange import HERE
@@ -53,11 +54,12 @@ def test_another_seed_is_another_set_of_episodes():
 
 def test_a_judgement_tells_all_measures_as_json():
     with Judge(CART_POLE, {"start_std": 0.0, "noise_std": 0.0}, episodes=2) as judge:
-        told = judge(Constant(0.0), experience_s=3.0, cpu_s=1.5).to_json()
+        told = judge(Constant(0.0), 3.0, Spent(wall_s=2.0, cpu_s=1.5)).to_json()
     assert told.pop("return") == pytest.approx(30 * np.exp(-(np.pi**2)), rel=1e-6)
     assert told == {
         "experience_s": 3.0,
         "cpu_s": 1.5,
+        "wall_s": 2.0,
         "episodes": 2,
         "is_success": 0.0,
         "time_up_s": 0.0,

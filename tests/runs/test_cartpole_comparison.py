@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+import mcpilco.sweep
 from baselines.pilco import PRESETS
 from mcpilco.sweep.page import BEGIN, END
 from tests.baselines.pilco.models import TINY
+from tests.mcpilco.test_sweep import HereEngine
 
 RUN = Path(__file__).parent.parent.parent / "runs" / "cartpole_comparison" / "run.py"
+TRAINED = ("mcpilco", "pilco", "pilco-tip")
 
 
 @pytest.fixture(scope="module")
@@ -33,21 +36,74 @@ def hasty_pilco(monkeypatch):
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, config=config))
 
 
-def test_all_agents_learn_from_the_same_seeds_and_stand_in_one_table(
-    run, hasty, hasty_pilco, tmp_path, monkeypatch, capsys
-):
-    arguments = ["run.py", "--seeds", "0:1", "--workers", "1", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
+@pytest.fixture
+def command(run, hasty, hasty_pilco, tmp_path, monkeypatch, unchecked_shapes):
+    """Runs the command in this process, and returns the page."""
+    engine = HereEngine()
+    monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: engine)
     monkeypatch.setattr(run, "TRIALS", 1)
-    for _ in range(2):
+    monkeypatch.setattr(run, "FRESH", 3)
+
+    def command(*arguments):
+        monkeypatch.setattr(sys, "argv", ["run.py", "--out", str(tmp_path), *arguments])
         assert run.main() == 0
+        return (tmp_path / "README.md").read_text()
+
+    return command
+
+
+def test_all_agents_learn_from_the_same_seeds_and_stand_in_one_table(command, capsys, tmp_path):
+    pages = [command("--seeds", "20:21") for _ in range(2)]
     assert capsys.readouterr().out.count("1 of 1 seeds are there already.") == 3
-    page = (tmp_path / "README.md").read_text()
-    for row in ("PILCO, thesis", *(f"`{name}`, one rollout a policy, 1 seed" for name in run.ROWS)):
-        assert f"| {row} |" in page
-    assert page.count("| after | 3 s | 6 s | 9 s | 12 s |") == 3
+    assert pages[0] == pages[1]
+    for row in ("PILCO, thesis", *(f"`{name}`, one rollout a policy, 1 seed" for name in TRAINED)):
+        assert f"| {row} |" in pages[0]
+    assert pages[0].count("| after | 3 s | 6 s | 9 s | 12 s |") == 3
+    for picture in ("cartpole-trials.png", "cartpole-experience.png"):
+        assert f"]({picture})" in pages[0]
+        assert (tmp_path / picture).read_bytes()[:4] == b"\x89PNG"
 
 
-def test_page_of_the_repository_has_its_marked_lines():
+def test_what_learns_without_a_model_stands_beside_them_at_its_amounts(
+    run, command, monkeypatch, tmp_path
+):
+    """PILCO in place of SAC: any algorithm may be judged after amounts of experience."""
+    row = run.Row("pilco", amounts=(6, 9))
+    assert row.seeds == "20:25"
+    monkeypatch.setattr(run, "ROWS", {"sac": row})
+    monkeypatch.setattr(run.tables, "AMOUNTS", {6: "6 s", 60: "1 min"})
+    page = command("--rows", "sac", "--seeds", "21", "--env", "mujoco")
+    assert "### `mcpilco/MujocoCartPoleSwingUp-v0`" in page
+    assert "PILCO, thesis" not in page  # it has no figures for MuJoCo
+    line = next(line for line in page.splitlines() if line.startswith("| `sac` | 1 |"))
+    told = [bool(cell.strip()) for cell in line.split("|")[3:-1]]
+    assert told == [True, False]  # 6 s, the data of the policy that was tried within 9 s
+    assert not any((tmp_path / "results" / "mujoco" / "sac-checkpoints").iterdir())
+
+
+def test_a_seed_that_broke_off_keeps_its_checkpoint_and_is_listed(run, command, monkeypatch):
+    monkeypatch.setattr(run, "ROWS", {"sac": run.Row("pilco", amounts=(6,))})
+    engine = HereEngine(lost=[21])
+    monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: engine)
+    with pytest.raises(AssertionError):  # ends with 1
+        command("--rows", "sac", "--seeds", "20:22")
+    assert "`cartpole/sac`, seed 21 broke off: it was killed" in command(
+        "--rows", "sac", "--seeds", "20:21"
+    )
+
+
+def test_no_row_is_tuned_on_the_seeds_that_are_shown(run):
+    """MC-PILCO saw 0 to 17, stable-baselines3 100 and above."""
+    from mcpilco.cli.sweep import parse_seeds
+
+    for row in run.ROWS.values():
+        seeds = parse_seeds(row.seeds)
+        assert min(seeds) > 17
+        assert max(seeds) < 100
+        assert len(seeds) == (5 if row.amounts else 30)
+
+
+def test_page_of_the_repository_has_its_marked_lines_and_names_every_row(run):
     text = (RUN.parent / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1
+    assert all(f"`{name}`" in text for name in run.ROWS)

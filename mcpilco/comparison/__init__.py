@@ -1,0 +1,56 @@
+"""Runs beside one another: what each reached after how much experience, over seeds.
+
+found = line_up([Path("runs/out/a"), Path("runs/out/b")])
+write_comparison(found, Path("runs/out/comparison"))
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcpilco.archive import write_bytes
+from mcpilco.comparison import tables
+from mcpilco.comparison.line_up import LineUp, line_up
+from mcpilco.comparison.pictures import write_curves, write_seeds
+from mcpilco.comparison.runs import Run, read_run
+from mcpilco.comparison.statistics import differences, estimates
+from mcpilco.typing import RunFolderError
+
+__all__ = ["LineUp", "Run", "line_up", "read_run", "write_comparison"]
+
+
+def write_comparison(found: LineUp, out: Path) -> list[Path]:
+    """Write tables and pictures; returns their paths, that of the page first.
+
+    comparison.md      all tables
+    comparison.csv     statistics over seeds: a row a run, measure, statistic and amount
+    differences.csv    the same of differences between two runs, seed by seed
+    seeds.csv          what each seed reached
+    curves.png         learning curves
+    seeds.png          how the seeds are spread
+
+    Args:
+        found: the runs.
+        out: folder; what an earlier comparison left there is replaced.
+
+    Raises:
+        InputError: matplotlib is missing.
+        RunFolderError: a file cannot be written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{out} cannot be written ({error.strerror or error}); choose another folder."
+        ) from error
+    rows, gains = estimates(found.runs), differences(found.runs)
+    texts = {
+        "comparison.md": tables.page(found, rows, gains),
+        "comparison.csv": tables.estimates_csv(rows),
+        "differences.csv": tables.differences_csv(gains),
+        "seeds.csv": tables.seeds_csv(found.runs),
+    }
+    written = [write_bytes(out / name, text.encode()) for name, text in texts.items()]
+    written.append(write_curves(out / "curves.png", found.runs, rows))
+    written.append(write_seeds(out / "seeds.png", found.runs))
+    return written

@@ -1,0 +1,66 @@
+"""The tables of the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cartpole_swingup.run import cells, spreads, table
+
+from mcpilco.comparison import Run
+from mcpilco.comparison.statistics import MEASURES, all_amounts, estimate, same
+from mcpilco.comparison.tables import cell, solved
+from mcpilco.sweep.summary import markdown, mean_cell, rate_cell
+
+AMOUNTS = {12: "12 s", 60: "1 min", 600: "10 min", 3600: "1 h"}
+"""experience that has a column [s]"""
+
+
+def thesis_tables(summaries: Mapping[str, Any], published: bool) -> Sequence[str]:
+    """Tables 5.1 to 5.3 of what learns by trials, the thesis's rows first.
+
+    Args:
+        summaries: of sweeps, by row.
+        published: whether the thesis has figures for this system.
+    """
+    if not summaries:
+        return []
+    success = {}
+    for name, summary in summaries.items():
+        count = len(summary["seeds"])
+        ways = {
+            f"one rollout a policy, {count} seed{'s' * (count > 1)}": ("success", rate_cell),
+            "p over fresh rollouts of each policy": ("p", mean_cell),
+        }
+        for way, (key, shown) in ways.items():
+            row = cells(summary, lambda trial, key=key, shown=shown: shown(trial[key]))
+            success[f"`{name}`, {way}"] = row
+    return [
+        "#### Success after each amount of experience [%] (thesis table 5.1)",
+        table("success", 1, success, published),
+        "In brackets: 95 % intervals, Wilson's for one rollout, the bootstrap over seeds for p.",
+        "#### Time within 10 degrees of upright [s] (thesis table 5.2)",
+        table("time_up_s", 2, spreads(summaries, "time_up_s"), published),
+        "#### Mean distance of the cart from the origin [m] (thesis table 5.3)",
+        table("mean_abs_cart_m", 2, spreads(summaries, "mean_abs_cart_m"), published),
+    ]
+
+
+def experience_tables(runs: Sequence[Run]) -> Sequence[str]:
+    """What all rows reach with seconds, minutes and an hour of experience."""
+    parts = ["#### Experience until the task is solved", solved(runs)]
+    for key, heading in {
+        "p": "Success of fresh rollouts [%], mean over seeds (95 % bootstrap interval)",
+        "cpu_s": "Processor time so far [s], interquartile mean over seeds (95 % interval)",
+    }.items():
+        measure = next(measure for measure in MEASURES if measure.key == key)
+        rows = []
+        for run in runs:
+            told = []
+            for amount in AMOUNTS:
+                known = any(same(amount, own) for own in all_amounts([run]))
+                values = list(run.at(amount, key).values()) if known else []
+                told.append(cell(estimate(values, measure, measure.statistics[0]), measure))
+            rows.append((f"`{run.name}`", str(len(run.courses)), *told))
+        parts += [f"#### {heading}", markdown(("row", "seeds", *AMOUNTS.values()), rows)]
+    return parts
