@@ -133,6 +133,11 @@ class SB3Agent(ABC):
         """Steps of its env that the agent has learned from."""
         return self.learner.num_timesteps
 
+    @staticmethod
+    def usual_trials(config: SB3Config) -> int:
+        """Trials that take the `n_timesteps` of the numbers."""
+        return config.trials
+
     def timesteps_of(self, trials: int) -> int:
         """The steps that `learn` needs for so many trials."""
         return trials * self.config.trial_steps

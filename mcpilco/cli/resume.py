@@ -49,7 +49,7 @@ def reopened(path: Path, trials: int | None, task: Path | None = None) -> Iterat
                 f"number than that, such as --trials {agent.trials + 4}."
             )
         _warn_of_versions(run)
-        run.rewind(None if agent.transitions is None else agent.trials)
+        run.rewind(agent.trials if agent.num_timesteps else None)
         if planned != run.config["trials"]:
             run = run.with_trials(planned)
         yield run, agent

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from mcpilco.algorithms import Agent
 
 _OUT = "runs/out"
-_TRIALS = 4
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,18 @@ class Train:
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
     algo: Algo = "mcpilco"
-    """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
+    """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
+    stable-baselines3"""
     preset: PresetName = "default"
-    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
+    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip,
+    the others default"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
-    trials: Annotated[int | None, optional("INT", f"{_TRIALS}, or those of the run resumed")] = None
-    """policies to learn, each from one more rollout; a rollout of random inputs comes first"""
+    trials: Annotated[
+        int | None, optional("INT", "4, those of the preset, or those of the run resumed")
+    ] = None
+    """policies to learn, each from one more rollout, after one of random inputs; of sac, tqc and
+    ppo each from `trial_steps` more steps"""
     out: Annotated[Path | None, optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")] = (
         None
     )
@@ -85,7 +89,9 @@ class Train:
         with contextlib.closing(env):
             task = given_task(self.task)
             agent = kind(kind.policy_name, env, config=config, seed=self.seed, task=task)
-            run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
+            trials = kind.usual_trials(config) if self.trials is None else self.trials
+            record = self._record(config, env_kwargs) | {"trials": trials}
+            run = RunFolder.create(self._folder(), record)
             with run.writing():
                 return self._learn(agent, run)
 
@@ -146,7 +152,6 @@ class Train:
             "algo": self.algo,
             "preset": self.preset,
             "seed": self.seed,
-            "trials": _TRIALS if self.trials is None else self.trials,
             "config": dataclasses.asdict(config),
             **({} if self.task is None else {"task": str(self.task)}),
         }

@@ -5,7 +5,13 @@ from __future__ import annotations
 from baselines.sb3 import PolicyKwargs, PPOConfig, SACConfig, SB3Config, TQCConfig
 
 TINY_NET = PolicyKwargs(net_arch=(4,))
-COMMON = {"n_timesteps": 24, "trial_steps": 12, "batch_size": 4, "policy_kwargs": TINY_NET}
+COMMON = {
+    "n_timesteps": 24,
+    "trial_steps": 12,
+    "batch_size": 4,
+    "policy_kwargs": TINY_NET,
+    "horizon": 6,
+}
 TINY: dict[str, SB3Config] = {
     "sac": SACConfig(learning_starts=6, buffer_size=64, **COMMON),
     "tqc": TQCConfig(learning_starts=6, buffer_size=64, **COMMON),
