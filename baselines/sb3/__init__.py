@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from baselines.sb3.agent import PPOAgent, SACAgent, SB3Agent, TQCAgent, make_learner
 from baselines.sb3.config import PolicyKwargs, PPOConfig, SACConfig, SB3Config, TQCConfig
+from baselines.sb3.from_model import WarmStart, warm_start
+from baselines.sb3.presets import read_presets
 
 __all__ = [
     "PPOAgent",
@@ -22,5 +24,8 @@ __all__ = [
     "SB3Config",
     "TQCAgent",
     "TQCConfig",
+    "WarmStart",
     "make_learner",
+    "read_presets",
+    "warm_start",
 ]

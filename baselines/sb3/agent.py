@@ -185,6 +185,16 @@ class SB3Agent(ABC):
         self.learn(total_timesteps, callback, progress_bar)
         yield from ()
 
+    def borrow(self, timesteps: int) -> None:
+        """Count steps of the env that others have taken; random inputs are not needed then.
+
+        Args:
+            timesteps: that this agent learns from, beside its own.
+        """
+        self.borrowed_timesteps = timesteps
+        if timesteps:
+            self.learner.learning_starts = 0
+
     def _learn(self, total_timesteps: int, events: Callback) -> None:
         most = self.config.trial_steps
         trials, end = math.ceil(total_timesteps / most), self.num_timesteps + total_timesteps
@@ -236,7 +246,7 @@ class SB3Agent(ABC):
         """A rollout of the policy, and why it broke off if it did."""
         env, width = state_view(self.env, self.task), len(self.task.state_names)
         seed = self.streams.reset(trial)
-        dt, act = self.task.dt, lambda state: self._act(state)[0]
+        dt, act = self.task.dt, self.inputs_in
         try:
             return run_episode(env, act, self.horizon, dt, seed=seed, width=width), None
         except BrokenEpisodeError as error:
@@ -267,13 +277,18 @@ class SB3Agent(ABC):
                 f"predict expects finite observations of {(shape or (0,))[0]} numbers, "
                 f"got shape {observation.shape}: {observation}."
             )
-        action = self._act(state_of(self.task, observation), deterministic)
+        action = self.inputs_in(state_of(self.task, observation), deterministic)
         return action.astype(self.env.action_space.dtype), state
 
-    def _act(
+    def inputs_in(
         self, states: Float[np.ndarray, "*b X"], deterministic: bool = True
     ) -> Float[np.ndarray, "*b U"]:
-        """The inputs in states, in the env's unit."""
+        """What the policy answers in states, in the env's unit.
+
+        Args:
+            states: as `task` has them, in their units.
+            deterministic: without the noise of exploration.
+        """
         features = self.view.features(states)
         rows = features.reshape(-1, features.shape[-1])
         actions, _ = self.learner.predict(rows, deterministic=deterministic)

@@ -68,7 +68,8 @@ class SavedAgent:
         load_learner(agent.learner, self.arrays)
         for name in _COUNTERS:
             setattr(agent.learner, name, self.about["counters"][name])
-        agent.trials, agent.borrowed_timesteps = self.about["trials"], self.about["borrowed"]
+        agent.trials = self.about["trials"]
+        agent.borrow(self.about["borrowed"])
 
 
 def write_agent(path: Path, agent: SB3Agent) -> Path:
