@@ -36,7 +36,7 @@ def teacher(path: Path, agent: Any) -> Any:
             f"--warm-start takes a run of the algorithm mcpilco, got {path} of {algo}."
         )
     trial = finished_trial(run, None)
-    source = agent_of(run, trial, agent.env)
+    source: Any = agent_of(run, trial, agent.env)
     _check_rewards(path, source, run.read_arrays(trial, "rollout"))
     check_warm_start(agent, source)
     return source

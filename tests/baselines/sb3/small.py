@@ -13,7 +13,7 @@ COMMON = {
     "horizon": 6,
 }
 TINY: dict[str, SB3Config] = {
-    "sac": SACConfig(learning_starts=6, buffer_size=200, **COMMON),
-    "tqc": TQCConfig(learning_starts=6, buffer_size=200, **COMMON),
+    "sac": SACConfig(learning_starts=6, buffer_size=2000, **COMMON),
+    "tqc": TQCConfig(learning_starts=6, buffer_size=2000, **COMMON),
     "ppo": PPOConfig(n_envs=2, n_steps=6, n_epochs=1, **COMMON),
 }
