@@ -12,3 +12,6 @@ from mcpilco import algorithms
 
 # named only, so that torch is loaded where it is used
 algorithms.register("pilco", "baselines.pilco.agent:PILCO")
+algorithms.register("sac", "baselines.sb3.agent:SACAgent")
+algorithms.register("tqc", "baselines.sb3.agent:TQCAgent")
+algorithms.register("ppo", "baselines.sb3.agent:PPOAgent")

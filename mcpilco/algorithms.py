@@ -34,6 +34,11 @@ class Agent(base.Agent, Protocol):
     horizon: int
     trials: int
 
+    @property
+    def num_timesteps(self) -> int:
+        """Steps of the env that the agent has learned from."""
+        ...
+
     def timesteps_of(self, trials: int) -> int:
         """The steps that `learn` needs for so many trials."""
         ...

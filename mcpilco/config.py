@@ -324,6 +324,10 @@ class Preset:
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     """keywords for `gymnasium.make`; they describe the cart-poles"""
 
+    def config_for(self, env_id: str) -> Any:
+        """The agent's numbers for an env; an algorithm may have others for each."""
+        return self.config
+
     def keywords(self, env_id: str) -> dict[str, Any]:
         """The keywords to make an env with: those of the preset for a cart-pole, else none."""
         return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] in CART_POLES else {}

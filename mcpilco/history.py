@@ -28,7 +28,7 @@ class PastTrial:
     costs: Float[np.ndarray, " T"] | None
     """cost of each step of the rollout [-]; None where an older folder does not tell"""
     prediction: Prediction | None
-    """the particles predicted for it; None for the exploration, which no model foresaw"""
+    """the particles predicted for it; None where no model foresaw it, as in the exploration"""
     row: Mapping[str, Any]
     """its row of metrics.csv; empty for the exploration"""
 
@@ -40,7 +40,8 @@ class PastTrial:
     @property
     def predicted_cost(self) -> float:
         """What the model expected of an episode [-]."""
-        return self.row.get("predicted_cost", float("nan"))
+        predicted = self.row.get("predicted_cost")
+        return float("nan") if predicted is None else predicted
 
     @property
     def predicted_cost_std(self) -> float:
@@ -76,6 +77,11 @@ class History:
         """The trials without the exploration."""
         return tuple(trial for trial in self.trials if trial.number)
 
+    @property
+    def foreseen(self) -> bool:
+        """Whether a model predicted what a policy would do."""
+        return any(trial.prediction is not None for trial in self.trials)
+
     def transitions_before(self, trial: PastTrial) -> Transitions:
         """The data that the models of a trial were fitted to.
 
@@ -106,12 +112,18 @@ def read_history(run: RunFolder) -> History:
         problems.append(str(error))
         rows = {}
     trials = []
-    for number in [0, *rows]:
+    for number in [*_explorations(run, rows), *rows]:
         try:
             trials.append(read_trial(run, task, number, rows.get(number, {})))
         except RunFolderError as error:
             problems.append(str(error))
     return History(run, task, tuple(trials), tuple(problems))
+
+
+def _explorations(run: RunFolder, rows: Mapping[int, Mapping[str, Any]]) -> list[int]:
+    """The number of the exploration, where there was one: who learns no model begins without."""
+    modelled = any(row["predicted_cost"] is not None for row in rows.values())
+    return [0] if modelled or not rows or run.arrays_path(0, "rollout").parent.exists() else []
 
 
 def read_task(run: RunFolder) -> TaskSpec:
@@ -151,8 +163,8 @@ def read_trial(run: RunFolder, task: TaskSpec, number: int, row: Mapping[str, An
         rollout = _rollout(arrays, task)
         costs = _shaped(arrays["costs"], (len(rollout),)) if "costs" in arrays else None
         prediction = None
-        if number:
-            path = run.arrays_path(number, "particles")
+        path = run.arrays_path(number, "particles")
+        if row.get("predicted_cost") is not None or path.exists():
             prediction = _prediction(run.read_arrays(number, "particles"), rollout)
     except (KeyError, ValueError, TypeError) as error:
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error

@@ -143,6 +143,11 @@ class ModelBasedAgent(ABC):
             NotPositiveDefiniteError: the model cannot be conditioned on the data.
         """
 
+    @staticmethod
+    def usual_trials(config: Any) -> int:
+        """Policies that a training learns where nothing is said."""
+        return 4
+
     def _own_task(self, task: TaskSpec) -> TaskSpec:
         """The task as the agent sees it: with a cost.
 

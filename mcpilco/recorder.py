@@ -61,7 +61,7 @@ class Recorder(Callback):
             "rollout": _rollout_arrays(result.rollout, self._agent.task),
             "particles": {} if result.prediction is None else vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
-            "gp": self._agent.model.gp.to_arrays(),
+            "gp": {} if self._agent.model is None else self._agent.model.gp.to_arrays(),
             "perception": {} if perception is None else perception.to_arrays(),
         }
         for name, content in arrays.items():

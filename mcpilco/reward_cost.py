@@ -153,9 +153,10 @@ def with_cost(task: TaskSpec) -> TaskSpec:
 def costs_of(cost: Cost | None, record: Rollout) -> Float[np.ndarray, " T"]:
     """The cost at the end of each step of a rollout [-]: a learned one is that of the rewards.
 
-    Raises:
-        InputError: there is no cost yet.
+    Without a cost it is 1 - reward, as the rewards of this package's envs are 1 - cost.
     """
+    if cost is None:
+        return 1.0 - record.rewards
     if isinstance(cost, RewardCost):
         return cost.of_rewards(record.rewards)
     return costs_along(cost, record.shown_states[1:], record.inputs)

@@ -26,9 +26,11 @@ import pytest
 import mcpilco.cli
 from baselines import pilco
 from baselines.pilco import PilcoConfig
+from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
 from envs.plants import PLANTS
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
 from mcpilco.effects import CATALOGUE, Effect
+from tests.baselines.sb3.small import TINY
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -97,6 +99,10 @@ def small_presets(monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None) -> No
     for name, preset in pilco.PRESETS.items():
         config = dataclasses.replace(SMALL_PILCO, cost=preset.config.cost)
         monkeypatch.setitem(pilco.PRESETS, name, dataclasses.replace(preset, config=config))
+    for kind in (SACAgent, TQCAgent, PPOAgent):
+        small = dataclasses.replace(kind.presets["default"], config=TINY[kind.algo], by_env={})
+        monkeypatch.setitem(kind.presets, "default", small)
+    monkeypatch.setattr(from_model, "DEFAULT", WarmStart(2, first_steps=1, rounds=0))
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.live import Live
@@ -35,13 +37,19 @@ def _row(result: TrialResult) -> tuple[str, ...]:
     return (
         str(result.trial),
         _number(result.experience_s, 1),
-        f"{result.predicted_cost:.2f} ± {result.predicted_cost_std:.2f}",
+        _predicted(result),
         _number(result.real_cost, 2),
         success,
         _number(result.time_up_s, 2),
-        " ".join(f"{std:.2g}" for std in result.noise_std),
+        " ".join(f"{std:.2g}" for std in result.noise_std) or "-",
         _number(result.wall_s, 1),
     )
+
+
+def _predicted(result: TrialResult) -> str:
+    if math.isnan(result.predicted_cost):
+        return "-"
+    return f"{result.predicted_cost:.2f} ± {result.predicted_cost_std:.2f}"
 
 
 class Progress(Callback):
@@ -61,6 +69,7 @@ class Progress(Callback):
         """Starts an empty table."""
         self.close()
         self._trials = getattr(agent, "trials", 0) + trials
+        self._models = getattr(agent, "model", True) is not None
         self._table = Table(box=SIMPLE_HEAD, caption="costs are sums over an episode")
         for name in _COLUMNS:
             # As Text, for a unit is no markup; on two lines, for the table to fit 80 columns.
@@ -74,7 +83,8 @@ class Progress(Callback):
             console=self._console,
             auto_refresh=False,
         )
-        self._task = self._bar.add_task("exploring with random inputs", total=None)
+        first = "exploring with random inputs" if self._models else "learning"
+        self._task = self._bar.add_task(first, total=None)
         if self._console.is_terminal:
             self._live = Live(
                 Group(self._table, self._bar), console=self._console, refresh_per_second=_REFRESH_HZ
@@ -90,17 +100,19 @@ class Progress(Callback):
         self._trial = trial
         # A fresh task, so that the time left is this trial's alone.
         self._bar.remove_task(self._task)
-        self._task = self._bar.add_task(f"{self._heading}: fitting the models", total=None)
+        doing = "fitting the models" if self._models else "learning"
+        self._task = self._bar.add_task(f"{self._heading}: {doing}", total=None)
 
     def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
         """Moves the bar."""
         cost = values.get("policy/cost")
+        doing = "searching the policy" if self._models else "learning"
         known = "" if cost is None else f", cost {cost:.2f}"
         self._bar.update(
             self._task,
             completed=step,
             total=steps,
-            description=f"{self._heading}: searching the policy{known}",
+            description=f"{self._heading}: {doing}{known}",
         )
 
     def on_trial_end(self, result: TrialResult) -> None:

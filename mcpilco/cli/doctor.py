@@ -27,7 +27,8 @@ _NEEDED = (
     "jaxtyping",
 )
 _OPTIONAL = {
-    "stable-baselines3": "comparisons with model-free learning",
+    "stable-baselines3": "mcpilco train --algo sac, tqc or ppo",
+    "sb3-contrib": "mcpilco train --algo sac, tqc or ppo",
     "tensorboard": "mcpilco train --tensorboard",
     "matplotlib": "mcpilco report",
     "jinja2": "mcpilco report",

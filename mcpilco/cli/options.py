@@ -18,7 +18,7 @@ TaskPath = Annotated[
 """file of a task: .py, .toml or .json"""
 
 
-Algo = Literal["mcpilco", "pilco"]
+Algo = Literal["mcpilco", "pilco", "sac", "tqc", "ppo"]
 """an algorithm of this package or of `baselines`"""
 
 

@@ -49,7 +49,7 @@ def reopened(path: Path, trials: int | None, task: Path | None = None) -> Iterat
                 f"number than that, such as --trials {agent.trials + 4}."
             )
         _warn_of_versions(run)
-        run.rewind(None if agent.transitions is None else agent.trials)
+        run.rewind(agent.trials if agent.num_timesteps else None)
         if planned != run.config["trials"]:
             run = run.with_trials(planned)
         yield run, agent
@@ -65,7 +65,9 @@ def _agent(run: Any, env: Any, task: Any) -> Any:
     except InputError as error:
         raise RunFolderError(f"{run.path / 'config.json'} is damaged: {error}") from error
     if not run.agent_path.exists():
-        return kind(kind.policy_name, env, config=config, seed=seed, task=task)
+        agent = kind(kind.policy_name, env, config=config, seed=seed, task=task)
+        _warm_again(run, agent)
+        return agent
     agent = kind.load(run.agent_path, env, task=task)
     if (agent.config, agent.seed) != (config, seed):
         raise RunFolderError(
@@ -73,6 +75,16 @@ def _agent(run: Any, env: Any, task: Any) -> Any:
             "seeds differ; restore it from a copy."
         )
     return agent
+
+
+def _warm_again(run: Any, agent: Any) -> None:
+    """What `--warm-start` had not finished when the run was stopped."""
+    if "warm_start" in run.config:
+        from baselines.sb3.from_model import warm_start
+        from mcpilco.cli.warm_start import teacher
+
+        warm_start(agent, teacher(Path(run.config["warm_start"]), agent))
+        agent.save(run.agent_path)
 
 
 def _warn_of_versions(run: Any) -> None:

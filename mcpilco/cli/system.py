@@ -73,7 +73,7 @@ def numbers(
         exploration: random inputs at first [steps]; None: one rollout.
 
     Raises:
-        InputError: the algorithm has no such preset.
+        InputError: the algorithm has no such preset, or does not explore beforehand.
     """
     if preset_name not in kind.presets:
         raise InputError(
@@ -82,8 +82,13 @@ def numbers(
         )
     preset = kind.presets[preset_name]
     env_kwargs = preset.keywords(env_id)
-    config = preset.config
+    config = preset.config_for(env_id)
     if exploration is not None:
+        if not hasattr(config, "exploration"):
+            raise InputError(
+                f"--exploration is no option of the algorithm {kind.algo}; its presets say how it "
+                "begins."
+            )
         config = dataclasses.replace(config, exploration=exploration)
     if horizon is None:
         return config, env_kwargs

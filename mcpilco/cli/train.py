@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from mcpilco.algorithms import Agent
 
 _OUT = "runs/out"
-_TRIALS = 4
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,18 @@ class Train:
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
     algo: Algo = "mcpilco"
-    """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
+    """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
+    stable-baselines3"""
     preset: PresetName = "default"
-    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
+    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip,
+    the others default"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
-    trials: Annotated[int | None, optional("INT", f"{_TRIALS}, or those of the run resumed")] = None
-    """policies to learn, each from one more rollout; a rollout of random inputs comes first"""
+    trials: Annotated[
+        int | None, optional("INT", "4, those of the preset, or those of the run resumed")
+    ] = None
+    """policies to learn, each from one more rollout, after one of random inputs; of sac, tqc and
+    ppo each from `trial_steps` more steps"""
     out: Annotated[Path | None, optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")] = (
         None
     )
@@ -53,6 +57,9 @@ class Train:
     """what to know of the env, where it does not show it"""
     exploration: Annotated[int | None, optional("INT", "one rollout")] = None
     """steps of random inputs at first; several rollouts, where they end early"""
+    warm_start: Annotated[Path | None, optional("RUN", "none")] = None
+    """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
+    it"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -85,9 +92,34 @@ class Train:
         with contextlib.closing(env):
             task = given_task(self.task)
             agent = kind(kind.policy_name, env, config=config, seed=self.seed, task=task)
-            run = RunFolder.create(self._folder(), self._record(config, env_kwargs))
+            source = None if self.warm_start is None else self._source(agent)
+            trials = kind.usual_trials(config) if self.trials is None else self.trials
+            record = self._record(config, env_kwargs) | {"trials": trials}
+            run = RunFolder.create(self._folder(), record)
             with run.writing():
+                if source is not None:
+                    self._warm_start(agent, source, run)
                 return self._learn(agent, run)
+
+    def _source(self, agent: Any) -> Any:
+        """The agent that `--warm-start` names.
+
+        Raises:
+            McPilcoError: it cannot be used for this agent.
+        """
+        from mcpilco.cli.warm_start import teacher
+
+        assert self.warm_start is not None
+        return teacher(self.warm_start, agent)
+
+    def _warm_start(self, agent: Any, source: Any, run: Any) -> None:
+        """Begin with what the source's model says, and save that."""
+        from baselines.sb3.from_model import warm_start
+
+        if not self.quiet:
+            print(f"warm start: training in the model of {self.warm_start}", flush=True)
+        warm_start(agent, source)
+        agent.save(run.agent_path)
 
     def _go_on(self) -> int:
         """The rest of a run."""
@@ -146,9 +178,9 @@ class Train:
             "algo": self.algo,
             "preset": self.preset,
             "seed": self.seed,
-            "trials": _TRIALS if self.trials is None else self.trials,
             "config": dataclasses.asdict(config),
             **({} if self.task is None else {"task": str(self.task)}),
+            **({} if self.warm_start is None else {"warm_start": str(self.warm_start)}),
         }
 
     @contextlib.contextmanager

@@ -56,9 +56,10 @@ def _sections(history: History) -> Iterator[Section]:
         yield made("Learning", partial(sections.learning, history))
         last = learned[-1]
         yield made("Last trial", partial(sections.rollout, history, last, False))
-        yield made("How far the predictions hold", partial(sections.errors, history))
-        yield made("Calibration", partial(sections.calibration, history))
-        yield made("Policy", partial(sections.policy, history))
+        if history.foreseen:
+            yield made("How far the predictions hold", partial(sections.errors, history))
+            yield made("Calibration", partial(sections.calibration, history))
+            yield made("Policy", partial(sections.policy, history))
         yield made("Policy search", partial(sections.search, history))
         yield made("Timings", partial(sections.timings, history))
     for trial in history.trials:
@@ -80,7 +81,8 @@ def _tiles(history: History) -> list[tuple[str, str]]:
         first = f"after {won[0].experience_s:g} s" if won else "not yet"
         tiles.append(("first success", first))
         tiles.append(("successes", f"{len(won)} of {len(learned)}"))
-    tiles.append(("last cost, predicted", f"{last.predicted_cost:.2f}"))
+    if history.foreseen:
+        tiles.append(("last cost, predicted", f"{last.predicted_cost:.2f}"))
     tiles.append(("last cost, real", f"{last.real_cost:.2f}"))
     tiles.append(("time of the trials", f"{sum(t.row['wall_s'] for t in learned):.0f} s"))
     return tiles

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial, reduce
 from operator import add
 from typing import Any
@@ -42,7 +42,7 @@ def learning(history: History) -> Section:
         (
             str(trial.number),
             f"{trial.experience_s:.1f}",
-            f"{trial.predicted_cost:.2f} ± {trial.predicted_cost_std:.2f}",
+            _predicted(trial),
             f"{trial.real_cost:.2f}",
             *(_cell(trial.row.get(name)) for name in measured),
         )
@@ -58,9 +58,17 @@ def learning(history: History) -> Section:
     )
 
 
+def _predicted(trial: PastTrial) -> str:
+    if trial.prediction is None:
+        return _cell(None)
+    return f"{trial.predicted_cost:.2f} ± {trial.predicted_cost_std:.2f}"
+
+
 def search(history: History) -> Section:
     """How the policy search of each trial went."""
     costs = read_search(history.run)
+    if not history.foreseen:
+        return _practice(costs)
     pictures = []
     if costs:
         pictures.append(draw("Predicted cost over steps", lambda ax: plot_search(costs, ax)))
@@ -70,6 +78,20 @@ def search(history: History) -> Section:
         "several starts, they follow one another.",
         pictures,
         [Table(("trial", "steps"), [(str(k), str(len(v))) for k, v in costs.items()])],
+    )
+
+
+def _practice(costs: Mapping[int, Sequence[float]]) -> Section:
+    """How the episodes went that an agent without a model has learned from."""
+
+    def picture(ax: Any) -> None:
+        plot_search(costs, ax).set(xlabel="episode of the trial", ylabel="its cost [-]")
+
+    return Section(
+        "Episodes",
+        "What each episode cost that was learned from, with the noise of exploration.",
+        [draw("Cost of each episode", picture)] if costs else [],
+        [Table(("trial", "episodes"), [(str(k), str(len(v))) for k, v in costs.items()])],
     )
 
 
@@ -89,7 +111,7 @@ def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
     ]
     if trial.costs is not None or expected is not None:
         pictures.append(draw("cost over time", partial(plot_costs, trial.costs, expected, real.dt)))
-    if expected is None:
+    if not trial.number:
         title = "Exploration: the rollout of random inputs"
     else:
         verdict = {True: ": success", False: ": no success", None: ""}[trial.success]
@@ -232,7 +254,8 @@ def configuration(history: History) -> Section:
         preset = find(config.get("algo", "mcpilco")).presets.get(config["preset"])
     except InputError:  # an algorithm that is not known here
         preset = None
-    usual = {} if preset is None else dict(_entries(json.loads(_json(preset.config))))
+    numbers = {} if preset is None else json.loads(_json(preset.config_for(config["env"])))
+    usual = dict(_entries(numbers))
     rows = [
         (name, value, "" if usual.get(name, value) == value else usual[name])
         for name, value in _entries(config["config"])

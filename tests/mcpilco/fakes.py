@@ -71,6 +71,7 @@ class FakeAgent:
 
     algo, policy_name, config_type, presets = "mcpilco", "SumOfGaussians", Config, PRESETS
     make_model, make_policy = MCPILCO.make_model, MCPILCO.make_policy
+    usual_trials = staticmethod(MCPILCO.usual_trials)
 
     def __init__(self, policy, env, *, preset="default", config=None, seed=0, task=None):
         self.env, self.config, self.seed = env, config, seed

@@ -87,5 +87,6 @@ def trial_shades(count: int) -> list[Any]:
 
 
 def add_legend(ax: Axes) -> None:
-    """A legend without a frame, small."""
-    ax.legend(frameon=False, fontsize="small")
+    """A legend without a frame, small; none where nothing has a name."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, fontsize="small")

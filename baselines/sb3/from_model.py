@@ -1,0 +1,179 @@
+"""MC-PILCO as a source of data: a replay buffer that is filled from its model.
+
+agent = SACAgent("MlpPolicy", "mcpilco/CartPoleSwingUp-v0", seed=0)
+warm_start(agent, MCPILCO.load("run/agent.npz", "mcpilco/CartPoleSwingUp-v0"))
+agent.learn(600)  # steps of the env
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from baselines.sb3.agent import SB3Agent
+from baselines.sb3.imagination import Imagination, Imagined, Perturbed
+from baselines.sb3.library import random_numbers
+from mcpilco.agent import MCPILCO
+from mcpilco.agent_file import STRUCTURE
+from mcpilco.config import Checked
+from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class WarmStart(Checked):
+    """How much is taken from the model, and what is made of it.
+
+    First come particles that follow the policy of MC-PILCO, perturbed, or nothing but chance; then
+    rounds in which some follow the agent's own policy of the moment, as in model-based policy
+    optimisation (Janner et al. 2019). After each the networks are trained on all so far.
+    """
+
+    particles: int = 300
+    """rollouts at first, each a horizon long"""
+    random: float = 0.2
+    """share of them with uniform random inputs throughout [-]"""
+    interrupted: float = 0.4
+    """share with random inputs for a while, uniform up to the horizon, and then the policy [-]; the
+    rest has the policy from the start"""
+    noise: float = 0.3
+    """standard deviation, at most, of what is added to the policy's inputs, relative to half their
+    range; each particle has its own, uniform from 0 [-]"""
+    first_steps: int = 1000
+    """gradient steps on these"""
+    rounds: int = 10
+    """further rounds; 0: the agent's own policy is not tried in the model"""
+    own_particles: int = 60
+    """rollouts of a round, of the agent's policy with its noise"""
+    round_steps: int = 500
+    """gradient steps of a round"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._at_least(particles=1, own_particles=1, random=0.0, interrupted=0.0, noise=0.0)
+        self._at_least(first_steps=0, rounds=0, round_steps=0)
+        if self.random + self.interrupted > 1.0:
+            raise InputError(
+                "The shares random and interrupted must not exceed 1 together, got "
+                f"{self.random} and {self.interrupted}."
+            )
+
+    @property
+    def rollouts(self) -> int:
+        """All particles together."""
+        return self.particles + self.rounds * self.own_particles
+
+
+DEFAULT = WarmStart()
+"""what is taken where nothing is said"""
+
+
+def warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = None) -> None:
+    """Fill an agent's replay buffer from another's model, and train its networks on that.
+
+    The agent then acts by its policy from the first step on, without random inputs. The steps that
+    the model was learned from count as experience of this agent too (`borrowed_timesteps`).
+
+    Args:
+        agent: SAC or TQC, and new.
+        source: has learned a model of the same system.
+        numbers: how much; None: the defaults of `WarmStart`.
+
+    Raises:
+        InputError: the agent has no replay buffer, too small a one, or has learned already; or the
+            source is of another system, has learned nothing, or sees a part of its states.
+    """
+    numbers = DEFAULT if numbers is None else numbers
+    check_warm_start(agent, source, numbers)
+    imagination, seed = Imagination(source), int(agent.streams.inputs(trial=0).integers(2**31))
+    generator = torch.Generator().manual_seed(seed)
+    agent.borrow(source.num_timesteps)
+    with random_numbers(seed):
+        policy: Any = _perturbed(source, numbers, generator)
+        _learn(
+            agent, imagination.rollouts(policy, numbers.particles, generator), numbers.first_steps
+        )
+        for _ in range(numbers.rounds):
+            rows = imagination.rollouts(_Own(agent), numbers.own_particles, generator)
+            _learn(agent, rows, numbers.round_steps)
+
+
+def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = None) -> None:
+    """Make sure of what `warm_start` asks of the agents; it takes no time.
+
+    Raises:
+        InputError: as `warm_start` does.
+    """
+    numbers = DEFAULT if numbers is None else numbers
+    buffer = getattr(agent.learner, "replay_buffer", None)
+    if buffer is None:
+        raise InputError(
+            f"A warm start fills a replay buffer, the algorithm {agent.algo} has none; "
+            "take sac or tqc."
+        )
+    if agent.num_timesteps or agent.borrowed_timesteps:
+        raise InputError("A warm start is for a new agent, got one that has learned already.")
+    here, there = agent.task.to_json(), source.task.to_json()
+    for name in STRUCTURE:
+        if here[name] != there[name]:
+            raise InputError(
+                f"A warm start needs a model of the same system; its {name} is {there[name]}, the "
+                f"agent's env has {here[name]}."
+            )
+    if not source.trials:
+        raise InputError("A warm start needs an agent that has done a trial, got one without.")
+    room, brought = buffer.buffer_size * buffer.n_envs, numbers.rollouts * source.horizon
+    if brought > room:
+        raise InputError(
+            f"The replay buffer holds {room} transitions, the warm start brings {brought}; raise "
+            "buffer_size, or take fewer particles or rounds."
+        )
+
+
+def _perturbed(source: MCPILCO, numbers: WarmStart, generator: torch.Generator) -> Perturbed:
+    """What the first particles follow: chance, chance for a while, the policy."""
+    count, horizon = numbers.particles, source.horizon
+    draw = torch.rand(2, count, generator=generator, dtype=torch.float64)
+    begin = torch.zeros(count, dtype=torch.float64)
+    random, interrupted = round(numbers.random * count), round(numbers.interrupted * count)
+    begin[:random] = horizon
+    begin[random : random + interrupted] = horizon * draw[0, random : random + interrupted]
+    return Perturbed(source, begin, numbers.noise * draw[1], generator)
+
+
+class _Own:
+    """The agent's policy with its noise, for particles."""
+
+    def __init__(self, agent: SB3Agent) -> None:
+        self._agent = agent
+
+    def __call__(
+        self, states: Float[Tensor, "P X"], dropout: Any = None, step: int = 0
+    ) -> Float[Tensor, "P U"]:
+        """The inputs of all particles, in the env's unit."""
+        return torch.from_numpy(self._agent.inputs_in(states.numpy(), deterministic=False))
+
+
+def _learn(agent: SB3Agent, rows: Imagined, gradient_steps: int) -> None:
+    """Put transitions where those of the env would stand, and train on all that is there.
+
+    The end of a horizon is no end of the task, so none is marked.
+    """
+    buffer, view = agent.learner.replay_buffer, agent.view
+    columns = {
+        "observations": view.features(rows.states),
+        "next_observations": view.features(rows.next_states),
+        "actions": view.actions(rows.inputs),
+        "rewards": rows.rewards,
+    }
+    count = len(rows) // buffer.n_envs
+    for name, values in columns.items():
+        place = getattr(buffer, name)[buffer.pos : buffer.pos + count]
+        place[:] = values[: count * buffer.n_envs].reshape(place.shape)
+    end = buffer.pos + count
+    buffer.pos, buffer.full = end % buffer.buffer_size, end == buffer.buffer_size
+    if gradient_steps:
+        agent.learner.train(gradient_steps, agent.config.batch_size)
