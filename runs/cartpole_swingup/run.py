@@ -38,8 +38,9 @@ PUBLISHED: Mapping[str, Mapping[str, Sequence[float]]] = {
 }
 """thesis tables 5.1 to 5.3: after 3, 6, 9 and 12 s of experience"""
 EXPERIENCE = (3, 6, 9, 12)
-UNSEEN = range(18, 100)
-"""seeds of the preset default that no choice of its numbers has looked at"""
+TUNED = {*range(18), 19, 62, 96}
+"""seeds that numbers of the preset default were chosen on: most on 0 to 17, the correlation of its
+noise on 13, 19, 62 and 96, which had failed without it, and on 1000 to 1052"""
 
 
 @dataclass(frozen=True)
@@ -171,11 +172,11 @@ def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
         success[f"`{preset}`, p over fresh rollouts of each policy"] = cells(
             summary, lambda trial: mean_cell(trial["p"])
         )
-    tuned = ours.get("default", {"by_seed": {}})["by_seed"]
-    unseen = [found for seed, found in tuned.items() if int(seed) in UNSEEN]
+    found = ours.get("default", {"by_seed": {}})["by_seed"]
+    unseen = [course for seed, course in found.items() if int(seed) not in TUNED]
     if unseen:
-        name = f"`default`, one rollout, seeds {UNSEEN.start} to {UNSEEN.stop - 1}: not tuned on"
-        trials = zip(*(found["success"] for found in unseen), strict=True)
+        name = f"`default`, one rollout, the {len(unseen)} seeds that no number was chosen on"
+        trials = zip(*(course["success"] for course in unseen), strict=True)
         success[name] = [rate_cell(rate(trial)) for trial in trials]
     return success
 
