@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tyro
@@ -31,6 +31,9 @@ from mcpilco.cli.sweep import parse_seeds
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown, rate, rate_cell
+
+if TYPE_CHECKING:
+    from mcpilco.plant import Plant
 
 HERE = Path(__file__).parent
 
@@ -77,13 +80,12 @@ def main() -> int:
 def solve(tier: str, seed: int) -> dict[str, Any]:
     """What was hidden, and what was found in its recordings."""
     job.one_thread()
-    from envs.plants import PLANTS
     from mcpilco.gap.investigate import investigate
     from mcpilco.gap.report import to_json
     from mcpilco.recordings import read_recordings
 
     case = draw(seed, TIERS[tier])
-    plant = PLANTS[case.plant]()
+    plant = nominal(case.plant)
     layout = plant.layout
     with tempfile.TemporaryDirectory() as folder:
         paths = write(case, Path(folder))
@@ -107,11 +109,23 @@ def solve(tier: str, seed: int) -> dict[str, Any]:
         "truth": list(case.effects),
         "verdict": told["verdict"],
         "found": told["effects"],
+        "where": told["where"],
         "error": told["error"],
         "events": told["events"],
         "cpu_s": spent,
         "machine": job.machine(),
     }
+
+
+def nominal(name: str) -> Plant:
+    """The plant of an env, or of an MJCF file beside this one."""
+    if name.endswith(".xml"):
+        from mcpilco.mjcf import plant_of
+
+        return plant_of(HERE / name)
+    from envs.plants import PLANTS
+
+    return PLANTS[name]()
 
 
 def write(case: Case, folder: Path) -> list[Path]:

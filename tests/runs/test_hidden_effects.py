@@ -1,0 +1,72 @@
+"""The recordings of the hidden effects are those of the nominal plants where nothing is hidden."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
+
+
+@pytest.fixture(scope="module")
+def modules() -> Iterator[dict[str, ModuleType]]:
+    """truth, cases and run, under the names by which they import one another."""
+    loaded = {}
+    for name in ("truth", "cases", "run"):
+        spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = loaded[name] = module
+        spec.loader.exec_module(module)
+    yield loaded
+    for name in loaded:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mcpilco/CartPoleSwingUp-v0",
+        "mcpilco/Pendulum-v0",
+        "mcpilco/DoublePendulum-v0",
+        "rotary_pendulum.xml",
+    ],
+)
+def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
+    modules: dict[str, ModuleType], name: str
+) -> None:
+    cases, truth = modules["cases"], modules["truth"]
+    system = cases.SYSTEMS[name]
+    J, U = len(system.joints), len(system.inputs)
+    plant = modules["run"].nominal(name)
+    assert plant.layout.states == system.states
+    assert plant.layout.inputs == system.inputs
+    assert plant.layout.joints == system.joints
+    rng = np.random.default_rng(0)
+    start = rng.normal(0.0, 0.5, 2 * J)
+    commands = np.stack([cases.excitation(rng, limit, 1)[:50] for limit in system.limit], axis=1)
+    joint = np.zeros((J, truth.NUMBERS))
+    joint[:, truth.VISCOUS] = system.viscous
+    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
+    theirs = truth.simulate(
+        system.kind,
+        start,
+        commands.copy(),
+        np.zeros((U, 2 * J)),
+        0.02,
+        np.array(system.body),
+        joint,
+        actuator,
+        np.array(system.drives),
+        cases.GRAVITY,
+        2e-3,
+    )
+    ours = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
+    np.testing.assert_allclose(ours, theirs, atol=2e-5)
