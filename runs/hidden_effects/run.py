@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import tyro
 from cases import TIERS, Case, draw
+from confusion import write_picture
 
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
@@ -181,7 +182,8 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [naming(found), numbers(found), missed(found)] if found else ["Not measured yet."]
+    parts = [naming(found), numbers(found), places(found), pictures(found, out), missed(found)]
+    parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
@@ -206,7 +208,7 @@ def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     rows = []
     for tier, cases in found.items():
         errors, covered = accuracy([case for case in cases if right(case)])
-        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and c["found"]]
+        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]
         rows.append(
             (
@@ -222,6 +224,55 @@ def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     header = ("tier", "median error of parameters [%]", "95 % intervals that hold the truth [%]")
     header += ("gap closed: median, tenth percentile [%]", "CPU: median, worst [s]")
     return markdown(header, rows)
+
+
+def mended(case: Mapping[str, Any]) -> bool:
+    """Whether something was added to the nominal plant: an effect, or a learned force."""
+    return bool(case["found"]) or any("joint" in part for part in case["where"])
+
+
+def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Of effects that are not in the catalogue, how often the joint is told in which they act."""
+    rows = []
+    for kind in dict.fromkeys(
+        e.get("kind", "") for c in found.get("outside", []) for e in c["truth"]
+    ):
+        cases = [case for case in found["outside"] if case["truth"][0].get("kind") == kind]
+        unknown = [case for case in cases if case["verdict"] == "unknown"]
+        told = [part for case in unknown if (part := in_joint(case)) is not None]
+        closed = [case["error"]["closed"]["value"] for case in unknown if mended(case)]
+        rows.append(
+            (
+                kind,
+                str(len(cases)),
+                str(len(unknown)),
+                str(len(told)),
+                rate_cell(rate(told)) if told else "-",
+                f"{100 * np.median(closed):.1f}" if closed else "-",
+            )
+        )
+    header = ("outside", "cases", "unknown", "force learned", "in the right joint [%]")
+    table = markdown((*header, "gap closed: median [%]"), rows)
+    return f"### What is not in the catalogue\n\n{table}" if rows else ""
+
+
+def in_joint(case: Mapping[str, Any]) -> bool | None:
+    """Whether the largest learned force is in a joint where one was hidden; None without one."""
+    told = [part for part in case["where"] if "joint" in part]
+    if not told:
+        return None
+    effect = case["truth"][0]
+    return effect["kind"] == "coupling" or told[0]["joint"] == effect["target"]
+
+
+def pictures(found: Mapping[str, Sequence[Mapping[str, Any]]], out: Path) -> str:
+    """What was hidden against what was named, a picture a tier."""
+    paths = {
+        tier: write_picture(tier, cases, out / f"confusion-{tier}.png")
+        for tier, cases in found.items()
+    }
+    lines = [f"![Hidden against named, {tier}]({path.name})" for tier, path in paths.items()]
+    return "### What was hidden, and what was named\n\n" + "\n\n".join(lines)
 
 
 def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool]]:

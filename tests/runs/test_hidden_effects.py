@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
 
 @pytest.fixture(scope="module")
 def modules() -> Iterator[dict[str, ModuleType]]:
-    """truth, cases and run, under the names by which they import one another."""
+    """The modules of the run, under the names by which they import one another."""
     loaded = {}
-    for name in ("truth", "cases", "run"):
+    for name in ("truth", "cases", "confusion", "run"):
         spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
@@ -70,3 +71,43 @@ def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
     )
     ours = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
     np.testing.assert_allclose(ours, theirs, atol=2e-5)
+
+
+def case(hidden: list[str], verdict: str, named: list[str]) -> dict[str, Any]:
+    truth = [{"name": name, "target": "cart"} for name in hidden]
+    return {"truth": truth, "verdict": verdict, "found": [{"name": name} for name in named]}
+
+
+def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleType]) -> None:
+    cases = [
+        case(["spring"], "named", ["spring"]),
+        case(["spring", "armature"], "named", ["spring", "body_mass", "actuator_gain"]),
+        case(["spring", "armature"], "named", ["spring"]),
+        case([], "named", ["spring"]),
+        case([], "none", []),
+        case(["spring"], "unknown", ["armature"]),
+    ]
+    outside = case(["outside"], "unknown", ["spring"])
+    outside["truth"][0]["kind"] = "detent"
+    counts = modules["confusion"].confusions([*cases, outside])
+    assert counts == {
+        ("spring", "spring"): 3,
+        ("armature", "body_mass"): 0.5,
+        ("armature", "actuator_gain"): 0.5,
+        ("armature", "none"): 1,
+        ("none", "spring"): 1,
+        ("none", "none"): 1,
+        ("spring", "unknown"): 1,
+        ("detent", "unknown"): 1,
+    }
+
+
+def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
+    modules: dict[str, ModuleType],
+) -> None:
+    in_joint = modules["run"].in_joint
+    hidden = [{"name": "outside", "kind": "patch", "target": "elbow"}]
+    channel = {"channel": "elbow_angle", "share": 1.0, "condition": "everywhere alike"}
+    assert in_joint({"truth": hidden, "where": [channel]}) is None
+    assert in_joint({"truth": hidden, "where": [{**channel, "joint": "elbow"}, channel]})
+    assert not in_joint({"truth": hidden, "where": [{**channel, "joint": "shoulder"}, channel]})
