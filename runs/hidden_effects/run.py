@@ -26,6 +26,7 @@ import numpy as np
 import tyro
 from cases import TIERS, Case, draw
 from confusion import write_picture
+from peers import peers
 
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
@@ -111,6 +112,7 @@ def solve(tier: str, seed: int) -> dict[str, Any]:
         "verdict": told["verdict"],
         "found": told["effects"],
         "where": told["where"],
+        "peers": {name: list(map(list, terms)) for name, terms in peers(plant, good).items()},
         "error": told["error"],
         "events": told["events"],
         "cpu_s": spent,
@@ -189,18 +191,32 @@ def write_readme(out: Path) -> None:
 
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right."""
-    rows = [
-        (
-            tier,
-            str(len(cases)),
-            rate_cell(rate([right(case) for case in cases])),
-            rate_cell(rate([in_family(case) for case in cases])),
-            rate_cell(rate([misnamed(case) for case in cases])),
-        )
-        for tier, cases in found.items()
-    ]
+    rows = []
+    for tier, cases in found.items():
+        names = dict.fromkeys(name for case in cases for name in case["peers"])
+        by_method = {tier: cases}
+        by_method |= {f"{tier}: {name}": [as_told_by(name, c) for c in cases] for name in names}
+        rows += [
+            (
+                method,
+                str(len(told)),
+                rate_cell(rate([right(case) for case in told])),
+                rate_cell(rate([in_family(case) for case in told])),
+                rate_cell(rate([misnamed(case) for case in told])),
+            )
+            for method, told in by_method.items()
+        ]
     header = ("tier", "cases", "right [%]", "right, or in a family [%]", "wrong and sure [%]")
     return markdown(header, rows)
+
+
+def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
+    """The case with what another method names; that is sure, and has no families."""
+    named = [
+        {"name": name, "target": target, "family": [name], "probability": 1.0}
+        for name, target in case["peers"][peer]
+    ]
+    return {**case, "found": named, "verdict": "named" if named else "none"}
 
 
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:

@@ -12,6 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mcpilco.effects import CATALOGUE
+from mcpilco.plant import Active
+from mcpilco.recordings import Recording
+
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
 
 
@@ -19,7 +23,7 @@ HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
 def modules() -> Iterator[dict[str, ModuleType]]:
     """The modules of the run, under the names by which they import one another."""
     loaded = {}
-    for name in ("truth", "cases", "confusion", "run"):
+    for name in ("truth", "cases", "confusion", "peers", "run"):
         spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
@@ -111,3 +115,19 @@ def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
     assert in_joint({"truth": hidden, "where": [channel]}) is None
     assert in_joint({"truth": hidden, "where": [{**channel, "joint": "elbow"}, channel]})
     assert not in_joint({"truth": hidden, "where": [{**channel, "joint": "shoulder"}, channel]})
+
+
+def test_the_peers_get_regressors_that_hold_the_missing_force(
+    modules: dict[str, ModuleType],
+) -> None:
+    plant = modules["run"].nominal("mcpilco/Pendulum-v0")
+    hidden = Active(CATALOGUE["spring"], "pendulum"), (0.2,)
+    torque = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 20), 20)[:, None]
+    start = np.array([[0.3, 0.0]])
+    states = plant.having([hidden]).simulate(start, torque[None, :-1], 0.02)[0]
+    layout = plant.layout
+    time = 0.02 * np.arange(len(torque))
+    recording = Recording("r", time, states, torque, layout.states, layout.inputs)
+    terms, columns, missing = modules["peers"].regression(plant, [recording])
+    spring = columns[:, terms.index(("spring", "pendulum"))]
+    assert spring @ missing / (spring @ spring) == pytest.approx(0.2, rel=0.05)
