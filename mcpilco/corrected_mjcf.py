@@ -35,6 +35,8 @@ OUTSIDE = {
     "sensor": "apply it to what is measured",
 }
 """what to do about an effect that MJCF cannot say, by its place"""
+LEARNED = "let mcpilco.learned_mjcf.passive_forces add it in MuJoCo's callback of passive forces"
+"""what to do about a learned force"""
 
 
 def write_corrected_mjcf(source: str | Path, correction: Correction, path: str | Path) -> list[str]:
@@ -49,7 +51,7 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
         path: the file to write.
 
     Returns:
-        A sentence for each effect that MJCF cannot say, with what to do instead.
+        A sentence for each effect and learned force that MJCF cannot say, with what to do instead.
 
     Raises:
         InputError: the file is no plant, or the correction does not fit it.
@@ -62,6 +64,7 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     for name, value in correction.parameters.items():
         model.set(name, value)
     left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
+    left += [f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned]
     model.finish()
     _move_assets(model.spec, source.parent, path.parent)
     try:

@@ -11,6 +11,7 @@ from typing import Any
 
 from mcpilco.archive import write_bytes
 from mcpilco.effects import CATALOGUE, Symbol
+from mcpilco.effects.learned import Axis, LearnedForce
 from mcpilco.plant import Active, Plant
 from mcpilco.typing import InputError
 
@@ -66,6 +67,8 @@ class Correction:
     """physical parameters that are not nominal, by name"""
     effects: tuple[Addition, ...]
     """what the nominal plant lacks"""
+    learned: tuple[LearnedForce, ...] = ()
+    """forces that it lacks and no effect explains"""
 
 
 def correction_of(plant: Plant, nominal: Plant) -> Correction:
@@ -80,7 +83,7 @@ def correction_of(plant: Plant, nominal: Plant) -> Correction:
         )
         for active, values in plant.added
     )
-    return Correction(plant.name, changed, tuple(effects))
+    return Correction(plant.name, changed, tuple(effects), plant.learned)
 
 
 def corrected(plant: Plant, correction: Correction) -> Plant:
@@ -94,9 +97,9 @@ def corrected(plant: Plant, correction: Correction) -> Plant:
             f"The correction is for the plant {correction.plant!r}, got {plant.name!r}; if they "
             'are the same system, change "plant" in the correction.'
         )
-    return plant.where(**correction.parameters).having(
-        [(Active(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
-    )
+    named = [(Active(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
+    changed = plant.where(**correction.parameters).having(named)
+    return changed.with_learned(correction.learned)
 
 
 def write_correction(path: str | Path, correction: Correction) -> Path:
@@ -105,7 +108,7 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    content = {
+    content: dict[str, Any] = {
         "format": FORMAT,
         "plant": correction.plant,
         "parameters": dict(correction.parameters),
@@ -121,6 +124,8 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
             for effect in correction.effects
         ],
     }
+    if correction.learned:
+        content["learned"] = [_grid(force) for force in correction.learned]
     return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
 
 
@@ -149,7 +154,8 @@ def correction_from(content: Any) -> Correction:
     Raises:
         InputError: a part is missing, unknown or of another kind.
     """
-    content = _object(content, "it", ("format", "plant", "parameters", "effects"))
+    content = {"learned": [], **_object(content, "it")}
+    content = _object(content, "it", ("format", "plant", "parameters", "effects", "learned"))
     if content["format"] != FORMAT or isinstance(content["format"], bool):
         raise InputError(f'"format" must be {FORMAT}, got {_short(content["format"])}.')
     plant, effects = content["plant"], content["effects"]
@@ -160,7 +166,10 @@ def correction_from(content: Any) -> Correction:
     parameters = _object(content["parameters"], '"parameters"')
     for name, value in parameters.items():
         _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
-    return Correction(plant, parameters, tuple(map(_addition, effects)))
+    if not isinstance(content["learned"], list):
+        raise InputError(f'"learned" must be a list, got {_short(content["learned"])}.')
+    learned = tuple(map(_learned, content["learned"]))
+    return Correction(plant, parameters, tuple(map(_addition, effects)), learned)
 
 
 def _addition(content: Any) -> Addition:
@@ -171,6 +180,37 @@ def _addition(content: Any) -> Addition:
     values = _object(content["parameters"], f'"parameters" of {content["name"]}')
     infinite = {name: math.inf if value is None else value for name, value in values.items()}
     return Addition(content["name"], content["target"], infinite)
+
+
+def _grid(force: LearnedForce) -> dict[str, Any]:
+    """A learned force as a file holds it; eight digits of its weights are more than are known."""
+    weights = [float(f"{weight:.8g}") for weight in force.weights]
+    return {"joint": force.joint, "axes": list(map(vars, force.axes)), "weights": weights}
+
+
+def _learned(content: Any) -> LearnedForce:
+    content = _object(content, "a learned force", ("joint", "axes", "weights"))
+    joint, axes, weights = content["joint"], content["axes"], content["weights"]
+    if not isinstance(joint, str):
+        raise InputError(f'"joint" of a learned force must be a word, got {_short(joint)}.')
+    for name, part in (("axes", axes), ("weights", weights)):
+        if not isinstance(part, list):
+            raise InputError(f'"{name}" of a learned force must be a list, got {_short(part)}.')
+    for weight in weights:
+        _require_value(f"a weight of the learned force at {joint}", weight, Symbol("weight", "-"))
+    return LearnedForce(joint, tuple(map(_axis, axes)), tuple(map(float, weights)))
+
+
+def _axis(content: Any) -> Axis:
+    content = _object(content, "an axis", ("of", "low", "high", "knots", "slow"))
+    if not isinstance(content["of"], str):
+        raise InputError(f'"of" of an axis must be a word, got {_short(content["of"])}.')
+    if not isinstance(content["knots"], int) or isinstance(content["knots"], bool):
+        raise InputError(f'"knots" of an axis must be a count, got {_short(content["knots"])}.')
+    for name in ("low", "high", "slow"):
+        _require_value(f"{name} of the axis {content['of']}", content[name], Symbol(name, "-"))
+    ends = {name: float(content[name]) for name in ("low", "high", "slow")}
+    return Axis(of=content["of"], knots=content["knots"], **ends)
 
 
 def _object(content: Any, name: str, keys: tuple[str, ...] | None = None) -> dict[str, Any]:

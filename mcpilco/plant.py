@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import CATALOGUE, Effect
+from mcpilco.effects.learned import Axis, LearnedForce, tabulate
 from mcpilco.mechanics import Chain, stack
 from mcpilco.simulation import Layout, Stepper, Tables, simulate
 from mcpilco.simulation.tables import IDEAL_ACTUATOR, IDEAL_SENSOR
@@ -68,6 +69,8 @@ class Plant:
     """effects of the nominal plant"""
     added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
     """effects that were found, with their values"""
+    learned: tuple[LearnedForce, ...] = ()
+    """forces that were learned, where no effect explains what is missing"""
     angles: tuple[int, ...] = ()
     """which states are angles [rad]"""
     masses: Mapping[str, str] = field(default_factory=dict)
@@ -107,6 +110,16 @@ class Plant:
         more = tuple((active, tuple(map(float, values))) for active, values in effects)
         return replace(self, added=self.added + more)
 
+    def with_learned(self, forces: Sequence[LearnedForce]) -> Plant:
+        """This plant with some learned forces more.
+
+        Raises:
+            InputError: a force at a joint, or over a state or input, that it does not have.
+        """
+        for force in forces:
+            force.require(self.layout)
+        return replace(self, learned=(*self.learned, *forces))
+
     @property
     def nominal(self) -> Float[np.ndarray, " P"]:
         """Values of the parameters, each in its unit."""
@@ -138,6 +151,8 @@ class Plant:
         parameters: Float[np.ndarray, "S P"],
         actives: Sequence[Active] = (),
         values: Sequence[Float[np.ndarray, "S _"]] = (),
+        grids: Sequence[tuple[str, tuple[Axis, ...]]] = (),
+        weights: Sequence[Float[np.ndarray, "S _"]] = (),
     ) -> Tables:
         """S systems, for a simulation.
 
@@ -145,6 +160,8 @@ class Plant:
             parameters: of each system, in the order of `Plant.parameters`.
             actives: further effects.
             values: for each of them, its values in each system.
+            grids: further learned forces: joint and grid of each.
+            weights: for each of them, its weights in each system.
         """
         S, layout = len(parameters), self.layout
         names = [parameter.name for parameter in self.parameters]
@@ -158,6 +175,12 @@ class Plant:
             drives=np.array(layout.drives),
             actuators=np.tile(np.array(IDEAL_ACTUATOR), (S, len(layout.drives), 1)),
             sensors=np.tile(np.array(IDEAL_SENSOR), (S, len(layout.states), 1)),
+            learned=tabulate(
+                layout,
+                [*((force.joint, force.axes) for force in self.learned), *grids],
+                [*(np.tile(force.weights, (S, 1)) for force in self.learned), *weights],
+                S,
+            ),
         )
         rows = iter(range(len(forces)))
         places = [self._at(active, rows) for active in everything]

@@ -28,7 +28,7 @@ class Gap:
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
     """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
-    """folder for gap.json, corrected.json, report.html and gap.rrd"""
+    """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
     """id of an env, or an MJCF file"""
     columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
@@ -72,6 +72,8 @@ class Gap:
             correction = correction_of(gap.corrected, plant)
             write_correction(self.out / "corrected.json", correction)
             written.append("corrected.json")
+            if Path(self.plant).suffix == ".xml":
+                written += self._write_mjcf(gap)
         for line in summary(gap):
             print(line)
         written += self._draw(gap)
@@ -79,6 +81,23 @@ class Gap:
         if "gap.rrd" in written:
             print(f"Look at it with: mcpilco view {self.out}")
         return 0
+
+    def _write_mjcf(self, gap: Investigated) -> list[str]:
+        """The corrected model, where it can be written; says what MJCF cannot say of it."""
+        from mcpilco.corrected_mjcf import write_corrected_mjcf
+        from mcpilco.correction import correction_of
+        from mcpilco.mjcf import plant_of
+
+        path = self.out / "corrected.xml"
+        correction = correction_of(gap.corrected, plant_of(self.plant))
+        try:
+            left = write_corrected_mjcf(self.plant, correction, path)
+        except McPilcoError as error:
+            print(f"mcpilco: without corrected.xml: {error}", file=sys.stderr)
+            return []
+        for sentence in left:
+            print(f"Not in corrected.xml: {sentence}")
+        return [path.name]
 
     def _draw(self, gap: Investigated) -> list[str]:
         """The files of pictures that are written; what cannot be drawn loses nothing else."""

@@ -12,12 +12,13 @@ from jaxtyping import Float
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
+from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.residual_force import explain, respond
-from mcpilco.gap.show import Comparison, Models, compare, path
+from mcpilco.gap.show import Comparison, Models, compare, path, shrunk
 from mcpilco.gap.validate import most_predictive
-from mcpilco.gap.where import Disagreement, locate, structure
+from mcpilco.gap.where import Disagreement, locate, located, structure
 from mcpilco.gap.windows import SECONDS, Windows, cut
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording, noise_std
@@ -35,6 +36,8 @@ PREDICTED = 0.3
 """part of what is left that forces of state and command explain, beyond which it is an effect"""
 LEFT = 0.3
 """part of the gap that may be left over in any case"""
+MOST = 0.1
+"""part of the gap that effects may leave over and still stay where a force is learned too"""
 LARGE, UNEVEN = 3.0, 3.0
 """misfit of a sample over the noise, and its unevenness, that no noise has"""
 FEWEST = 6
@@ -75,6 +78,11 @@ class Gap:
     """the models that were compared, to look at them further"""
     recordings: tuple[Recording, ...] = ()
     """all of them"""
+
+    @property
+    def mended(self) -> bool:
+        """Whether the corrected plant has effects or learned forces that the nominal one lacks."""
+        return bool(self.corrected.added[len(self.plant.added) :] or self.corrected.learned)
 
 
 def investigate(
@@ -120,18 +128,29 @@ def investigate(
     if far.any() or len(explained):
         best, windows = _finish(best, windows[~far].joined(explained[explained.of(train)]))
     unseen = cut([recordings[n] for n in held_out], std, every=EVERY_S)
-    spans = events(masked, recordings)
     null = _refit(found.null, windows)
     named = weigh(found, best, windows)
     verdict = "unknown" if _something_else(best, null, windows) else "named" if named else "none"
-    corrected = _corrected(best)
-    models = Models(model, null, best, path(found, best))
+    where = locate(best if verdict == "unknown" else null, windows)
+    spans, final = events(masked, recordings), best
+    if verdict == "unknown":
+        base = best if _explains_most(best, null, windows) else null
+        every = windows.joined(masked[masked.of(train)])
+        short = cut([recordings[n] for n in train], std, seconds=SHORT_S)
+        learned = learn(base, _usable(base, every), _usable(base, short))
+        others = events(_explained(moved(learned, windows), windows, masked)[0], recordings)
+        clear = outside(others, unseen, names[1])
+        if all(shrunk(known, learned, clear).low > 0.0 for known in (null, best)):
+            spans, final = others, learned
+            named = named if base is best else ()
+            where = (*located(learned, windows), *where)
+    models = Models(model, null, final, path(found, best) if named else ())
     return Gap(
         plant=plant,
         verdict=verdict,
         named=named,
-        corrected=corrected,
-        where=locate(best if verdict == "unknown" else null, windows),
+        corrected=_corrected(final),
+        where=where,
         comparison=compare(models, outside(spans, unseen, names[1])),
         events=spans,
         experiments=tuple(experiments(found, best, windows)),
@@ -281,14 +300,26 @@ def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
     return explain(respond(best, windows)).share > PREDICTED
 
 
+def _explains_most(best: Fit, null: Fit, windows: Windows) -> bool:
+    """Whether the effects of a model that does not fit are to stay beside what is learned."""
+    left, gap = structure(best, windows), structure(null, windows)
+    return bool(best.model.named) and left.excess < MOST * gap.excess
+
+
+def _usable(base: Fit, windows: Windows) -> Windows:
+    """Windows without what is read wrongly, as far as they remember their starts."""
+    kept = remembered(base.model, windows, base.theta, windows.guess)
+    return without_spikes(moved(base, kept), kept)
+
+
 def _corrected(best: Fit) -> Plant:
-    """The plant with the effects and parameters of a fit."""
+    """The plant with the effects, parameters and learned forces of a fit."""
     parameters, _ = best.model.decode(best.theta[None])
     names = [parameter.name for parameter in best.model.plant.parameters]
     changed = {name: float(parameters[0, names.index(name)]) for name in best.model.priors}
     freed = len(best.model.freed)
     pairs = [(active, values[0]) for active, values in best.model.told(best.theta[None])[freed:]]
-    return best.model.plant.where(**changed).having(pairs)
+    return best.model.plant.where(**changed).having(pairs).with_learned(learned_of(best))
 
 
 def _too_poor(plant: Plant, windows: Windows, names: Sequence[tuple[str, ...]]) -> Gap:

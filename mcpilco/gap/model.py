@@ -10,10 +10,14 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Scale
+from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import Tables
+
+COORDINATE_STEP = 0.03
+"""of finite differences over the coordinates of a learned force, in their prior std"""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,8 @@ class Model:
 
     freed: tuple[Active, ...] = ()
     """effects that come down to an uncertain parameter, whose prior is lifted instead"""
+    learned: tuple[GridForce, ...] = ()
+    """forces that no effect explains; their coordinates stand last in theta"""
 
     @property
     def named(self) -> tuple[Active, ...]:
@@ -116,10 +122,16 @@ class Model:
         return spans
 
     @cached_property
+    def _coordinates(self) -> int:
+        """How many coordinates of learned forces stand last in theta."""
+        return sum(force.basis.shape[1] for force in self.learned)
+
+    @cached_property
     def logarithmic(self) -> np.ndarray:
         """Which entries of theta are logarithms."""
         symbols = [s for active in self.actives for s in active.effect.symbols]
-        return np.array([False] * self.nuisances + [_positive(s) for s in symbols], dtype=bool)
+        known = [False] * self.nuisances + [_positive(s) for s in symbols]
+        return np.array(known + [False] * self._coordinates, dtype=bool)
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -129,13 +141,15 @@ class Model:
         low += [np.log(s.low) if _positive(s) else s.low for s in symbols]
         high = [np.inf] * self.nuisances
         high += [np.log(s.high) if _positive(s) else s.high for s in symbols]
-        return np.array(low), np.array(high)
+        free = np.full(self._coordinates, np.inf)
+        return np.append(low, -free), np.append(high, free)
 
     @cached_property
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
         precision[: self.nuisances] = [std**-2 for std in self.priors.values()]
+        precision[len(precision) - self._coordinates :] = 1.0
         return precision
 
     def decode(
@@ -152,7 +166,14 @@ class Model:
     def tables(self, theta: Float[np.ndarray, "S n"]) -> Tables:
         """S systems, for a simulation."""
         parameters, values = self.decode(theta)
-        return self.plant.tables(parameters, self.actives, values)
+        grids = [force.grid for force in self.learned]
+        return self.plant.tables(parameters, self.actives, values, grids, self.weights(theta))
+
+    def weights(self, theta: Float[np.ndarray, "S n"]) -> list[Float[np.ndarray, "S _"]]:
+        """Weights of the splines of each learned force."""
+        ends = np.cumsum([force.basis.shape[1] for force in self.learned])
+        parts = np.split(theta[:, theta.shape[1] - self._coordinates :], ends[:-1], axis=1)
+        return [part @ force.basis.T for part, force in zip(parts, self.learned, strict=False)]
 
     def steps(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Steps for finite differences: felt above rounding, and too small to bend."""
@@ -165,16 +186,17 @@ class Model:
             usual[usual == 0.0] = 1e-2
             steps.append(usual)
         found = np.concatenate(steps)
-        found[self.logarithmic] = 0.03
+        theta, ours = theta[: len(found)], self.logarithmic[: len(found)]
+        found[ours] = 0.03
         found[self.nuisances :] = np.where(
-            self.logarithmic[self.nuisances :],
+            ours[self.nuisances :],
             found[self.nuisances :],
             np.minimum(
                 found[self.nuisances :],
                 np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :]),
             ),
         )
-        return found
+        return np.append(found, np.full(self._coordinates, COORDINATE_STEP))
 
 
 def _positive(symbol) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 from mcpilco.archive import write_bytes
 from mcpilco.gap.investigate import Gap
+from mcpilco.gap.where import Disagreement
 
 FORMAT = 1
 
@@ -29,12 +30,17 @@ def to_json(gap: Gap) -> dict[str, Any]:
             }
             for named in gap.named
         ],
-        "where": [vars(part) for part in gap.where],
+        "where": [_place(part) for part in gap.where],
         "error": _error(gap),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {"train": list(gap.train), "held_out": list(gap.held_out)},
     }
+
+
+def _place(part: Disagreement) -> dict[str, Any]:
+    """A disagreement; the joint only where it is one in a joint."""
+    return {name: value for name, value in vars(part).items() if name != "joint" or value}
 
 
 def _error(gap: Gap) -> dict[str, Any] | None:
@@ -79,10 +85,11 @@ def summary(gap: Gap) -> list[str]:
         instead = f"; it could be {' or '.join(others)} as well" if others else ""
         sure = f"{100 * named.probability:.0f} %"
         lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
-    if gap.where:
-        worst = gap.where[0]
-        share = f"{100 * worst.share:.0f} % of the misfit"
-        lines.append(f"Missed most is {worst.channel} ({share}), {worst.condition}.")
+    lines += [f"  At {part.joint} {part.condition} is missing." for part in gap.where if part.joint]
+    missed = [part for part in gap.where if not part.joint]
+    if missed:
+        share = f"{100 * missed[0].share:.0f} % of the misfit"
+        lines.append(f"Missed most is {missed[0].channel} ({share}), {missed[0].condition}.")
     if gap.comparison is not None:
         found = gap.comparison
         lines.append(
@@ -90,12 +97,14 @@ def summary(gap: Gap) -> list[str]:
             f"{short(found.nominal)}, refitted {short(found.refit)}, corrected "
             f"{short(found.corrected)}, noise alone {short(found.noise_floor)}."
         )
-    if gap.comparison is not None and gap.named:
+    if gap.comparison is not None and gap.mended:
         closed = gap.comparison.closed
         lines.append(
             f"The gap is closed by {100 * closed.value:.1f} % "
             f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
         )
+    if gap.corrected.learned:
+        lines.append("What is missing was learned as a force, which corrected.json holds.")
     lines += [
         f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
         "which no model explains."
@@ -114,8 +123,14 @@ def cautions(gap: Gap) -> list[str]:
     ]
     if gap.verdict == "unknown":
         said.append(
-            "What is left over is no noise, and no effect of the catalogue explains it: the force "
-            "that is left over and the times of the misfit tell where to look."
+            "What is left over is no noise, and no effect of the catalogue explains it: "
+            + (
+                "a force without a name was learned in its place. Away from what was recorded it "
+                "is 0."
+                if gap.corrected.learned
+                else "no force of state and command that predicts held-out recordings better was "
+                "found either; the times of the misfit tell where to look."
+            )
         )
     said += [
         f"{event.recording} was left out from {event.start_s:.1f} to {event.end_s:.1f} s, for no "

@@ -26,6 +26,8 @@ HOLD_S = 0.06
 """time for which a force is held [s]"""
 LENGTHSCALES = 0.05, 0.2
 """of the GP, where each coordinate ranges over about 2: a contact is sharp, a spring is not"""
+SLOW = 0.1
+"""speed, in the rms of a joint's, below which speeds are spread out"""
 STRENGTHS = 1e-2, 1e-1, 1.0
 """std of the GP that are tried, in usual forces of a joint"""
 FOLDS = 4
@@ -72,11 +74,11 @@ class Response:
         return K
 
 
-def respond(found: Fit, windows: Windows) -> Response:
-    """How the residuals of a fit answer to forces in the joints."""
+def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
+    """How the residuals of a fit answer to forces in the joints, each held for `hold_s` seconds."""
     lin = linearise(found.model, windows, found.theta, found.starts, over_theta=False)
     layout = found.model.plant.layout
-    J, hold = len(layout.joints), max(1, round(HOLD_S / windows.dt))
+    J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
     usual = np.array([found.model.scales[name].force for name in layout.joints])
     columns = np.stack([_answers(found, windows, j, first, hold, usual[j]) for j in range(J)], 2)
@@ -140,17 +142,26 @@ def _coordinates(
     Speeds near 0 are spread out: there dry friction turns over.
     """
     middle = np.minimum(first + hold // 2, windows.y.shape[2] - 1)
+    moves = motion(windows)
+    J = windows.y.shape[1] // 2
+    for j in range(J):
+        v = moves[:, :, 2 * j + 1]
+        slow = SLOW * np.sqrt(np.mean(v**2)) + 1e-12
+        moves[:, :, 2 * j + 1] = np.arcsinh(v / slow)
+    scaled = [_centred(moves[:, :, c]) for c in range(moves.shape[2])]
+    return np.stack([coordinate[:, middle] for coordinate in scaled], axis=2)
+
+
+def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
+    """Positions and speeds, as [q1, q1', q2, ...] by what was measured, and then the commands."""
     found = []
     for j in range(windows.y.shape[1] // 2):
         q = _filled(windows.y[:, 2 * j])
         v = np.gradient(q, windows.dt, axis=1)
         kernel = np.ones(3) / 3.0
-        v = np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")
-        slow = 0.1 * np.sqrt(np.mean(v**2)) + 1e-12
-        found += [_centred(q), _centred(np.arcsinh(v / slow))]
+        found += [q, np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")]
     used = windows.commands[:, windows.lead :]
-    found += [_centred(used[:, :, u]) for u in range(used.shape[2])]
-    return np.stack([coordinate[:, middle] for coordinate in found], axis=2)
+    return np.concatenate([np.stack(found, axis=2), used], axis=2)
 
 
 def _filled(q: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:

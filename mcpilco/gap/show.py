@@ -53,7 +53,7 @@ class Models:
     @property
     def shown(self) -> tuple[str, ...]:
         """Which plants to look at beside one another; one alone where nothing was corrected."""
-        if self.corrected.model.named:
+        if self.corrected.model.named or self.corrected.model.learned:
             return (self.baseline, "corrected")
         return ("nominal",) if self.baseline == "nominal" else ("nominal", "refit")
 
@@ -214,8 +214,11 @@ def _steps(
     """The errors of the nominal plant, the refitted one, and those with more and more effects."""
     parts = {"nominal": by_window["nominal"], "parameters refitted": by_window["refit"]}
     before: tuple = models.refit.model.named
+    pushed: set[str] = set()
     for known in (*models.steps, models.corrected):
         added = [str(active) for active in known.model.named if active not in before]
+        added += [f"learned force ({joint})" for joint in sorted(_pushed(known) - pushed)]
+        pushed |= _pushed(known)
         before = known.model.named
         if known is models.corrected:
             squares = by_window["corrected"]
@@ -224,6 +227,33 @@ def _steps(
         if added:
             parts[" + ".join(added)] = squares
     return tuple(Step(name, _with_interval(squares, draws)) for name, squares in parts.items())
+
+
+def _pushed(known: Fit) -> set[str]:
+    """The joints in which a fit has learned forces."""
+    return {force.joint for force in known.model.learned}
+
+
+def shrunk(before: Fit, after: Fit, windows: Windows) -> Interval:
+    """By which part the error at the end of windows is smaller, with an interval; below 0: larger.
+
+    Args:
+        before: a fit.
+        after: another.
+        windows: that neither has seen.
+    """
+    kept = remembered(after.model, windows, after.theta, windows.guess)
+    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
+    if whole.sum() >= FEWEST:
+        windows = windows[np.flatnonzero(whole)]
+    ends = [at_end(error(windows, free_run(f.model, f.theta, windows))) for f in (before, after)]
+
+    def part(drawn: np.ndarray) -> np.ndarray:
+        old, new = (_mean_rms(squares, drawn) for squares in ends)
+        return 1.0 - new / old
+
+    low, high = np.percentile(part(_draws(len(windows))), [2.5, 97.5])
+    return Interval(float(part(np.ones((1, len(windows))))[0]), float(low), float(high))
 
 
 def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:

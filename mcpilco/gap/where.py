@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, residual, run
+from mcpilco.gap.learn import places
 from mcpilco.gap.windows import Windows
 
 LAGS = 8
@@ -16,14 +17,16 @@ LAGS = 8
 
 @dataclass(frozen=True)
 class Disagreement:
-    """A share of the misfit."""
+    """A share of the misfit, or of a force that was learned to explain it."""
 
     channel: str
-    """state whose measurement is missed"""
+    """state whose measurement is missed; of a force, the position of its joint"""
     share: float
-    """of the squared misfit beyond the noise [-]"""
+    """of the squared misfit beyond the noise, or of the squared force [-]"""
     condition: str
     """when it is largest, in words"""
+    joint: str = ""
+    """in which a force is missing; empty where only a measurement is told of"""
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,31 @@ def locate(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
     return tuple(sorted(shares, key=lambda share: -share.share))
 
 
+def located(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
+    """The joints and regions in which a fit's learned force acts, the largest first."""
+    layout = found.model.plant.layout
+    told = []
+    for place in places(found, windows):
+        force, joint = place.force, place.force.joint
+        regions = [
+            f"{axis.of} {low:.2g} to {high:.2g} {_unit(found, axis.of, joint)}"
+            for axis, (low, high) in zip(force.axes, place.within, strict=True)
+        ]
+        size = f"{place.largest:.2g} {layout.unit_of(joint)[1]}"
+        condition = f"a force of up to {size} at {' and '.join(regions)}"
+        channel = layout.states[2 * layout.joints.index(joint)]
+        told.append(Disagreement(channel, place.share, condition, joint))
+    return tuple(told)
+
+
+def _unit(found: Fit, name: str, joint: str) -> str:
+    """Of a state, or of the force of an input's actuator."""
+    layout = found.model.plant.layout
+    if name in layout.states:
+        return layout.units[layout.states.index(name)]
+    return layout.unit_of(layout.actuator(layout.inputs.index(name)))[1]
+
+
 def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
     """What goes with large residuals of windows: fast or slow motion, large or small commands."""
     layout = found.model.plant.layout
@@ -102,8 +130,8 @@ def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str
     traits: dict[str, np.ndarray] = {}
     for j, joint in enumerate(layout.joints):
         q = windows.y[:, 2 * j]
-        traits[f"|{layout.states[2 * j]}|"] = np.nanmean(np.abs(q), axis=1)
-        traits[f"speed of {joint}"] = np.nanmean(np.abs(np.gradient(q, axis=1)), axis=1)
+        traits[f"|{layout.states[2 * j]}|"] = _mean(np.abs(q))
+        traits[f"speed of {joint}"] = _mean(np.abs(np.gradient(q, axis=1)))
     for u, name in enumerate(layout.inputs):
         used = windows.commands[:, windows.lead :, u]
         traits[f"|{name}|"] = np.abs(used).mean(axis=1)
@@ -114,6 +142,12 @@ def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str
     if abs(ranks[name]) < 0.3:
         return "everywhere alike"
     return f"at {'large' if ranks[name] > 0.0 else 'small'} {name}"
+
+
+def _mean(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, " W"]:
+    """Of what is known in each window; 0 where nothing is."""
+    known = np.isfinite(x)
+    return np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
 
 
 def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:

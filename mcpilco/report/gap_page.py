@@ -47,13 +47,13 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
     found = gap.comparison
     if found is None:
         return tiles
-    if gap.named:
+    if gap.mended:
         closed = found.closed
         ends = f"({100 * closed.low:.1f} to {100 * closed.high:.1f} %)"
         tiles.append((f"of the gap is closed {ends}", f"{100 * closed.value:.1f} %"))
     after = f"after {found.horizon_s:g} s, in noise std"
     tiles.append((f"nominal error {after}", short(found.nominal)))
-    name = "corrected" if gap.named else "refitted"
+    name = "corrected" if gap.mended else "refitted"
     tiles.append((f"{name} error {after}", short(found.corrected)))
     tiles.append(("what noise alone does", short(found.noise_floor)))
     return tiles
@@ -63,6 +63,8 @@ def _sections(gap: Gap) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     if gap.named:
         yield made("What is missing", partial(sections.effects, gap))
+    if gap.corrected.learned:
+        yield made("What was learned", partial(sections.learned, gap))
     if gap.comparison is not None:
         yield made("Errors on held-out recordings", partial(sections.worth, gap, gap.comparison))
     if gap.models is not None:

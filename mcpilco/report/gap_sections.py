@@ -55,6 +55,23 @@ def effects(gap: Gap) -> Section:
     )
 
 
+def learned(gap: Gap) -> Section:
+    """The joints and regions in which a force was learned."""
+    rows = [
+        (part.joint, part.condition, f"{100 * part.share:.0f} %")
+        for part in gap.where
+        if part.joint
+    ]
+    return Section(
+        "What was learned",
+        "No effect of the catalogue explains what is left over. A force of state and command was "
+        "learned in its place; it is in corrected.json, and 0 away from what was recorded. An MJCF "
+        "file cannot hold it. Told is the shortest range with most of the force.",
+        (),
+        [Table(("joint", "missing there", "share of the force"), rows)],
+    )
+
+
 def interval(estimate: Estimate) -> str:
     """A value with its unit and 95 % interval."""
     ends = f"{estimate.low:.4g} to {estimate.high:.4g}"
@@ -65,7 +82,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
     """The errors on held-out recordings, and how they shrink."""
     times = found.windows.dt * np.arange(found.windows.y.shape[2])
     steps = [step.error for step in found.steps]
-    names = [name for name in found.over_time if gap.named or name != "corrected"]
+    names = [name for name in found.over_time if gap.mended or name != "corrected"]
     errors_over_time = {name: found.over_time[name] for name in names}
     growth = partial(plot_growth, times, errors_over_time, found.bands)
     shrink = partial(
@@ -82,7 +99,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
     ]
     same = not set(gap.train).isdisjoint(gap.held_out)
     return Section(
-        "What adding it is worth" if gap.named else "Errors on held-out recordings",
+        "What adding it is worth" if gap.mended else "Errors on held-out recordings",
         f"Free runs through {len(found.windows)} windows "
         + (
             "of the recordings, which were fitted too: there are too few to hold some out. "
@@ -110,12 +127,12 @@ def force(gap: Gap, models: Models) -> Section:
     left = {name: leftover(*plants[name], _without_events(gap), _std(gap)) for name in models.shown}
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
-        "The force that is missing" if gap.named else "The force that is left over",
+        "The force that is missing" if gap.mended else "The force that is left over",
         f"What the {models.shown[0]} plant would need at a joint to move as the recordings do, as "
         f"a mean over {SPAN_S:g} s. A curve over the velocity is friction, one over the position a "
         "spring or the weight, one over the command the actuator; the lines are medians, half of "
         "all values lie within the bands."
-        + (" What the corrected plant leaves over should be flat." if gap.named else ""),
+        + (" What the corrected plant leaves over should be flat." if gap.mended else ""),
         pictures,
         columns=2,
     )
@@ -175,7 +192,11 @@ def when(gap: Gap, models: Models) -> Section:
             label = f"{channel}, {name}"
             plot = partial(plot_time_map, found.edges, names, found.misfit[x], label, events, most)
             pictures.append(draw(f"Misfit of {label}", plot, left=0.2, right=0.94, top=0.91))
-    rows = [(part.channel, f"{100 * part.share:.0f} %", part.condition) for part in gap.where]
+    rows = [
+        (part.channel, f"{100 * part.share:.0f} %", part.condition)
+        for part in gap.where
+        if not part.joint
+    ]
     return Section(
         "When they disagree",
         f"The misfit of windows of a second, their starts fitted, by the {_listed(models.shown)} "

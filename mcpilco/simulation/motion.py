@@ -20,6 +20,7 @@ from numba import njit
 from mcpilco.mechanics.compiled import INLINED, factorise, linearise, scratch, solve
 from mcpilco.mechanics.planar import linearise_in_plane
 from mcpilco.simulation.laws import joint_force, turn_over
+from mcpilco.simulation.learned import learned_force, place_on
 from mcpilco.simulation.tables import (
     DEAD_ZONE,
     DELAY,
@@ -87,6 +88,28 @@ def shaped(actuators, s, u, command, previous):
 
 
 @njit(**INLINED)
+def drive(tables, s, u, actuated, since):
+    """Force that input u is at, `since` seconds into a segment."""
+    lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
+    if lag > 0.0:
+        x += (actuated[u, 0] - x) * math.exp(-since / lag)
+    return x
+
+
+@njit(**INLINED)
+def grid_place(tables, s, k, a, q, v, actuated, since):
+    """Where a motion is on axis a of the grid of learned force k; 0 where there is no such axis."""
+    axis, J = tables.learned.axis[k, a], len(q)
+    if axis < 0:
+        return 0.0
+    if axis >= 2 * J:
+        x = drive(tables, s, axis - 2 * J, actuated, since)
+    else:
+        x = v[axis // 2] if axis % 2 else q[axis // 2]
+    return place_on(tables.learned, k, a, x)
+
+
+@njit(**INLINED)
 def derivative(tables, s, q, v, actuated, since, w, kv, row):
     """Accelerations at positions q and velocities v, `since` seconds into a segment, into kv[row].
 
@@ -101,15 +124,16 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
     for j in range(J):
         w.x[j] = -w.bias[j]
     for u in range(len(tables.drives)):
-        lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
-        if lag > 0.0:
-            x += (actuated[u, 0] - x) * math.exp(-since / lag)
-        w.x[tables.drives[u]] += x
+        w.x[tables.drives[u]] += drive(tables, s, u, actuated, since)
     for i in range(len(tables.law)):
         j = tables.joint[i]
         a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
         c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
         w.x[j] += joint_force(tables.law[i], q[j], v[j], a, b, c, d)
+    for k in range(len(tables.learned.joint)):
+        x = grid_place(tables, s, k, 0, q, v, actuated, since)
+        y = grid_place(tables, s, k, 1, q, v, actuated, since)
+        w.x[tables.learned.joint[k]] += learned_force(tables.learned, s, k, x, y)
     solve(w, w.x)
     for j in range(J):
         kv[row, j] = w.x[j]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mcpilco.mechanics import Chains
+from mcpilco.simulation.learned import Learned
 
 GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE = range(7)
 """columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command]"""
@@ -34,3 +35,5 @@ class Tables(NamedTuple):
     """from command to force, see `GAIN` to `RANGE`"""
     sensors: Float[np.ndarray, "S X 3"]
     """from state to measurement, see `OFFSET` to `LATENCY`"""
+    learned: Learned
+    """forces in joints that no formula gives"""

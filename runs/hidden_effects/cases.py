@@ -27,6 +27,7 @@ from truth import (
     PATCH,
     PENDULUM,
     PLUS,
+    ROTARY_PENDULUM,
     SIN,
     SPEED,
     SPRING,
@@ -59,6 +60,8 @@ class System:
     """usual at each joint"""
     speed: tuple[float, ...]
     slides: tuple[bool, ...]
+    swings: tuple[bool, ...]
+    """whether gravity pulls at the joint: elsewhere its zero and its center cannot be seen"""
 
 
 SYSTEMS = {
@@ -75,6 +78,7 @@ SYSTEMS = {
         (3.0, 0.6),
         (0.8, 4.0),
         (True, False),
+        (False, True),
     ),
     "mcpilco/Pendulum-v0": System(
         PENDULUM,
@@ -89,6 +93,7 @@ SYSTEMS = {
         (1.2,),
         (4.0,),
         (False,),
+        (True,),
     ),
     "mcpilco/DoublePendulum-v0": System(
         DOUBLE_PENDULUM,
@@ -103,6 +108,22 @@ SYSTEMS = {
         (1.2, 0.35),
         (4.0, 5.0),
         (False, False),
+        (True, True),
+    ),
+    "rotary_pendulum.xml": System(
+        ROTARY_PENDULUM,
+        ("arm_position", "arm_velocity", "rod_position", "rod_velocity"),
+        ("torque",),
+        ("arm", "rod"),
+        ("arm", "rod"),
+        (0,),
+        (0.2,),
+        ((0.3, 0.03, 0.004, 0.2), (0.2, 0.04, 0.011, 0.4)),
+        (0.02, 0.0005),
+        (0.1, 0.25),
+        (4.0, 5.0),
+        (False, False),
+        (False, True),
     ),
 }
 
@@ -287,11 +308,11 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         told = {symbol: float(value) for symbol, (_, value) in forms[name].items()}
         return {"name": name, "target": system.joints[j], "parameters": told}
     if name in BODY:
-        hinges = [j for j in range(len(system.bodies)) if not system.slides[j]]
+        swinging = [j for j in range(len(system.bodies)) if system.swings[j]]
         j = (
             int(rng.integers(len(system.bodies)))
             if name == "body_mass"
-            else int(rng.choice(hinges))
+            else int(rng.choice(swinging))
         )
         part = size * rng.uniform(0.1, 0.3) * rng.choice([-1, 1])
         if name == "body_mass":
@@ -305,7 +326,10 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
             body[j, 2] = inertia - m * c**2 + m * (c + value) ** 2
         else:
             value = abs(part) * body[j, 2]
-            body[j, 2] += value
+            if system.kind == ROTARY_PENDULUM:  # about the hinge alone, which the arm does not turn
+                joint[j, ARMATURE] += value
+            else:
+                body[j, 2] += value
         return {
             "name": name,
             "target": system.bodies[j],
@@ -328,7 +352,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         return {"name": name, "target": target, "parameters": {SYMBOL[name]: float(value)}}
     positions = list(range(0, len(system.states), 2))
     if name == "sensor_offset":  # the zero of a cart's position can be seen by nothing
-        positions = [k for k in positions if not system.slides[k // 2]]
+        positions = [k for k in positions if system.swings[k // 2]]
     k = int(rng.choice(positions))
     value = {
         "sensor_offset": rng.uniform(0.03, 0.1) * size * rng.choice([-1, 1]),

@@ -20,17 +20,22 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import tyro
 from cases import TIERS, Case, draw
+from confusion import write_picture
+from peers import peers
 
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown, rate, rate_cell
+
+if TYPE_CHECKING:
+    from mcpilco.plant import Plant
 
 HERE = Path(__file__).parent
 
@@ -77,13 +82,12 @@ def main() -> int:
 def solve(tier: str, seed: int) -> dict[str, Any]:
     """What was hidden, and what was found in its recordings."""
     job.one_thread()
-    from envs.plants import PLANTS
     from mcpilco.gap.investigate import investigate
     from mcpilco.gap.report import to_json
     from mcpilco.recordings import read_recordings
 
     case = draw(seed, TIERS[tier])
-    plant = PLANTS[case.plant]()
+    plant = nominal(case.plant)
     layout = plant.layout
     with tempfile.TemporaryDirectory() as folder:
         paths = write(case, Path(folder))
@@ -107,11 +111,24 @@ def solve(tier: str, seed: int) -> dict[str, Any]:
         "truth": list(case.effects),
         "verdict": told["verdict"],
         "found": told["effects"],
+        "where": told["where"],
+        "peers": {name: list(map(list, terms)) for name, terms in peers(plant, good).items()},
         "error": told["error"],
         "events": told["events"],
         "cpu_s": spent,
         "machine": job.machine(),
     }
+
+
+def nominal(name: str) -> Plant:
+    """The plant of an env, or of an MJCF file beside this one."""
+    if name.endswith(".xml"):
+        from mcpilco.mjcf import plant_of
+
+        return plant_of(HERE / name)
+    from envs.plants import PLANTS
+
+    return PLANTS[name]()
 
 
 def write(case: Case, folder: Path) -> list[Path]:
@@ -167,24 +184,39 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [naming(found), numbers(found), missed(found)] if found else ["Not measured yet."]
+    parts = [naming(found), numbers(found), places(found), pictures(found, out), missed(found)]
+    parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right."""
-    rows = [
-        (
-            tier,
-            str(len(cases)),
-            rate_cell(rate([right(case) for case in cases])),
-            rate_cell(rate([in_family(case) for case in cases])),
-            rate_cell(rate([misnamed(case) for case in cases])),
-        )
-        for tier, cases in found.items()
-    ]
+    rows = []
+    for tier, cases in found.items():
+        names = dict.fromkeys(name for case in cases for name in case["peers"])
+        by_method = {tier: cases}
+        by_method |= {f"{tier}: {name}": [as_told_by(name, c) for c in cases] for name in names}
+        rows += [
+            (
+                method,
+                str(len(told)),
+                rate_cell(rate([right(case) for case in told])),
+                rate_cell(rate([in_family(case) for case in told])),
+                rate_cell(rate([misnamed(case) for case in told])),
+            )
+            for method, told in by_method.items()
+        ]
     header = ("tier", "cases", "right [%]", "right, or in a family [%]", "wrong and sure [%]")
     return markdown(header, rows)
+
+
+def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
+    """The case with what another method names; that is sure, and has no families."""
+    named = [
+        {"name": name, "target": target, "family": [name], "probability": 1.0}
+        for name, target in case["peers"][peer]
+    ]
+    return {**case, "found": named, "verdict": "named" if named else "none"}
 
 
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -192,7 +224,7 @@ def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     rows = []
     for tier, cases in found.items():
         errors, covered = accuracy([case for case in cases if right(case)])
-        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and c["found"]]
+        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]
         rows.append(
             (
@@ -208,6 +240,55 @@ def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     header = ("tier", "median error of parameters [%]", "95 % intervals that hold the truth [%]")
     header += ("gap closed: median, tenth percentile [%]", "CPU: median, worst [s]")
     return markdown(header, rows)
+
+
+def mended(case: Mapping[str, Any]) -> bool:
+    """Whether something was added to the nominal plant: an effect, or a learned force."""
+    return bool(case["found"]) or any("joint" in part for part in case["where"])
+
+
+def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Of effects that are not in the catalogue, how often the joint is told in which they act."""
+    rows = []
+    for kind in dict.fromkeys(
+        e.get("kind", "") for c in found.get("outside", []) for e in c["truth"]
+    ):
+        cases = [case for case in found["outside"] if case["truth"][0].get("kind") == kind]
+        unknown = [case for case in cases if case["verdict"] == "unknown"]
+        told = [part for case in unknown if (part := in_joint(case)) is not None]
+        closed = [case["error"]["closed"]["value"] for case in unknown if mended(case)]
+        rows.append(
+            (
+                kind,
+                str(len(cases)),
+                str(len(unknown)),
+                str(len(told)),
+                rate_cell(rate(told)) if told else "-",
+                f"{100 * np.median(closed):.1f}" if closed else "-",
+            )
+        )
+    header = ("outside", "cases", "unknown", "force learned", "in the right joint [%]")
+    table = markdown((*header, "gap closed: median [%]"), rows)
+    return f"### What is not in the catalogue\n\n{table}" if rows else ""
+
+
+def in_joint(case: Mapping[str, Any]) -> bool | None:
+    """Whether the largest learned force is in a joint where one was hidden; None without one."""
+    told = [part for part in case["where"] if "joint" in part]
+    if not told:
+        return None
+    effect = case["truth"][0]
+    return effect["kind"] == "coupling" or told[0]["joint"] == effect["target"]
+
+
+def pictures(found: Mapping[str, Sequence[Mapping[str, Any]]], out: Path) -> str:
+    """What was hidden against what was named, a picture a tier."""
+    paths = {
+        tier: write_picture(tier, cases, out / f"confusion-{tier}.png")
+        for tier, cases in found.items()
+    }
+    lines = [f"![Hidden against named, {tier}]({path.name})" for tier, path in paths.items()]
+    return "### What was hidden, and what was named\n\n" + "\n\n".join(lines)
 
 
 def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool]]:

@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 
 STEP = 2.5e-4
-CART_POLE, PENDULUM, DOUBLE_PENDULUM = range(3)
+CART_POLE, PENDULUM, DOUBLE_PENDULUM, ROTARY_PENDULUM = range(4)
+AXIAL = 1e-5  # inertia of the rotary pendulum's rod about its length
 # numbers of a joint
 (
     VISCOUS,
@@ -68,6 +69,14 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
         m12 = h * math.cos(q[1])
         f0 = t0 + h * math.sin(q[1]) * v[1] ** 2
         f1 = t1 - h * g * math.sin(q[1])
+    elif kind == ROTARY_PENDULUM:
+        # 2 T = (J + m r^2 + I s^2 + A c^2) a'^2 + 2 h r c a' b' + I b'^2,  V = -h g c
+        h, inertia, r = body[1, 1], body[1, 2], body[0, 3]
+        s, c = math.sin(q[1]), math.cos(q[1])
+        m11 = body[0, 2] + body[1, 0] * r**2 + inertia * s**2 + AXIAL * c**2 + joint[0, ARMATURE]
+        m12, m22 = h * r * c, inertia + joint[1, ARMATURE]
+        f0 = t0 - 2.0 * (inertia - AXIAL) * s * c * v[0] * v[1] + h * r * s * v[1] ** 2
+        f1 = t1 + (inertia - AXIAL) * s * c * v[0] ** 2 - h * g * s
     else:
         length = body[0, 3]
         h2, c2, s2 = body[1, 1], math.cos(q[1]), math.sin(q[1])

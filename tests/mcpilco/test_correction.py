@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,6 +23,7 @@ from mcpilco.correction import (
     write_correction,
 )
 from mcpilco.effects import CATALOGUE
+from mcpilco.effects.learned import Axis, LearnedForce
 from mcpilco.typing import InputError
 
 CART_POLE = "mcpilco/CartPoleSwingUp-v0"
@@ -30,6 +32,11 @@ WHOLE = {
     "plant": CART_POLE,
     "parameters": {"cart_mass": 0.51},
     "effects": [{"name": "coulomb_friction", "target": "cart", "parameters": {"f_c": 0.3}}],
+}
+LEARNED = {
+    "joint": "pole",
+    "axes": [{"of": "pole_angle", "low": -1.0, "high": 1.0, "knots": 4, "slow": 0.0}],
+    "weights": [0.0, 0.25, -0.25, 0.0],
 }
 
 
@@ -51,6 +58,23 @@ def test_corrected_plant_survives_its_file(tmp_path, name):
     assert again.added == plant.added
 
 
+def test_learned_forces_survive_their_file_and_an_env_simulates_them(tmp_path):
+    axes = Axis("pole_angle", -4.0, 4.0, 12), Axis("force", -6.0, 6.0, 5)
+    weights = np.random.default_rng(0).normal(0.0, 0.3, 60).astype(np.float32)
+    nominal = cart_pole()
+    plant = nominal.with_learned([LearnedForce("pole", axes, tuple(map(float, weights)))])
+    path = write_correction(tmp_path / "corrected.json", correction_of(plant, nominal))
+    again = corrected(nominal, read_correction(path))
+    assert again.learned[0].axes == axes
+    np.testing.assert_allclose(again.learned[0].weights, weights, rtol=1e-7)
+    moved = []
+    for effects in (None, path):
+        env = gymnasium.make(CART_POLE, effects=effects)
+        env.reset(seed=0)
+        moved.append(env.step(np.array([3.0], dtype=np.float32))[0])
+    assert np.abs(moved[1] - moved[0]).max() > 0.01
+
+
 def test_correction_of_the_nominal_plant_is_empty():
     assert correction_of(cart_pole(), cart_pole()) == Correction(CART_POLE, {}, ())
 
@@ -69,6 +93,14 @@ def test_correction_changes_the_motion():
 
 def damaged(**changes):
     return {**WHOLE, **changes}
+
+
+def learned(**changes):
+    return damaged(learned=[{**LEARNED, **changes}])
+
+
+def axis(**changes):
+    return learned(axes=[{**LEARNED["axes"][0], **changes}])
 
 
 def effect(**changes):
@@ -98,6 +130,19 @@ def effect(**changes):
         (effect(parameters={"f_c": math.nan}), "must be a finite number at least 0, got nan"),
         (effect(parameters={"f_c": True}), "must be a finite number"),
         (effect(parameters={"f_c": 0.1, "v_r": 0.0}), "at least 0.0005 and at most 0.1"),
+        (damaged(learned={}), '"learned" must be a list'),
+        (damaged(learned=[{}]), 'a learned force must have "joint", "axes", "weights"'),
+        (learned(joint=1), '"joint" of a learned force must be a word, got 1'),
+        (learned(axes={}), '"axes" of a learned force must be a list'),
+        (learned(axes=[]), "must have one axis or two, got 0"),
+        (learned(weights=[0.0]), "must have 4 finite weights, one a knot, got 1"),
+        (learned(weights=[0.0, 0.0, 0.0, None]), "a weight .* must be a finite number, got None"),
+        (learned(weights=[0.0, 0.0, 0.0, "x"]), "a weight .* must be a finite number, got 'x'"),
+        (axis(knots=True), '"knots" of an axis must be a count, got True'),
+        (axis(knots=10**9), "4 to 200 knots"),
+        (axis(of=None), '"of" of an axis must be a word'),
+        (axis(low=math.nan), "low of the axis pole_angle must be a finite number, got nan"),
+        (axis(slow=-1.0), "slow >= 0"),
     ],
 )
 def test_wrong_file_gets_a_sentence_that_names_the_part(tmp_path, content, sentence):
@@ -145,9 +190,14 @@ JSON = st.recursive(
 
 
 @settings(max_examples=200, deadline=None)
-@given(key=st.sampled_from([*WHOLE, "name", "target", "values"]), value=JSON)
+@given(key=st.sampled_from([*WHOLE, "name", "target", "values", "learned", *LEARNED]), value=JSON)
 def test_any_content_is_a_correction_or_a_sentence(key, value):
+    if key in LEARNED:
+        content = learned(**{key: value})
+        with contextlib.suppress(InputError):
+            assert isinstance(correction_from(content), Correction)
+        return
     content = {"values": {"parameters": value}}.get(key, {key: value})
-    content = damaged(**content) if key in WHOLE else effect(**content)
+    content = damaged(**content) if key in (*WHOLE, "learned") else effect(**content)
     with contextlib.suppress(InputError):
         assert isinstance(correction_from(content), Correction)

@@ -1,0 +1,127 @@
+"""What no effect explains is learned: in its joint, where it acts, and so that an env can load it.
+
+The recordings are made by scipy's integrator.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.correction import correction_of, read_correction, write_correction
+from mcpilco.effects.learned import Axis
+from mcpilco.gap import Gap, investigate
+from mcpilco.gap.fit import Fit, fit, settle
+from mcpilco.gap.grid_force import Prior
+from mcpilco.gap.learn import SHORT_S, learn, learned_of, places
+from mcpilco.gap.model import Model, scales
+from mcpilco.gap.report import summary, to_json
+from mcpilco.gap.show import shrunk
+from mcpilco.gap.windows import Windows, cut
+from mcpilco.recordings import Recording
+from tests.mcpilco.gap.pendulum import STD, Force, record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
+
+
+def detent(q: float, v: float) -> float:
+    """A magnet that draws the pendulum to 0.4 rad."""
+    return -0.3 * (q - 0.4) / 0.1 * float(np.exp(-(((q - 0.4) / 0.1) ** 2)))
+
+
+def feeding(q: float, v: float) -> float:
+    return 0.25 * v / (1.0 + v * v)
+
+
+def nothing(q: float, v: float) -> float:
+    return 0.0
+
+
+def recordings(force: Force, count: int, seed: int = 1) -> list[Recording]:
+    rng = np.random.default_rng(seed)
+    return [record(rng, force, number) for number in range(count)]
+
+
+def nominal_fit(measured: list[Recording]) -> tuple[Fit, Windows]:
+    windows = cut(measured, np.array([STD, 1.0]))
+    model = Model(PLANT, (), {}, scales(PLANT, windows))
+    starts = settle(model, windows, np.zeros(0), windows.guess)
+    return fit(model, windows, np.zeros(0), starts), windows
+
+
+def test_a_detent_is_learned_where_it_is_and_the_error_on_unseen_recordings_shrinks() -> None:
+    measured = recordings(detent, 5)
+    before, windows = nominal_fit(measured[:3])
+    short = cut(measured[:3], np.array([STD, 1.0]), seconds=SHORT_S)
+    after = learn(before, windows, short)
+    (place,) = places(after, windows)
+    assert [axis.of for axis in place.force.axes] == ["angle"]
+    ((low, high),) = place.within
+    assert -0.1 < low < 0.4 < high < 0.9
+    q = np.linspace(0.2, 0.6, 30)
+    np.testing.assert_allclose(place.force.at(q), [detent(x, 0.0) for x in q], atol=0.06)
+    unseen = cut(measured[3:], np.array([STD, 1.0]), every=0.3)
+    assert shrunk(before, after, unseen).low > 0.0
+
+
+def test_of_noise_nothing_is_learned() -> None:
+    measured = recordings(nothing, 2)
+    before, windows = nominal_fit(measured)
+    short = cut(measured, np.array([STD, 1.0]), seconds=SHORT_S)
+    assert learned_of(learn(before, windows, short)) == ()
+
+
+@pytest.fixture(scope="module")
+def fed() -> Gap:
+    return investigate(PLANT, recordings(feeding, 4))
+
+
+def test_an_unknown_force_is_learned_and_closes_the_gap_on_held_out_recordings(fed: Gap) -> None:
+    assert fed.verdict == "unknown"
+    assert {force.joint for force in fed.corrected.learned} == {"pendulum"}
+    assert fed.where[0].joint == "pendulum"
+    assert fed.comparison is not None
+    assert fed.comparison.closed.low > 0.8
+    assert "learned force (pendulum)" in [step.added for step in fed.comparison.steps]
+
+
+def test_the_summary_says_in_which_joint_and_where(fed: Gap) -> None:
+    assert any(line.startswith("  At pendulum a force of up to 0.") for line in summary(fed))
+    (place, *others) = to_json(fed)["where"]
+    assert place["joint"] == "pendulum"
+    assert all("joint" not in other for other in others)
+
+
+def test_an_env_simulates_what_was_learned(fed: Gap, tmp_path: Path) -> None:
+    path = write_correction(tmp_path / "corrected.json", correction_of(fed.corrected, PLANT))
+    assert len(read_correction(path).learned) == len(fed.corrected.learned)
+    env = gymnasium.make("mcpilco/Pendulum-v0", effects=path)
+    env.reset(seed=0)
+    env.step(np.array([0.5], dtype=np.float32))
+    start, push = np.array([[0.5, 1.0]]), np.zeros((1, 50, 1))
+    apart = fed.corrected.simulate(start, push, 0.02) - PLANT.simulate(start, push, 0.02)
+    assert np.abs(apart).max() > 0.1
+
+
+def test_far_from_what_was_recorded_the_learned_force_is_nothing(fed: Gap) -> None:
+    for force in fed.corrected.learned:
+        far = [np.array([1e6]) for _ in force.axes]
+        assert force.at(*far) == 0.0
+
+
+def test_the_prior_of_a_grid_is_the_product_of_those_over_its_axes() -> None:
+    axes = Axis("angle", -1.0, 1.0, 9), Axis("velocity", -4.0, 4.0, 7, slow=0.2)
+    prior = Prior.of(axes, (0.4, 1.0), least=0.0)
+    weights = prior.weights(np.eye(len(prior.kept[0])))
+    parts = [
+        np.exp(-0.5 * ((axis.places[:, None] - axis.places) / lengthscale) ** 2)
+        for axis, lengthscale in zip(axes, (0.4, 1.0), strict=True)
+    ]
+    np.testing.assert_allclose(weights @ weights.T, np.kron(*parts), atol=1e-9)
+    x = [np.array([0.3, -0.2]), np.array([1.0, -2.0])]
+    rows = (axes[0].splines(x[0])[:, :, None] * axes[1].splines(x[1])[:, None]).reshape(2, -1)
+    np.testing.assert_allclose(prior.features(x), rows @ weights, atol=1e-12)

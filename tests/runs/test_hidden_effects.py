@@ -1,0 +1,133 @@
+"""The recordings of the hidden effects are those of the nominal plants where nothing is hidden."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mcpilco.effects import CATALOGUE
+from mcpilco.plant import Active
+from mcpilco.recordings import Recording
+
+HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
+
+
+@pytest.fixture(scope="module")
+def modules() -> Iterator[dict[str, ModuleType]]:
+    """The modules of the run, under the names by which they import one another."""
+    loaded = {}
+    for name in ("truth", "cases", "confusion", "peers", "run"):
+        spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = loaded[name] = module
+        spec.loader.exec_module(module)
+    yield loaded
+    for name in loaded:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mcpilco/CartPoleSwingUp-v0",
+        "mcpilco/Pendulum-v0",
+        "mcpilco/DoublePendulum-v0",
+        "rotary_pendulum.xml",
+    ],
+)
+def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
+    modules: dict[str, ModuleType], name: str
+) -> None:
+    cases, truth = modules["cases"], modules["truth"]
+    system = cases.SYSTEMS[name]
+    J, U = len(system.joints), len(system.inputs)
+    plant = modules["run"].nominal(name)
+    assert plant.layout.states == system.states
+    assert plant.layout.inputs == system.inputs
+    assert plant.layout.joints == system.joints
+    rng = np.random.default_rng(0)
+    start = rng.normal(0.0, 0.5, 2 * J)
+    commands = np.stack([cases.excitation(rng, limit, 1)[:50] for limit in system.limit], axis=1)
+    joint = np.zeros((J, truth.NUMBERS))
+    joint[:, truth.VISCOUS] = system.viscous
+    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
+    theirs = truth.simulate(
+        system.kind,
+        start,
+        commands.copy(),
+        np.zeros((U, 2 * J)),
+        0.02,
+        np.array(system.body),
+        joint,
+        actuator,
+        np.array(system.drives),
+        cases.GRAVITY,
+        2e-3,
+    )
+    ours = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
+    np.testing.assert_allclose(ours, theirs, atol=2e-5)
+
+
+def case(hidden: list[str], verdict: str, named: list[str]) -> dict[str, Any]:
+    truth = [{"name": name, "target": "cart"} for name in hidden]
+    return {"truth": truth, "verdict": verdict, "found": [{"name": name} for name in named]}
+
+
+def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleType]) -> None:
+    cases = [
+        case(["spring"], "named", ["spring"]),
+        case(["spring", "armature"], "named", ["spring", "body_mass", "actuator_gain"]),
+        case(["spring", "armature"], "named", ["spring"]),
+        case([], "named", ["spring"]),
+        case([], "none", []),
+        case(["spring"], "unknown", ["armature"]),
+    ]
+    outside = case(["outside"], "unknown", ["spring"])
+    outside["truth"][0]["kind"] = "detent"
+    counts = modules["confusion"].confusions([*cases, outside])
+    assert counts == {
+        ("spring", "spring"): 3,
+        ("armature", "body_mass"): 0.5,
+        ("armature", "actuator_gain"): 0.5,
+        ("armature", "none"): 1,
+        ("none", "spring"): 1,
+        ("none", "none"): 1,
+        ("spring", "unknown"): 1,
+        ("detent", "unknown"): 1,
+    }
+
+
+def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
+    modules: dict[str, ModuleType],
+) -> None:
+    in_joint = modules["run"].in_joint
+    hidden = [{"name": "outside", "kind": "patch", "target": "elbow"}]
+    channel = {"channel": "elbow_angle", "share": 1.0, "condition": "everywhere alike"}
+    assert in_joint({"truth": hidden, "where": [channel]}) is None
+    assert in_joint({"truth": hidden, "where": [{**channel, "joint": "elbow"}, channel]})
+    assert not in_joint({"truth": hidden, "where": [{**channel, "joint": "shoulder"}, channel]})
+
+
+def test_the_peers_get_regressors_that_hold_the_missing_force(
+    modules: dict[str, ModuleType],
+) -> None:
+    plant = modules["run"].nominal("mcpilco/Pendulum-v0")
+    hidden = Active(CATALOGUE["spring"], "pendulum"), (0.2,)
+    torque = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 20), 20)[:, None]
+    start = np.array([[0.3, 0.0]])
+    states = plant.having([hidden]).simulate(start, torque[None, :-1], 0.02)[0]
+    layout = plant.layout
+    time = 0.02 * np.arange(len(torque))
+    recording = Recording("r", time, states, torque, layout.states, layout.inputs)
+    terms, columns, missing = modules["peers"].regression(plant, [recording])
+    spring = columns[:, terms.index(("spring", "pendulum"))]
+    assert spring @ missing / (spring @ spring) == pytest.approx(0.2, rel=0.05)
