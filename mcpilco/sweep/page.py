@@ -11,8 +11,14 @@ from mcpilco.run_folder import read_json
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
 from mcpilco.typing import InputError
 
-BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
-"""the lines between which a page is rewritten"""
+
+def marks(name: str) -> tuple[str, str]:
+    """The lines between which a part of a page is rewritten, by its name."""
+    return f"<!-- {name}: written by run.py -->", f"<!-- end of {name} -->"
+
+
+BEGIN, END = marks("results")
+"""those of the part that most pages have"""
 
 
 def read_summaries(results: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -29,13 +35,16 @@ def read_summaries(results: Path, names: Iterable[str]) -> dict[str, dict[str, A
     return {name: read_json(path) for name, path in paths.items() if path.exists()}
 
 
-def fill(page: Path, parts: Sequence[str], template: Path | None = None) -> None:
+def fill(
+    page: Path, parts: Sequence[str], template: Path | None = None, name: str = "results"
+) -> None:
     """Put these parts between the marked lines of a page; all else in it stays.
 
     Args:
         page: a Markdown file.
         parts: paragraphs, headings and tables; empty ones are left out.
         template: what the page begins as where there is none.
+        name: which of its marked parts.
 
     Raises:
         InputError: the page has not both lines, once each and in order.
@@ -43,13 +52,14 @@ def fill(page: Path, parts: Sequence[str], template: Path | None = None) -> None
     """
     begun = page if template is None or page.exists() else template
     text = begun.read_text(encoding="utf-8")
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
+    begin, end = marks(name)
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise InputError(
-            f"{begun} must hold the lines {BEGIN} and {END}, once each, in this order."
+            f"{begun} must hold the lines {begin} and {end}, once each, in this order."
         )
-    head, tail = text.split(BEGIN)[0], text.split(END)[1]
+    head, tail = text.split(begin)[0], text.split(end)[1]
     results = "\n\n".join(part.strip() for part in parts if part)
-    write_bytes(page, f"{head}{BEGIN}\n\n{results}\n\n{END}{tail}".encode())
+    write_bytes(page, f"{head}{begin}\n\n{results}\n\n{end}{tail}".encode())
 
 
 def outcomes(summary: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ python runs/cartpole_comparison/run.py --seeds 20:21 --rows mcpilco pilco    # a
 
 Results are kept in results/<env>/<row>/, a file a seed; the same command goes on where it was
 stopped, and rewrites the pictures, and README.md between its markers, from all results that are
-there.
+there; the README of the project has the tables of experience, too.
 """
 
 from __future__ import annotations
@@ -158,6 +158,8 @@ def write_readme(out: Path) -> None:
             trained = {name: summaries[name] for name in names if not ROWS[name].amounts}
             parts += tables.thesis_tables(trained, published=system == "cartpole")
             parts += tables.experience_tables(runs)
+            if out == HERE and system == "cartpole":
+                fill(HERE.parents[1] / "README.md", tables.overview(runs), name="comparison")
     trained = {k: s for k, s in everywhere.items() if not ROWS[k.partition("/")[2]].amounts}
     parts += [costs(trained), failures(everywhere), machines(everywhere)]
     fill(out / "README.md", parts, template=HERE / "README.md")

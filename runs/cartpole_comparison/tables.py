@@ -48,19 +48,26 @@ def thesis_tables(summaries: Mapping[str, Any], published: bool) -> Sequence[str
 
 def experience_tables(runs: Sequence[Run]) -> Sequence[str]:
     """What all rows reach with seconds, minutes and an hour of experience."""
-    parts = ["#### Experience until the task is solved", solved(runs)]
-    for key, heading in {
-        "p": "Success of fresh rollouts [%], mean over seeds (95 % bootstrap interval)",
-        "cpu_s": "Processor time so far [s], interquartile mean over seeds (95 % interval)",
-    }.items():
-        measure = next(measure for measure in MEASURES if measure.key == key)
-        rows = []
-        for run in runs:
-            told = []
-            for amount in AMOUNTS:
-                known = any(same(amount, own) for own in all_amounts([run]))
-                values = list(run.at(amount, key).values()) if known else []
-                told.append(cell(estimate(values, measure, measure.statistics[0]), measure))
-            rows.append((f"`{run.name}`", str(len(run.courses)), *told))
-        parts += [f"#### {heading}", markdown(("row", "seeds", *AMOUNTS.values()), rows)]
-    return parts
+    time = "#### Processor time so far [s], interquartile mean over seeds (95 % interval)"
+    return [*overview(runs), time, reached(runs, "cpu_s")]
+
+
+def overview(runs: Sequence[Run]) -> Sequence[str]:
+    """How much experience all rows need, and how often they succeed with so much."""
+    success = "#### Success of fresh rollouts [%], mean over seeds (95 % bootstrap interval)"
+    until = "#### Experience until the task is solved"
+    return [until, solved(runs), success, reached(runs, "p")]
+
+
+def reached(runs: Sequence[Run], key: str) -> str:
+    """A table of one measure after `AMOUNTS` of experience, where it was judged."""
+    measure = next(measure for measure in MEASURES if measure.key == key)
+    rows = []
+    for run in runs:
+        told = []
+        for amount in AMOUNTS:
+            known = any(same(amount, own) for own in all_amounts([run]))
+            values = list(run.at(amount, key).values()) if known else []
+            told.append(cell(estimate(values, measure, measure.statistics[0]), measure))
+        rows.append((f"`{run.name}`", str(len(run.courses)), *told))
+    return markdown(("row", "seeds", *AMOUNTS.values()), rows)

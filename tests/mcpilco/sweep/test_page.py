@@ -4,7 +4,17 @@ import json
 
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END, costs, failures, fill, machines, outcomes, read_summaries
+from mcpilco.sweep.page import (
+    BEGIN,
+    END,
+    costs,
+    failures,
+    fill,
+    machines,
+    marks,
+    outcomes,
+    read_summaries,
+)
 from mcpilco.typing import InputError
 
 SPREAD = {"median": 30.0, "q1": 25.0, "q3": 35.04}
@@ -33,6 +43,14 @@ def test_only_what_is_between_the_marked_lines_is_rewritten(page):
     assert page.read_text() == expected
     fill(page, ["one", "two"])
     assert page.read_text() == expected
+
+
+def test_a_part_is_rewritten_by_its_name_and_the_others_stay(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    begin, end = marks("comparison")
+    path.write_text(f"{BEGIN}\nold\n{END}\n{begin}\nold too\n{end}\n")
+    fill(path, ["new"], name="comparison")
+    assert path.read_text() == f"{BEGIN}\nold\n{END}\n{begin}\n\nnew\n\n{end}\n"
 
 
 @pytest.mark.parametrize("text", ["# Mine\n", f"{END}\n{BEGIN}\n", f"{BEGIN}\n{BEGIN}\n{END}\n"])
