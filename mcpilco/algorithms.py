@@ -7,7 +7,7 @@ registers its own when it is imported, as `baselines` does and as Gymnasium's en
     algorithms.register("pilco", "baselines.pilco:PILCO")
 
 Commands, sweeps and reports know of an agent what `Agent` says, and of its class the rest of
-`mcpilco.model_based.ModelBasedAgent`.
+`mcpilco.trial_agent.TrialAgent`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     from mcpilco.callbacks import Callback
     from mcpilco.controller import Act
-    from mcpilco.model_based import ModelBasedAgent
+    from mcpilco.trial_agent import TrialAgent
 
 _HOMES = {"mcpilco": "mcpilco.agent:MCPILCO"}
 
@@ -63,7 +63,7 @@ def register(name: str, home: str) -> None:
 
     Args:
         name: what it is called on the command line and in files.
-        home: `module:Class`, of a class like `mcpilco.model_based.ModelBasedAgent`.
+        home: `module:Class`, of a class like `mcpilco.trial_agent.TrialAgent`.
 
     Raises:
         InputError: the name is taken by another class.
@@ -80,7 +80,7 @@ def names() -> list[str]:
     return sorted(_HOMES)
 
 
-def find(name: str) -> type[ModelBasedAgent]:
+def find(name: str) -> type[TrialAgent]:
     """The class of an algorithm.
 
     Raises:
@@ -95,7 +95,7 @@ def find(name: str) -> type[ModelBasedAgent]:
     return getattr(import_module(module), kind)
 
 
-def find_after_import(name: str) -> type[ModelBasedAgent]:
+def find_after_import(name: str) -> type[TrialAgent]:
     """The same where a name may be `package:name`: the package is imported first.
 
     For names that the user gives, not for those that a file on disk does: an import executes.

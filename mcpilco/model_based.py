@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import logging
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar, Self
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco.agent_file import reading, write_agent
-from mcpilco.callbacks import Callback, Progress, as_callback
-from mcpilco.config import Preset
-from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.callbacks import Callback
 from mcpilco.controller import Act, Controller, remembering
 from mcpilco.costs import held
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.episode import BrokenEpisodeError, run_episode
-from mcpilco.learning import Found, Learning, Request, answer_alone
+from mcpilco.learning import Found, Learning, Request
 from mcpilco.model import Model
+from mcpilco.model_based_file import SavedModelBased
 from mcpilco.observing import state_of, state_view
 from mcpilco.perception import Perception
 from mcpilco.policies import Bounds
 from mcpilco.reward_cost import RewardCost, costs_of, with_cost
 from mcpilco.stopwatch import Spent, Stopwatch
-from mcpilco.streams import Streams
 from mcpilco.task import TaskSpec
+from mcpilco.trial_agent import TrialAgent
 from mcpilco.typing import Cost, InputError, NotPositiveDefiniteError
 
 logger = logging.getLogger(__name__)
@@ -39,80 +35,32 @@ SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
 
 
-class ModelBasedAgent(ABC):
-    """What agents that learn by trials have in common; a subclass says model, policy and search.
+class ModelBasedAgent(TrialAgent):
+    """What agents that learn a model have in common; a subclass says model, policy and search.
 
     It is used like a stable-baselines3 algorithm:
 
         agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=0)
         agent.learn(total_timesteps=150)
         action, _ = agent.predict(observation)
+
+    The first call of `learn` spends one rollout on random inputs, or `Config.exploration` steps;
+    each further rollout is a trial: fit the model to all data, search a policy, try it.
+
+    A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
+    more, for its data; one whose env breaks off keeps the steps before. Either tells why in
+    `TrialResult.failure`, and the next trial follows.
     """
 
-    algo: ClassVar[str]
-    """what the command line and files call the algorithm, see `mcpilco.algorithms`"""
-    policy_name: ClassVar[str]
-    """what its policy is called"""
-    config_type: ClassVar[type[Any]]
-    """the dataclass of its numbers: with `horizon` and `exploration`, and all with defaults"""
-    presets: ClassVar[Mapping[str, Preset]]
-    """its named settings; one is `default`"""
+    saved_type = SavedModelBased
+    model: Model
 
-    def __init__(
-        self,
-        policy: str,
-        env: gym.Env | str,
-        *,
-        preset: str = "default",
-        config: Any = None,
-        seed: int = 0,
-        verbose: int = 0,
-        task: TaskSpec | None = None,
-    ) -> None:
-        """An agent that has learned nothing yet.
-
-        Args:
-            policy: the name of the algorithm's policy.
-            env: a Gymnasium env with one-dimensional Box spaces, or its id.
-            preset: name of a configuration, one of `presets`; with the id of the cart-pole it also
-                sets the env's keywords.
-            config: the numbers themselves; takes precedence over `preset`.
-            seed: of everything random; equal seeds give equal results.
-            verbose: 0 silent, 1 shows progress.
-            task: what to know of the env, where it does not show it as `task`; without either it
-                is guessed, with a warning, where the env's class, model or names tell.
-
-        Raises:
-            InputError: an argument is unknown.
-            EnvError: the env does not fit.
-        """
-        if policy != self.policy_name:
-            raise InputError(f'policy must be "{self.policy_name}", got {policy!r}.')
-        if preset not in self.presets:
-            raise InputError(f"preset must be one of {sorted(self.presets)}, got {preset!r}.")
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"seed must be an integer of at least 0, got {seed!r}.")
-        chosen = self.presets[preset]
-        self.config = chosen.config if config is None else config
-        keywords = chosen.keywords(env) if isinstance(env, str) and config is None else {}
-        self.env = make_env(env, **keywords)
-        self.seed = int(seed)
-        self.verbose = verbose
-        self.task = self._own_task(task_of(self.env, task))
-        self.low, self.high = input_bounds(self.env)
-        self.horizon = horizon_of(self.env, self.config.horizon)
-        self.policy = self.make_policy(self.config, self.task, self.low, self.high)
+    def _set_up(self) -> None:
+        self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
         self.model = self.make_model(self.config, self.task)
         partly = self.task.measured is not None
         self.perception = Perception(self.config.estimator, self.task) if partly else None
-        """what makes states of measurements; None where states are measured"""
-        self.streams = Streams(self.seed)
-        self.transitions: Transitions | None = None
         self.reference_cost = 1.0
-        self.trials = 0
-        """trials done, in all calls of `learn` and before a `load`"""
-        self.results: list[TrialResult] = []
-        """of these trials; a `load` does not bring them back"""
 
     @staticmethod
     @abstractmethod
@@ -165,53 +113,6 @@ class ModelBasedAgent(ABC):
         """Steps of the env that the agent has learned from."""
         return 0 if self.transitions is None else len(self.transitions)
 
-    def learn(
-        self,
-        total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
-        progress_bar: bool = False,
-    ) -> Self:
-        """Spend `total_timesteps` steps of the env, rounded up to whole rollouts; return the agent.
-
-        The first call spends one rollout on random inputs, or `Config.exploration` steps; each
-        further rollout is a trial: fit the model to all data, search a policy, try it. Calling
-        again continues.
-
-        A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
-        more, for its data; one whose env breaks off keeps the steps before. Either tells why in
-        `TrialResult.failure`, and the next trial follows.
-
-        Args:
-            total_timesteps: steps of the env.
-            callback: told of each event, see `mcpilco.callbacks`.
-            progress_bar: show progress on the screen.
-
-        Raises:
-            InputError: too few steps for a trial.
-            EnvError: the env is absent, or an episode broke off before its first step was done.
-        """
-        answer_alone(self.learning(total_timesteps, callback, progress_bar))
-        return self
-
-    def learning(
-        self,
-        total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
-        progress_bar: bool = False,
-    ) -> Learning[None]:
-        """`learn`, which stops at each search until it is sent the answer.
-
-        Several agents can so be brought to their searches, and these be answered together.
-        """
-        if isinstance(self.env, AbsentEnv):
-            self.env.reset()  # raises
-        trials = self._affordable_trials(total_timesteps)
-        shown = [Progress()] if progress_bar or self.verbose else []
-        try:
-            yield from self._learn(trials, as_callback(callback, *shown))
-        finally:
-            as_callback(shown).close()
-
     def _affordable_trials(self, total_timesteps: int) -> int:
         needed = self.timesteps_of(1)
         trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
@@ -237,7 +138,8 @@ class ModelBasedAgent(ABC):
         asked = self.config.exploration
         return self.horizon if asked is None else asked
 
-    def _learn(self, trials: int, events: Callback) -> Learning[None]:
+    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
+        trials = self._affordable_trials(total_timesteps)
         events.on_training_start(self, trials)
         if self._unexplored:
             for record in self._explore():
@@ -402,66 +304,7 @@ class ModelBasedAgent(ABC):
             InputError: the observation has another width, or is not finite; or the state belongs to
                 other observations.
         """
-        observation = np.asarray(observation, dtype=np.float64)
-        shape = self.env.observation_space.shape
-        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
-            measured = tuple(self.task.state_names[i] for i in self.task.measured_states)
-            names = "" if self.task.observed else f" {measured}"
-            raise InputError(
-                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, "
-                f"got shape {observation.shape}: {observation}."
-            )
         controller = Controller(self.policy, self.perception)
-        known = state_of(self.task, observation)
+        known = state_of(self.task, self._observation(observation))
         action, state = controller.answer(known, state, episode_start)
         return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state
-
-    def controller(self) -> Act:
-        """What acts for one episode, or a batch that begins together: from observation to action.
-
-        It remembers what `predict` returns as its state; each episode needs a new one.
-        """
-        return remembering(self.predict)
-
-    def save(self, path: str | Path) -> Path:
-        """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
-
-        Raises:
-            RunFolderError: the file cannot be written.
-        """
-        return write_agent(Path(path), self)
-
-    @classmethod
-    def load(
-        cls, path: str | Path, env: gym.Env | str | None = None, *, task: TaskSpec | None = None
-    ) -> Self:
-        """The agent that `save` wrote: it predicts the same, and `learn` goes on where it ended.
-
-        What it learns is what the saved agent would have learned, to the last digit, in an env
-        whose episodes are functions of the seed that `reset` is given.
-
-        Args:
-            path: of the file.
-            env: an env like the one it learned in, or its id; without one it can predict only.
-            task: what to know of the env, where it does not show it; else what it knew when it was
-                saved, but for a cost that was given as a function: it cannot learn on without.
-
-        Raises:
-            RunFolderError: the file is missing, damaged, or not an agent of this class and env.
-            EnvError: the env does not fit.
-        """
-        with reading(Path(path), cls.algo) as saved:
-            if env is None:
-                env = AbsentEnv(
-                    saved.task,
-                    **saved.arrays["bounds"],
-                    horizon=saved.about["horizon"],
-                    width=saved.about.get("observations"),
-                )
-            env = make_env(env)
-            if task is None and getattr(env.unwrapped, "task", None) is None:
-                task = saved.task_for(env)
-            config, seed = saved.config(cls.config_type), saved.about["seed"]
-            agent = cls(cls.policy_name, env, config=config, seed=seed, task=task)
-            saved.restore(agent)
-        return agent

@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 import math
-from abc import ABC
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, ClassVar, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
-from torch import nn
 
-from baselines.sb3.agent_file import reading, write_agent
+from baselines.sb3.agent_file import SavedSB3
 from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig
 from baselines.sb3.library import CLASSES, Told, quiet_logger, random_numbers, vector_of
 from baselines.sb3.presets import TunedPreset, shipped
 from baselines.sb3.view import View, ViewedEnv
-from mcpilco.callbacks import Callback, Progress, as_callback
-from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from mcpilco.controller import Act, remembering
+from mcpilco.callbacks import Callback
 from mcpilco.costs import held
-from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.data import Rollout, TrialResult
 from mcpilco.episode import BrokenEpisodeError, run_episode
 from mcpilco.learning import Learning
 from mcpilco.observing import state_of, state_view
 from mcpilco.reward_cost import costs_of
 from mcpilco.stopwatch import Stopwatch
-from mcpilco.streams import Streams
-from mcpilco.task import TaskSpec
+from mcpilco.trial_agent import TrialAgent
 from mcpilco.typing import InputError
 
 
-class SB3Agent(ABC):
+class SB3Agent(TrialAgent):
     """What SAC, TQC and PPO have in common.
 
     A trial is a stretch of learning, `trial_steps` steps of the env long, and then one rollout of
@@ -43,76 +37,18 @@ class SB3Agent(ABC):
     it had never stopped.
     """
 
-    algo: ClassVar[str]
-    """what the command line and files call the algorithm"""
-    policy_name: ClassVar[str] = "MlpPolicy"
-    """what its policy is called"""
-    config_type: ClassVar[type[SB3Config]]
-    """the dataclass of its numbers"""
+    policy_name = "MlpPolicy"
     presets: ClassVar[Mapping[str, TunedPreset]]
-    """its named settings, each with numbers for some envs"""
-    model: None = None
-    """of the system: it learns none"""
-    perception: None = None
-    """states are measured"""
-    transitions: Transitions | None = None
-    """none are kept for a model"""
+    saved_type = SavedSB3
 
-    def __init__(
-        self,
-        policy: str,
-        env: gym.Env | str,
-        *,
-        preset: str = "default",
-        config: Any = None,
-        seed: int = 0,
-        verbose: int = 0,
-        task: TaskSpec | None = None,
-    ) -> None:
-        """An agent that has learned nothing yet.
-
-        Args:
-            policy: "MlpPolicy".
-            env: a Gymnasium env with one-dimensional Box spaces, or its id. Where `n_envs` exceeds
-                1, the others are made as this one was.
-            preset: name of a configuration, one of `presets`.
-            config: the numbers themselves; takes precedence over `preset`.
-            seed: of everything random; equal seeds give equal results.
-            verbose: 0 silent, 1 shows progress.
-            task: what to know of the env, where it does not show it as `task`; it learns from
-                rewards alone, whatever the cost.
-
-        Raises:
-            InputError: an argument is unknown, or the task measures a part of its states.
-            EnvError: the env does not fit.
-        """
-        if policy != self.policy_name:
-            raise InputError(f'policy must be "{self.policy_name}", got {policy!r}.')
-        if preset not in self.presets:
-            raise InputError(f"preset must be one of {sorted(self.presets)}, got {preset!r}.")
-        if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"seed must be an integer of at least 0, got {seed!r}.")
-        self.env = make_env(env)
-        tuned = self.presets[preset].config_for("" if self.env.spec is None else self.env.spec.id)
-        self.config: Any = tuned if config is None else config
-        self.seed = int(seed)
-        self.verbose = verbose
-        self.task = task_of(self.env, task)
-        self.low, self.high = input_bounds(self.env)
-        self.horizon = horizon_of(self.env, self.config.horizon)
+    def _set_up(self) -> None:
         self.view = View(self.task, self.low, self.high)
         """what the networks see of observations, and what becomes of their actions"""
-        self.streams = Streams(self.seed)
         self.learner = self._new_learner()
         """the algorithm of stable-baselines3, in an env behind the view"""
-        self.policy: nn.Module = getattr(self.learner.policy, "actor", self.learner.policy)
-        """the network that acts"""
+        self.policy = getattr(self.learner.policy, "actor", self.learner.policy)
         self.borrowed_timesteps = 0
         """steps of the env that another agent has taken, and that this one has learned from too"""
-        self.trials = 0
-        """trials done, in all calls of `learn` and before a `load`"""
-        self.results: list[TrialResult] = []
-        """of these trials; a `load` does not bring them back"""
 
     def _new_learner(self) -> Any:
         def viewed(env: gym.Env) -> gym.Env:
@@ -142,49 +78,6 @@ class SB3Agent(ABC):
         """The steps that `learn` needs for so many trials."""
         return trials * self.config.trial_steps
 
-    def learn(
-        self,
-        total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
-        progress_bar: bool = False,
-    ) -> Self:
-        """Spend `total_timesteps` steps of the env, in trials; return the agent.
-
-        The number is rounded up to what the algorithm takes between two updates: PPO takes
-        `n_envs * n_steps`. Calling again continues. Unlike in stable-baselines3 the count goes on
-        too, as with `reset_num_timesteps=False`.
-
-        Args:
-            total_timesteps: steps of the env, of all its copies together.
-            callback: told of each event, see `mcpilco.callbacks`; an episode is told as a step of
-                a policy search is, with its cost, steps less rewards, as `policy/cost`.
-            progress_bar: show progress on the screen.
-
-        Raises:
-            InputError: no step.
-            EnvError: the env is absent, or misbehaves.
-        """
-        if isinstance(self.env, AbsentEnv):
-            self.env.reset()  # raises
-        if total_timesteps < 1:
-            raise InputError(f"learn needs at least 1 timestep, got {total_timesteps}.")
-        shown = [Progress()] if progress_bar or self.verbose else []
-        try:
-            self._learn(total_timesteps, as_callback(callback, *shown))
-        finally:
-            as_callback(shown).close()
-        return self
-
-    def learning(
-        self,
-        total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
-        progress_bar: bool = False,
-    ) -> Learning[None]:
-        """`learn` for a sweep: it has no search that others could answer, and runs at once."""
-        self.learn(total_timesteps, callback, progress_bar)
-        yield from ()
-
     def borrow(self, timesteps: int) -> None:
         """Count steps of the env that others have taken; random inputs are not needed then.
 
@@ -195,7 +88,9 @@ class SB3Agent(ABC):
         if timesteps:
             self.learner.learning_starts = 0
 
-    def _learn(self, total_timesteps: int, events: Callback) -> None:
+    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
+        if total_timesteps < 1:
+            raise InputError(f"learn needs at least 1 timestep, got {total_timesteps}.")
         most = self.config.trial_steps
         trials, end = math.ceil(total_timesteps / most), self.num_timesteps + total_timesteps
         events.on_training_start(self, trials)
@@ -205,6 +100,7 @@ class SB3Agent(ABC):
             self.trials = result.trial
             events.on_trial_end(result)
         events.on_training_end()
+        yield from ()  # no search is left to others
 
     def _trial(self, steps: int, events: Callback) -> TrialResult:
         """Learn for a while, then try the policy."""
@@ -270,14 +166,7 @@ class SB3Agent(ABC):
         Raises:
             InputError: the observation has another width, or is not finite.
         """
-        observation = np.asarray(observation, dtype=np.float64)
-        shape = self.env.observation_space.shape
-        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
-            raise InputError(
-                f"predict expects finite observations of {(shape or (0,))[0]} numbers, "
-                f"got shape {observation.shape}: {observation}."
-            )
-        action = self.inputs_in(state_of(self.task, observation), deterministic)
+        action = self.inputs_in(state_of(self.task, self._observation(observation)), deterministic)
         return action.astype(self.env.action_space.dtype), state
 
     def inputs_in(
@@ -293,50 +182,6 @@ class SB3Agent(ABC):
         rows = features.reshape(-1, features.shape[-1])
         actions, _ = self.learner.predict(rows, deterministic=deterministic)
         return self.view.inputs(actions).reshape(*features.shape[:-1], -1)
-
-    def controller(self) -> Act:
-        """What acts for one episode, or a batch that begins together."""
-        return remembering(self.predict)
-
-    def save(self, path: str | Path) -> Path:
-        """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
-
-        Raises:
-            RunFolderError: the file cannot be written.
-        """
-        return write_agent(Path(path), self)
-
-    @classmethod
-    def load(
-        cls, path: str | Path, env: gym.Env | str | None = None, *, task: TaskSpec | None = None
-    ) -> Self:
-        """The agent that `save` wrote: it predicts the same, and `learn` goes on where it ended.
-
-        What it learns is what the saved agent would have learned, in an env whose episodes are
-        functions of the seed that `reset` is given. The episodes that were running when it was
-        saved are not gone on with: each trial begins new ones.
-
-        Args:
-            path: of the file.
-            env: an env like the one it learned in, or its id; without one it can predict only.
-            task: what to know of the env, where it does not show it; else what it knew when it was
-                saved.
-
-        Raises:
-            RunFolderError: the file is missing, damaged, or not an agent of this class and env.
-            EnvError: the env does not fit.
-        """
-        with reading(Path(path), cls.algo) as saved:
-            if env is None:
-                width, horizon = saved.about["observations"], saved.about["horizon"]
-                env = AbsentEnv(saved.task, **saved.arrays["bounds"], horizon=horizon, width=width)
-            env = make_env(env)
-            if task is None and getattr(env.unwrapped, "task", None) is None:
-                task = saved.task
-            config, seed = saved.config(cls.config_type), saved.about["seed"]
-            agent = cls(cls.policy_name, env, config=config, seed=seed, task=task)
-            saved.restore(agent)
-        return agent
 
 
 class SACAgent(SB3Agent):

@@ -14,9 +14,9 @@ from mcpilco.typing import InputError, RunFolderError
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from mcpilco.model_based import ModelBasedAgent
     from mcpilco.run_folder import RunFolder
     from mcpilco.task import TaskSpec
+    from mcpilco.trial_agent import TrialAgent
 
 
 def use_one_thread() -> None:
@@ -32,7 +32,7 @@ def use_one_thread() -> None:
     threadpool_limits(1)
 
 
-def algorithm(name: str) -> type[ModelBasedAgent]:
+def algorithm(name: str) -> type[TrialAgent]:
     """The class of an algorithm of this package or of `baselines`.
 
     Raises:
@@ -44,7 +44,7 @@ def algorithm(name: str) -> type[ModelBasedAgent]:
     return find(name)
 
 
-def algorithm_of(run: RunFolder) -> type[ModelBasedAgent]:
+def algorithm_of(run: RunFolder) -> type[TrialAgent]:
     """The class of the algorithm that a run names, `mcpilco` where it names none.
 
     Raises:
@@ -57,7 +57,7 @@ def algorithm_of(run: RunFolder) -> type[ModelBasedAgent]:
 
 
 def numbers(
-    kind: type[ModelBasedAgent],
+    kind: type[TrialAgent],
     preset_name: str,
     env_id: str,
     horizon: int | None,
@@ -172,14 +172,14 @@ def finished_trial(run: RunFolder, asked: int | None) -> int:
     return choose_trial(run.finished_trials(), asked, none)
 
 
-def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> ModelBasedAgent:
+def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> TrialAgent:
     """The run's agent with the policy of one trial, and the estimator that it was learned behind.
 
     Raises:
         RunFolderError: a file is missing or damaged, or the files do not belong together.
         EnvError: the env does not fit.
     """
-    from mcpilco.agent_file import load_policy
+    from mcpilco.model_based_file import load_policy
 
     agent = algorithm_of(run).load(run.agent_path, env)
     name = "policy"

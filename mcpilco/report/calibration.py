@@ -6,7 +6,7 @@ A trial's models never saw the trial: its data are held out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import torch
@@ -80,13 +80,14 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
 
 
 def read_agent(history: History) -> tuple[type[ModelBasedAgent], Any]:
-    """The class of the agent, and its numbers.
+    """The class of an agent that predicts, and so has a model, and its numbers.
 
     Raises:
         RunFolderError: config.json does not hold them, or its algorithm is not known here.
     """
     try:
-        kind = find(history.run.config.get("algo", "mcpilco"))
+        found = find(history.run.config.get("algo", "mcpilco"))
+        kind = cast("type[ModelBasedAgent]", found)
         return kind, from_dict(kind.config_type, history.run.config["config"])
     except InputError as error:
         path = history.run.path / "config.json"

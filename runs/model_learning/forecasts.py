@@ -21,13 +21,13 @@ from baselines.pilco.config import PilcoConfig
 from baselines.pilco.model import PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import predicted
-from mcpilco.agent_file import load_policy
 from mcpilco.archive import read_arrays
 from mcpilco.config import ModelConfig
 from mcpilco.contract import input_bounds
 from mcpilco.data import Rollout, Transitions
 from mcpilco.features import AngleAugmentation
 from mcpilco.model import Model
+from mcpilco.model_based_file import load_policy
 from mcpilco.rollout import rollout
 from mcpilco.task import TaskSpec
 

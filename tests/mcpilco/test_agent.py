@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from mcpilco import engine, model_based
+from mcpilco import engine, trial_agent
 from mcpilco.agent import MCPILCO
 from mcpilco.callbacks import Callback, Progress
 from mcpilco.config import PRESETS, Config
@@ -373,7 +373,7 @@ def test_the_agents_own_progress_is_closed_whatever_happens(
             super().close()
             self.closed = True
 
-    monkeypatch.setattr(model_based, "Progress", Watched)
+    monkeypatch.setattr(trial_agent, "Progress", Watched)
     agent = make_agent()
     agent.verbose = how.get("verbose", 0)
     bar = how.get("progress_bar", False)
