@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import sys
+from pathlib import Path
 
 import pytest
 
 from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
+
+RUNS = Path(__file__).parent.parent.parent / "runs"
+
+
+@pytest.fixture(scope="module")
+def home(request) -> Path:
+    """The folder of the run that a module tests: runs/x for test_x.py."""
+    return RUNS / request.path.stem.removeprefix("test_")
+
+
+@pytest.fixture(scope="module")
+def run(home):
+    """Its command, as a module."""
+    before = list(sys.path)
+    spec = importlib.util.spec_from_file_location(f"{home.name}_run", home / "run.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+    sys.path[:] = before
 
 
 @pytest.fixture

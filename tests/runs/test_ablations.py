@@ -1,10 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import pytest
 import torch
@@ -13,20 +11,6 @@ from mcpilco.sweep.page import BEGIN, END
 from mcpilco.task_file import load_task
 from tests.mcpilco.test_sweep import HereEngine
 from tests.runs.test_recipe import differing
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "ablations" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    before = list(sys.path)
-    spec = importlib.util.spec_from_file_location("ablations_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-    sys.path[:] = before
 
 
 def test_each_row_is_its_base_with_one_change(run):
@@ -37,13 +21,13 @@ def test_each_row_is_its_base_with_one_change(run):
 
 
 @pytest.mark.parametrize("name", ["tip_cost", "later_cost"])
-def test_a_task_differs_from_the_envs_in_its_cost_only(name):
+def test_a_task_differs_from_the_envs_in_its_cost_only(name, home):
     import gymnasium
 
     import envs  # noqa: F401  registers the cart-pole
 
     shown = gymnasium.make("mcpilco/CartPoleSwingUp-v0").unwrapped.task
-    task = load_task(RUN.parent / f"{name}.py")
+    task = load_task(home / f"{name}.py")
     assert dataclasses.replace(task, cost=shown.cost) == shown
     up, hanging, aside = torch.tensor([[0.0, 0, torch.pi, 0], [0, 0, 0, 0], [0.2, 0, torch.pi, 0]])
     costs = [float(task.cost(state.double())) for state in (up, aside, hanging)]
@@ -70,8 +54,8 @@ def test_quick_runs_a_seed_of_each_base_and_goes_on(run, tmp_path, monkeypatch, 
     assert texts[0].count("| `tip-cost` | 1 | 0.0 |") == 4  # success, and its difference
 
 
-def test_page_names_every_row_and_has_its_marked_lines(run):
-    text = (RUN.parent / "README.md").read_text()
+def test_page_names_every_row_and_has_its_marked_lines(run, home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1
     about = text.split(BEGIN)[0]
     assert all(f"`{name}`" in about for name in (*run.ROWS, *run.BASES))

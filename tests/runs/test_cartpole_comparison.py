@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -13,20 +11,7 @@ from mcpilco.sweep.page import BEGIN, END
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.test_sweep import HereEngine
 
-RUN = Path(__file__).parent.parent.parent / "runs" / "cartpole_comparison" / "run.py"
 TRAINED = ("mcpilco", "pilco", "pilco-tip")
-
-
-@pytest.fixture(scope="module")
-def run():
-    before = list(sys.path)
-    spec = importlib.util.spec_from_file_location("cartpole_comparison_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-    sys.path[:] = before
 
 
 @pytest.fixture
@@ -103,7 +88,7 @@ def test_no_row_is_tuned_on_the_seeds_that_are_shown(run):
         assert len(seeds) == (5 if row.amounts else 30)
 
 
-def test_page_of_the_repository_has_its_marked_lines_and_names_every_row(run):
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines_and_names_every_row(run, home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1
     assert all(f"`{name}`" in text for name in run.ROWS)

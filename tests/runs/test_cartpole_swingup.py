@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -12,17 +11,6 @@ import pytest
 from mcpilco.sweep.page import BEGIN, END
 
 ROOT = Path(__file__).parent.parent.parent
-RUN = ROOT / "runs" / "cartpole_swingup" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("cartpole_swingup_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def spread(value):
@@ -68,8 +56,8 @@ def write(run, tmp_path):
     return write
 
 
-def test_quick_runs_two_seeds_and_shows_them_beside_the_thesis(tmp_path):
-    command = [sys.executable, RUN, "--quick", "--presets", "default"]
+def test_quick_runs_two_seeds_and_shows_them_beside_the_thesis(tmp_path, home):
+    command = [sys.executable, home / "run.py", "--quick", "--presets", "default"]
     done = subprocess.run(
         [*command, "--workers", "2", "--out", tmp_path],
         capture_output=True,
@@ -131,6 +119,6 @@ def test_only_what_is_between_the_markers_is_rewritten(run, tmp_path, write):
     assert write() == first
 
 
-def test_claim_page_of_the_repository_has_its_markers():
-    text = (RUN.parent / "README.md").read_text()
+def test_claim_page_of_the_repository_has_its_markers(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

@@ -1,27 +1,14 @@
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mcpilco.sweep.page import BEGIN, END
 
-RUN = Path(__file__).parent.parent.parent / "runs" / "cost_growth" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    pytest.importorskip("matplotlib")
-    spec = importlib.util.spec_from_file_location("cost_growth_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
+pytest.importorskip("matplotlib")
 
 
 def test_quick_run_writes_its_table_and_plot_from_finite_times(run, tmp_path, monkeypatch):
@@ -70,6 +57,6 @@ def test_step_of_a_chain_is_finite_in_both_precisions(run, joints):
     assert costs["float32"] == pytest.approx(costs["float64"], rel=1e-4)
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

@@ -1,24 +1,11 @@
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import pytest
 
-RUN = Path(__file__).parent.parent.parent / "runs" / "measured_pendulum" / "run.py"
 PUSHED = (6.5, 7.7), (11.0, 12.5), (16.0, 16.5)
 """when a hand pushes in `pendulum_energy` [s], by the file's description"""
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("measured_pendulum_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 @pytest.mark.slow

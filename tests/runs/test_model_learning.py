@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,20 +10,7 @@ from mcpilco import MCPILCO
 from mcpilco.data import Rollout
 from mcpilco.sweep.page import BEGIN, END
 
-RUN = Path(__file__).parent.parent.parent / "runs" / "model_learning" / "run.py"
 NOISE = np.array([0.1, 0.2, 0.1, 0.2])
-
-
-@pytest.fixture(scope="module")
-def run():
-    before = list(sys.path)
-    spec = importlib.util.spec_from_file_location("model_learning_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-    sys.path[:] = before
 
 
 @pytest.fixture(scope="module")
@@ -179,6 +164,6 @@ def test_a_file_of_a_seed_reads_back_what_was_measured(run, tmp_path):
         np.testing.assert_array_equal(found[name], values)
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

@@ -1,24 +1,10 @@
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import pytest
 
 from mcpilco.sweep.page import BEGIN, END
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "mujoco_swingup" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("mujoco_swingup_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def test_run_trains_its_seeds_and_writes_its_page(run, hasty, tmp_path, monkeypatch):
@@ -60,6 +46,6 @@ def test_both_simulations_are_compared_on_the_seeds_that_both_have(run):
     )
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

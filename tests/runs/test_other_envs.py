@@ -1,28 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 import sys
-from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 from mcpilco.config import PolicyConfig, SearchConfig
 from mcpilco.sweep.page import BEGIN, END
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "other_envs" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("other_envs_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 @pytest.fixture
@@ -71,6 +57,6 @@ def test_every_case_learns_from_fewer_than_30_episodes_and_is_judged_on_whole_on
         assert case.task is None or case.task.exists()
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

@@ -1,24 +1,8 @@
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
-
-import pytest
 
 from mcpilco.sweep.page import BEGIN, END
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "partial_state" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("partial_state_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def test_settings_differ_in_the_estimator_alone(run):
@@ -39,6 +23,6 @@ def test_run_trains_what_is_missing_and_writes_its_page(run, tmp_path, monkeypat
     assert "1 of 1 seeds are there already." in capsys.readouterr().out
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    page = RUN.with_name("README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    page = (home / "README.md").read_text()
     assert page.count(BEGIN) == page.count(END) == 1

@@ -1,24 +1,8 @@
 from __future__ import annotations
 
-import importlib.util
 import sys
-from pathlib import Path
-
-import pytest
 
 from mcpilco.sweep.page import BEGIN, END
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "pendulum_swingup" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("pendulum_swingup_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def test_run_trains_its_seeds_and_writes_its_page_and_goes_on(
@@ -44,6 +28,6 @@ def test_verdict_counts_seeds_that_solved_it_once_and_at_last(run):
     assert "of at least one trial 2 of 3, in that of the last trial 1 of 3." in text
 
 
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (RUN.parent / "README.md").read_text()
+def test_page_of_the_repository_has_its_marked_lines(home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1

@@ -1,28 +1,14 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import json
 import math
 import sys
-from pathlib import Path
 
 import pytest
 
 from mcpilco.sweep.page import BEGIN, END
 from mcpilco.sweep.summary import summarise
-
-RUN = Path(__file__).parent.parent.parent / "runs" / "recipe" / "run.py"
-
-
-@pytest.fixture(scope="module")
-def run():
-    spec = importlib.util.spec_from_file_location("recipe_run", RUN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
 
 
 def make_trials(shares, cpu_s=10.0):
@@ -164,8 +150,8 @@ def test_without_results_nothing_is_measured(write):
     assert f"{BEGIN}\n\nNot measured yet.\n\n{END}" in write()
 
 
-def test_page_names_every_setting_and_has_its_marked_lines(run):
-    text = (RUN.parent / "README.md").read_text()
+def test_page_names_every_setting_and_has_its_marked_lines(run, home):
+    text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1
     about = text.split(BEGIN)[0]
     assert all(f"`{name}`" in about for name in run.SETTINGS)
