@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
+from mcpilco.gap.given import UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
-from mcpilco.gap.model import Model, scales
+from mcpilco.gap.model import Model
 from mcpilco.gap.name import Found, Named, search, weigh
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.show import Comparison, Models, compare, path, shrunk
 from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.where import Disagreement, locate, located, structure
-from mcpilco.gap.windows import SECONDS, Windows, cut
-from mcpilco.plant import Active, Plant
-from mcpilco.recordings import Recording, noise_std
-from mcpilco.typing import InputError
+from mcpilco.gap.windows import SECONDS, Windows
+from mcpilco.plant import Plant
+from mcpilco.recordings import Recording
 
 ORDINARY = 3.0
 """times the usual misfit up to which a window holds no event"""
-UNCERTAINTY = 0.01
-"""prior std of masses, lengths, base friction and gains, relative to the nominal values"""
-HELD_OUT, FEWEST_SPLIT = 0.42, 3
-"""most of the samples that are held out; fewer recordings are not divided"""
 STRUCTURED = 50.0
 """whiteness of residuals beyond which something may still be missing"""
 PREDICTED = 0.3
@@ -106,127 +100,86 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
-    _check(plant, recordings)
-    std = _noise(plant, recordings, noise or {})
-    train, held_out = _split(recordings)
-    everything = cut(recordings, std)
+    given = Given.of(plant, recordings, uncertainty, free, noise or {})
+    everything = given.windows()
     if len(everything) < SEARCHED:
-        everything = cut(recordings, std, every=0.5 * SECONDS)
-    model = Model(plant, (), _priors(plant, uncertainty, free), scales(plant, everything))
-    names = [tuple(recordings[n].name for n in part) for part in (train, held_out)]
+        everything = given.windows(every=0.5 * SECONDS)
     if len(everything) < FEWEST:
-        return _too_poor(plant, everything, names)
+        return _too_poor(given, everything)
 
+    model = given.model(everything)
     everything, masked = _without_events(model, everything)
-    windows = everything[everything.of(train)]
-    found = search(model, _some(windows), _candidates(plant, windows))
+    windows = everything[everything.of(given.train)]
+    found = search(model, _some(windows), given.candidates(windows))
     found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
-    best, windows = _finish(found.best, windows)
-    far = outlying(best, windows)  # of what the best model leaves over
-    masked, explained = _explained(best, windows, masked)
-    masked = masked.joined(windows[far])
-    if far.any() or len(explained):
-        best, windows = _finish(best, windows[~far].joined(explained[explained.of(train)]))
-    unseen = cut([recordings[n] for n in held_out], std, every=EVERY_S)
-    null = _refit(found.null, windows)
-    named = weigh(found, best, windows)
-    verdict = "unknown" if _something_else(best, null, windows) else "named" if named else "none"
-    where = locate(best if verdict == "unknown" else null, windows)
+    best, windows, masked = _best(given, found, windows, masked)
+    null, named = _refit(found.null, windows), weigh(found, best, windows)
+    unknown = _something_else(best, null, windows)
+    where = locate(best if unknown else null, windows)
     spans, final = events(masked, recordings), best
-    if verdict == "unknown":
-        base = best if _explains_most(best, null, windows) else null
-        every = windows.joined(masked[masked.of(train)])
-        short = cut([recordings[n] for n in train], std, seconds=SHORT_S)
-        learned = learn(base, _usable(base, every), _usable(base, short))
-        others = events(_explained(moved(learned, windows), windows, masked)[0], recordings)
-        clear = outside(others, unseen, names[1])
-        if all(shrunk(known, learned, clear).low > 0.0 for known in (null, best)):
-            spans, final = others, learned
-            named = named if base is best else ()
-            where = (*located(learned, windows), *where)
+    if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
+        named = named if _explains_most(best, null, windows) else ()
+        spans, final = learned.spans, learned.fit
+        where = (*located(final, windows), *where)
     models = Models(model, null, final, path(found, best) if named else ())
+    train, held_out = given.names
     return Gap(
         plant=plant,
-        verdict=verdict,
+        verdict="unknown" if unknown else "named" if named else "none",
         named=named,
         corrected=_corrected(final),
         where=where,
-        comparison=compare(models, outside(spans, unseen, names[1])),
+        comparison=compare(models, outside(spans, _unseen(given), held_out)),
         events=spans,
         experiments=tuple(experiments(found, best, windows)),
-        train=names[0],
-        held_out=names[1],
+        train=train,
+        held_out=held_out,
         found=found,
         models=models,
-        recordings=tuple(recordings),
+        recordings=given.recordings,
     )
 
 
-def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
-    if not recordings:
-        raise InputError("investigate needs at least one recording, got none.")
-    for recording in recordings:
-        theirs = recording.state_names, recording.input_names
-        ours = plant.layout.states, plant.layout.inputs
-        if theirs != ours:
-            raise InputError(
-                f"the recording {recording.name!r} must have the states and inputs of "
-                f"{plant.name}, {', '.join(ours[0] + ours[1])}, got "
-                f"{', '.join(theirs[0] + theirs[1])}; read it with the plant's names."
-            )
+def _best(
+    given: Given, found: Found, windows: Windows, masked: Windows
+) -> tuple[Fit, Windows, Windows]:
+    """The best model on all windows that it can explain, these, and those with events."""
+    best, windows = _finish(found.best, windows)
+    far = outlying(best, windows)  # of what the best model leaves over
+    masked, explained = _explained(best, windows, masked)
+    if far.any() or len(explained):
+        kept = windows[~far].joined(explained[explained.of(given.train)])
+        masked = masked.joined(windows[far])
+        best, windows = _finish(best, kept)
+    return best, windows, masked
 
 
-def _noise(
-    plant: Plant, recordings: Sequence[Recording], known: Mapping[str, float]
-) -> Float[np.ndarray, " X"]:
-    """Noise std of each state: what is known, else the median over the recordings.
-
-    It is at least that of rounding to the steps in which the values came.
-    """
-    found = np.stack([noise_std(recording) for recording in recordings])
-    measured = np.stack([recording.measured for recording in recordings])
-    std = np.ones(found.shape[1])
-    for x, name in enumerate(plant.layout.states):
-        if name in known:
-            std[x] = known[name]
-        elif measured[:, x].any():
-            steps = max(recording.resolution[x] for recording in recordings) / math.sqrt(12.0)
-            std[x] = max(float(np.median(found[measured[:, x], x])), steps, 1e-9)
-    return std
+def _unseen(given: Given) -> Windows:
+    """Held-out windows."""
+    return given.windows(given.held_out, every=EVERY_S)
 
 
-def _split(recordings: Sequence[Recording]) -> tuple[list[int], list[int]]:
-    """Numbers of the recordings to fit, and of the last ones, which are held out."""
-    numbers = list(range(len(recordings)))
-    if len(numbers) < FEWEST_SPLIT:
-        return numbers, numbers
-    lengths = np.array([len(recording) for recording in recordings])
-    after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
-    first = min(int(np.argmax(after <= HELD_OUT)), numbers[-1]) if after[-1] <= HELD_OUT else -1
-    return numbers[:first], numbers[first:]
+@dataclass(frozen=True)
+class _Learned:
+    """A force that was learned in place of what no effect explains."""
+
+    fit: Fit
+    spans: tuple[Event, ...]
+    """events that it does not explain either"""
 
 
-def _priors(
-    plant: Plant, uncertainty: float | Mapping[str, float], free: Sequence[str]
-) -> dict[str, float]:
-    """Relative prior std of each uncertain parameter; inf frees it."""
-    names = [parameter.name for parameter in plant.parameters]
-    by_name = uncertainty if isinstance(uncertainty, Mapping) else {}
-    unknown = sorted({*by_name, *free} - {*names, "all"})
-    if unknown:
-        raise InputError(
-            f"{plant.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
-        )
-    usual = UNCERTAINTY if isinstance(uncertainty, Mapping) else uncertainty
-    priors = {
-        parameter.name: float(by_name.get(parameter.name, usual))
-        for parameter in plant.parameters
-        if (parameter.uncertain or parameter.name in by_name) and parameter.value != 0.0
-    }
-    freed = [n for n in priors if "all" in free or n in free]
-    freed += [name for name in free if name != "all" and name not in priors]
-    priors |= dict.fromkeys(freed, np.inf)
-    return {name: std for name, std in priors.items() if std > 0.0}
+def _learned(
+    given: Given, best: Fit, null: Fit, windows: Windows, masked: Windows
+) -> _Learned | None:
+    """What is left over as a force; None where it does not shrink the held-out error."""
+    base = best if _explains_most(best, null, windows) else null
+    every = windows.joined(masked[masked.of(given.train)])
+    short = given.windows(given.train, seconds=SHORT_S)
+    found = learn(base, _usable(base, every), _usable(base, short))
+    spans = events(_explained(moved(found, windows), windows, masked)[0], given.recordings)
+    clear = outside(spans, _unseen(given), given.names[1])
+    worth = all(shrunk(known, found, clear).low > 0.0 for known in (null, best))
+    return _Learned(found, spans) if worth else None
 
 
 def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
@@ -258,13 +211,6 @@ def _explained(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, W
     misfit = misfits(best.model, kept, best.theta, starts) / kept.samples
     fine = misfit < ORDINARY * max(1.0, usual)
     return masked[~fine], masked[fine]
-
-
-def _candidates(plant: Plant, windows: Windows) -> list[Active]:
-    """Effects that these recordings could show."""
-    measured = np.any(windows.measured, axis=(0, 2))
-    unseen = {name for x, name in enumerate(plant.layout.states) if not measured[x]}
-    return [active for active in plant.candidates() if active.target not in unseen]
 
 
 def _some(windows: Windows) -> Windows:
@@ -322,10 +268,11 @@ def _corrected(best: Fit) -> Plant:
     return best.model.plant.where(**changed).having(pairs).with_learned(learned_of(best))
 
 
-def _too_poor(plant: Plant, windows: Windows, names: Sequence[tuple[str, ...]]) -> Gap:
+def _too_poor(given: Given, windows: Windows) -> Gap:
     experiment = (
         f"Record longer: at least {FEWEST} windows of one second are needed, "
         f"there are {len(windows)}. `mcpilco record --policy excitation` moves a plant so that "
         "effects show."
     )
-    return Gap(plant, "too_poor", (), plant, (), None, (), (experiment,), names[0], names[1])
+    plant, names = given.plant, given.names
+    return Gap(plant, "too_poor", (), plant, (), None, (), (experiment,), *names)

@@ -79,7 +79,8 @@ def test_page_of_a_plant_that_lacks_nothing_speaks_of_no_correction(
 ) -> None:
     assert found.models is not None
     models = replace(found.models, corrected=found.models.refit)
-    page = read(replace(found, verdict="none", named=(), models=models), tmp_path)
+    none = replace(found, verdict="none", named=(), models=models, corrected=found.plant)
+    page = read(none, tmp_path)
     assert page.headings[:2] == ["Errors on held-out recordings", "The force that is left over"]
     assert "of the gap is closed" not in page.text
     assert not any("corrected" in image["alt"] for image in page.images)
