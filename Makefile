@@ -67,7 +67,7 @@ $(CORE_READY): pyproject.toml $(ENV_READY)
 	@touch $@
 
 $(DEV_READY): $(CORE_READY)
-	$(PIP) -e ".[dev,baselines]"
+	$(PIP) -e ".[dev]"
 	@touch $@
 
 $(DOCS_READY): $(CORE_READY)
