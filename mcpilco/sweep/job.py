@@ -171,6 +171,7 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "mean_abs_cart_m": _number(result.mean_abs_cart_m),
         "predicted_cost": _number(result.predicted_cost),
         "real_cost": _number(result.real_cost),
+        "noise_std": [_number(std) for std in result.noise_std],
         "return": _number(result.rollout.rewards.sum()),
         "fresh_return": None,
         "starts": result.starts,

@@ -157,6 +157,7 @@ def write_readme(out: Path) -> None:
             parts += [f"### `{env}`", *pictured(out, system, runs)]
             trained = {name: summaries[name] for name in names if not ROWS[name].amounts}
             parts += tables.thesis_tables(trained, published=system == "cartpole")
+            parts += tables.foresight(out / "results" / system, list(trained))
             parts += tables.experience_tables(runs)
             if out == HERE and system == "cartpole":
                 fill(HERE.parents[1] / "README.md", tables.overview(runs), name="comparison")

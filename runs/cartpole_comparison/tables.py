@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from cartpole_swingup.run import cells, spreads, table
@@ -10,8 +11,11 @@ from cartpole_swingup.run import cells, spreads, table
 from mcpilco.comparison import Run
 from mcpilco.comparison.statistics import MEASURES, all_amounts, estimate, same
 from mcpilco.comparison.tables import cell, solved
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell
+from mcpilco.run_folder import read_json
+from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread, spread_cell
 
+WORKS = 0.9
+"""share of fresh rollouts in which a policy that works succeeds, at least [-]"""
 AMOUNTS = {12: "12 s", 60: "1 min", 600: "10 min", 3600: "1 h"}
 """experience that has a column [s]"""
 
@@ -43,6 +47,33 @@ def thesis_tables(summaries: Mapping[str, Any], published: bool) -> Sequence[str
         table("time_up_s", 2, spreads(summaries, "time_up_s"), published),
         "#### Mean distance of the cart from the origin [m] (thesis table 5.3)",
         table("mean_abs_cart_m", 2, spreads(summaries, "mean_abs_cart_m"), published),
+    ]
+
+
+def foresight(results: Path, names: Sequence[str]) -> Sequence[str]:
+    """What models say of policies that work, and what these then cost on the system.
+
+    Args:
+        results: folder of the sweeps.
+        names: of the rows that predict.
+    """
+    cells = []
+    for name in names:
+        seeds = [read_json(path) for path in sorted((results / name / "seeds").glob("*.json"))]
+        good = [t for seed in seeds for t in seed["trials"] if (t["p"] or 0.0) >= WORKS]
+        known = [t for t in good if t["predicted_cost"] and t["real_cost"]]
+        if known:
+            ratio = [trial["real_cost"] / trial["predicted_cost"] for trial in known]
+            columns = ([t[key] for t in known] for key in ("predicted_cost", "real_cost"))
+            told = [spread_cell(spread(values), 1) for values in columns]
+            cells.append((f"`{name}`", str(len(known)), *told, spread_cell(spread(ratio), 2)))
+    if not cells:
+        return []
+    header = ("row", "policies", "predicted cost [-]", "real cost [-]", "real over predicted")
+    return [
+        f"#### Predicted and real cost of policies whose p is at least {100 * WORKS:.0f} %",
+        markdown(header, cells)
+        + "\nSums over an episode, the real one of one rollout; median (quartiles) over policies.",
     ]
 
 

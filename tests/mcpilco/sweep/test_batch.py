@@ -49,6 +49,7 @@ def test_a_seed_in_a_batch_ends_as_it_ends_alone(size):
         alone = run_seed(CART_POLE, seed)
         assert outcome["seed"] == seed
         for mine, its in zip(outcome["trials"], alone["trials"], strict=True):
+            assert mine.pop("noise_std") == pytest.approx(its.pop("noise_std"), rel=1e-6)
             assert {k: v for k, v in mine.items() if k not in CHANGING} == pytest.approx(
                 {k: v for k, v in its.items() if k not in CHANGING}, rel=1e-6
             )
