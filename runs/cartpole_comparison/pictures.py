@@ -14,7 +14,7 @@ from mcpilco.archive import write_bytes
 from mcpilco.comparison import Run
 from mcpilco.comparison.statistics import MEASURES, Measure, estimate
 from mcpilco.visual.plots.comparison import Curve, plain_log_axis, plot_curves
-from mcpilco.visual.plots.style import SYSTEM, add_legend
+from mcpilco.visual.plots.style import SYSTEM
 
 _DPI = 110
 _BY_KEY = {measure.key: measure for measure in MEASURES}
@@ -39,7 +39,7 @@ def write_trials(path: Path, runs: Sequence[Run], published: bool) -> None:
         plot_curves({k: _spread(run, measure) for k, run in enumerate(runs)}, measure.title, ax)
         for name, values in PUBLISHED.get(key, {}).items() if published else ():
             ax.plot(EXPERIENCE, values, _LINES[name], color=SYSTEM, label=f"{name}, thesis")
-    add_legend(axes[0])
+    _add_legend(figure)
     _write(path, figure)
 
 
@@ -55,8 +55,14 @@ def write_experience(path: Path, runs: Sequence[Run]) -> None:
     axes[1].set_xlabel("processor time so far, median [s]")
     for ax in axes:
         plain_log_axis(ax)
-    add_legend(axes[0])
+    _add_legend(figure)
     _write(path, figure)
+
+
+def _add_legend(figure: Figure) -> None:
+    """A legend above all panels, for the bands fill them."""
+    lines, names = figure.axes[0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside upper center", ncols=len(names), frameon=False)
 
 
 def _over_runs(run: Run, curve: Callable[[float], tuple[float, float, float]]) -> Curve:
