@@ -9,12 +9,13 @@ import logging
 import os
 import signal
 import socket
+import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
@@ -191,7 +192,16 @@ def _start(job: Job) -> tuple[Connection, BaseProcess]:
 
 def _work(job: Job, sender: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interrupt stops
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     sender.send(attempt(job))
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent is gone, killed even: nobody waits for its result."""
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
 
 
 def _outcome(receiver: Connection, process: BaseProcess) -> Any:

@@ -2,8 +2,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
+import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -53,6 +56,36 @@ def test_no_process_outlives_an_interrupt():
     with pytest.raises(KeyboardInterrupt):
         LocalEngine(2).run({1: work.wait_for_ever, 2: work.nothing}, interrupt)
     assert not multiprocessing.active_children()
+
+
+def announcing(path):
+    """A sweep of one job, which says its process and never ends."""
+    LocalEngine(1).run({1: partial(work.announce, path)}, lambda number, outcome: None)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_process_outlives_its_sweep_that_is_killed(tmp_path, number):
+    path = tmp_path / "pid"
+    sweep = multiprocessing.get_context("spawn").Process(target=announcing, args=(path,))
+    sweep.start()
+    assert eventually(path.exists)
+    worker = int(path.read_text())
+    os.kill(sweep.pid, number)
+    sweep.join()
+    assert eventually(lambda: not alive(worker))
+
+
+def alive(pid):
+    """Whether a process runs; one that has ended and that nobody asked about does not."""
+    stat = Path(f"/proc/{pid}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def eventually(true, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.05)
+    return true()
 
 
 def test_no_jobs_are_no_work():

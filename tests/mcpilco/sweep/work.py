@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from pathlib import Path
 
 
 def square(number: int) -> int:
@@ -33,3 +34,10 @@ def leave() -> None:
 
 def wait_for_ever() -> None:
     time.sleep(1e6)
+
+
+def announce(path: Path) -> None:
+    """Write the number of the process, and wait for ever."""
+    path.with_suffix(".new").write_text(str(os.getpid()))
+    path.with_suffix(".new").rename(path)
+    wait_for_ever()
