@@ -49,7 +49,9 @@ def plant_of(path: str | Path) -> Plant:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
-    _require_chain(model, path)
+    _require(str(path), _faults(model) | _faults_of_actuators(model))
+    if model.nv == 0 or model.nu == 0:
+        raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")
     chain = _chain(model)
     layout = _layout(model, chain)
     _require_names(layout, path)
@@ -79,25 +81,38 @@ def plant_of(path: str | Path) -> Plant:
     )
 
 
-def _require_chain(model: mujoco.MjModel, path: Path) -> None:
-    found = [f"{count} {name}" for name, count in _faults(model).items() if count]
+def chain_of(model: mujoco.MjModel) -> Chain:
+    """The bodies of a MuJoCo model, those without a joint joined to their parents.
+
+    Actuators, friction, springs and contacts are no part of it.
+
+    Raises:
+        InputError: the model has what such a chain cannot say: loops, tendons, free and ball
+            joints, a fluid; the message names it.
+    """
+    _require("the model", _faults(model))
+    if model.nv == 0:
+        raise InputError("the model must have joints, got none.")
+    return _chain(model)
+
+
+def _require(what: str, faults: Mapping[str, int]) -> None:
+    found = [f"{count} {name}" for name, count in faults.items() if count]
     if found:
         raise InputError(
-            f"{path} must be an open chain of hinges and slides that motors move, got "
+            f"{what} must be an open chain of hinges and slides that motors move, got "
             f"{', '.join(found)}; take these out of the model."
         )
-    if model.nv == 0 or model.nu == 0:
-        raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")
+
+
+def _count(model: mujoco.MjModel, name: str, usual: int = 0) -> int:
+    """Rows of an array in which something is not as usual; older models lack some arrays."""
+    array = np.asarray(getattr(model, name, [])) != usual
+    return int(array.any(axis=tuple(range(1, array.ndim))).sum())
 
 
 def _faults(model: mujoco.MjModel) -> dict[str, int]:
-    """How often the model has what a plant has not."""
-
-    def count(name: str, usual: int = 0) -> int:
-        """Rows of an array in which something is not as usual; older models lack some arrays."""
-        array = np.asarray(getattr(model, name, [])) != usual
-        return int(array.any(axis=tuple(range(1, array.ndim))).sum())
-
+    """How often the model has what a chain has not."""
     fluid = model.opt.density or model.opt.viscosity
     return {
         "equality constraints": model.neq,
@@ -105,9 +120,21 @@ def _faults(model: mujoco.MjModel) -> dict[str, int]:
         "flexible bodies": getattr(model, "nflex", 0),
         "plugins": getattr(model, "nplugin", 0),
         "free or ball joints": int((model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).sum()),
-        "joints with polynomial damping": count("dof_dampingpoly"),
-        "joints with polynomial stiffness": count("jnt_stiffnesspoly"),
-        "bodies without their weight (gravcomp)": count("body_gravcomp"),
+        "joints with polynomial damping": _count(model, "dof_dampingpoly"),
+        "joints with polynomial stiffness": _count(model, "jnt_stiffnesspoly"),
+        "bodies without their weight (gravcomp)": _count(model, "body_gravcomp"),
+        "fluids": int(bool(fluid)),
+        "options that switch forces off": (model.opt.disableflags & SWITCHES).bit_count(),
+    }
+
+
+def _faults_of_actuators(model: mujoco.MjModel) -> dict[str, int]:
+    """How often the model has what a plant's motors have not."""
+
+    def count(name: str, usual: int = 0) -> int:
+        return _count(model, name, usual)
+
+    return {
         "actuators without a joint": count("actuator_trntype", int(mujoco.mjtTrn.mjTRN_JOINT)),
         "servo actuators": count("actuator_biastype", int(mujoco.mjtBias.mjBIAS_NONE)),
         "actuators with states": count("actuator_dyntype", int(mujoco.mjtDyn.mjDYN_NONE)),
@@ -124,8 +151,6 @@ def _faults(model: mujoco.MjModel) -> dict[str, int]:
             int(model.jnt_actfrclimited[j] and (model.actuator_trnid[:, 0] == j).sum() > 1)
             for j in range(model.njnt)
         ),
-        "fluids": int(bool(fluid)),
-        "options that switch forces off": (model.opt.disableflags & SWITCHES).bit_count(),
     }
 
 
@@ -176,7 +201,8 @@ def _chain(model: mujoco.MjModel) -> Chain:
         inertia = R @ Ri @ np.diag(model.body_inertia[b]) @ Ri.T @ R.T
         load = (float(model.body_mass[b]), origin + R @ model.body_ipos[b], inertia)
         loads.setdefault(parent, []).append(load)
-    return Chain(tuple(_loaded(body, loads.get(n, [])) for n, body in enumerate(bodies)))
+    loaded = tuple(_loaded(body, loads.get(n, [])) for n, body in enumerate(bodies))
+    return Chain(loaded, _vector(model.opt.gravity))
 
 
 def _loaded(body: Body, loads: list[tuple[float, np.ndarray, np.ndarray]]) -> Body:

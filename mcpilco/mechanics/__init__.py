@@ -2,15 +2,19 @@
 
 from mcpilco.mechanics.chain import HINGE, SLIDE, Body, Chain, Chains, stack
 from mcpilco.mechanics.motion import accelerations, generalised_forces, mass_matrix
+from mcpilco.mechanics.regressor import INERTIAL, inertial_parameters, regressor
 
 __all__ = [
     "HINGE",
+    "INERTIAL",
     "SLIDE",
     "Body",
     "Chain",
     "Chains",
     "accelerations",
     "generalised_forces",
+    "inertial_parameters",
     "mass_matrix",
+    "regressor",
     "stack",
 ]

@@ -1,0 +1,46 @@
+"""Physical parameters of a robot from its recordings."""
+
+from mcpilco.identification.base_parameters import BaseParameters, base_parameters
+from mcpilco.identification.bayesian import (
+    NoisyInputConfig,
+    NoisyInputFit,
+    UnidentifiedWarning,
+    fit_noisy_inputs,
+)
+from mcpilco.identification.consistency import LinkCheck, check
+from mcpilco.identification.errors_in_variables import errors_in_variables
+from mcpilco.identification.input_noise import noise_above, noise_of_repetitions
+from mcpilco.identification.instruments import InstrumentedFit, instrumental_variables, refine
+from mcpilco.identification.methods import METHODS
+from mcpilco.identification.moments import Moments
+from mcpilco.identification.projection import Projection, project
+from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
+from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
+
+__all__ = [
+    "METHODS",
+    "TERMS",
+    "BaseParameters",
+    "InstrumentedFit",
+    "LinkCheck",
+    "Moments",
+    "NoisyInputConfig",
+    "NoisyInputFit",
+    "Projection",
+    "RigidBody",
+    "UnidentifiedWarning",
+    "base_parameters",
+    "check",
+    "errors_in_variables",
+    "fit_noisy_inputs",
+    "from_virtual",
+    "instrumental_variables",
+    "motions",
+    "noise_above",
+    "noise_of_repetitions",
+    "project",
+    "project_virtual",
+    "refine",
+    "rigid_body",
+    "to_virtual",
+]

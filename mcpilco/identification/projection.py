@@ -1,0 +1,244 @@
+"""The parameters of bodies that can exist which are nearest to an estimate.
+
+    minimise  1/2 (theta - theta_B)^T H (theta - theta_B)    where all J_k(theta) >= 0
+
+and all friction >= 0: a convex problem (a semidefinite program). H = X^T X is the seed's metric,
+eq. (8), in which the distance is the increase of the squared error of the forces.
+
+`Differs:` from eq. (8), which adds the variance of the input noise to X^T X: the noise is already
+in the measured X. From eq. (7): its second term is 0 at the least-squares estimate only; for other
+estimates theta_B the projection is the nearest consistent point, and not the consistent point of
+least squared error. Pass the least-squares estimate to get that one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from mcpilco.identification.consistency import (
+    LinkCheck,
+    check,
+    from_pseudo_inertia,
+    pseudo_inertia,
+)
+from mcpilco.identification.rigid_body import TERMS, RigidBody
+from mcpilco.mechanics import INERTIAL
+from mcpilco.typing import InputError, NotPositiveDefiniteError
+
+GAP = 1e-5
+"""how far the cost may be above the optimum, relative to it"""
+UNSEEN = 1e-10
+"""weight of what H does not see, relative to what it sees best"""
+_LEAST = 1e-13  # cost relative to that of theta_B = 0 at which accuracy ends
+_SHRINK = 0.2  # of the barrier's weight, a round
+_NEWTON_STEPS = 50  # a round; 5 to 10 are usual
+_CENTERED = 1e-3  # squared Newton decrement at which a round ends
+_ROUNDS = 80
+
+
+@dataclass(frozen=True)
+class Projection:
+    """The nearest consistent parameters."""
+
+    theta: Float[np.ndarray, " D"]
+    """in the units of the estimate"""
+    cost: float
+    """1/2 (theta - theta_B)^T H (theta - theta_B)"""
+    gap: float
+    """bound on how far the cost is above the optimum"""
+    before: tuple[LinkCheck, ...]
+    """what was wrong with the estimate, link by link"""
+    newton_steps: int
+    """0 where the estimate was consistent, and comes back unchanged"""
+
+
+def project(
+    body: RigidBody,
+    estimate: Float[np.ndarray, " D"],
+    metric: Float[np.ndarray, "D D"],
+    gap: float = GAP,
+) -> Projection:
+    """The consistent parameters nearest to an estimate; a consistent estimate comes back unchanged.
+
+    Directions that the metric does not see (parameters that no force depends on) are filled in by
+    the smallest change of the estimate.
+
+    Args:
+        body: what the parameters belong to.
+        estimate: theta_B.
+        metric: H, positive semidefinite; X^T X of the rows that theta_B was fitted to, or the
+            inverse of theta_B's covariance.
+        gap: accuracy of the cost, relative to it.
+
+    Raises:
+        InputError: the metric has a negative eigenvalue, or something is not finite.
+        NotPositiveDefiniteError: rounding stopped the search; scale the metric.
+    """
+    if not (np.isfinite(estimate).all() and np.isfinite(metric).all()):
+        raise InputError("estimate and metric must be finite; leave out what was not estimated.")
+    values = np.linalg.eigvalsh(metric)
+    if values[0] < -1e-8 * max(values[-1], 1e-300) or values[-1] <= 0.0:
+        raise InputError(
+            f"metric must be positive semidefinite and not 0, got eigenvalues from {values[0]:.3g} "
+            f"to {values[-1]:.3g}; give X^T X."
+        )
+    before = check(body, estimate)
+    if all(link.consistent for link in before):
+        return Projection(estimate.copy(), 0.0, 0.0, before, 0)
+    scale = _scales(body, estimate)
+    seen = scale[:, None] * metric * scale
+    size = np.linalg.eigvalsh(seen)[-1]
+    H = seen / size + UNSEEN * np.eye(len(seen))
+    cone = _Cone(body, scale)
+    point, bound, steps = _minimise(cone, H, estimate / scale, gap)
+    theta = point * scale
+    away = theta - estimate
+    return Projection(theta, 0.5 * float(away @ metric @ away), bound * size, before, steps)
+
+
+def _scales(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[np.ndarray, " D"]:
+    """A size for each parameter: of a mass M, a length L, and friction by its own kind."""
+    blocks = np.abs(estimate.reshape(-1, body.width))
+    M = blocks[:, 0].max() or 1.0
+    L = np.sqrt(blocks[:, [4, 7, 9]].max() / M) or 1.0
+    terms = blocks[:, len(INERTIAL) :].max(axis=0)
+    powers = np.array([M, *[M * L] * 3, *[M * L**2] * 6])
+    each = np.concatenate([powers, np.where(terms > 0.0, terms, 1.0)])
+    return np.tile(each, len(blocks))
+
+
+class _Cone:
+    """Where J and friction are positive, with the coordinates of the barrier -log det J - log f.
+
+    In coordinates x about a point, J = L (1 + B(x)) L^T and f (1 + x), with L L^T the point's J and
+    B an isometry, the barrier's Hessian is the identity.
+    """
+
+    def __init__(self, body: RigidBody, scale: Float[np.ndarray, " D"]) -> None:
+        self.links, self.width = len(body.chain.bodies), body.width
+        self.positive = np.array([TERMS[term].positive for term in body.terms], dtype=bool)
+        basis = []  # of symmetric matrices, orthonormal
+        for i, j in zip(*np.triu_indices(4), strict=True):
+            E = np.zeros((4, 4))
+            E[i, j] = E[j, i] = 1.0 if i == j else np.sqrt(0.5)
+            basis.append(E)
+        self.basis = np.array(basis)
+        self.degree = self.links * (4 + int(self.positive.sum()))
+        """nu: the gap at a central point is nu times the barrier's weight"""
+        block = np.concatenate([np.ones(len(INERTIAL)), self.positive])
+        self.barred: Bool[np.ndarray, " D"] = np.tile(block, self.links).astype(bool)
+
+    def split(
+        self, theta: Float[np.ndarray, " D"]
+    ) -> tuple[Float[np.ndarray, "K 4 4"], Float[np.ndarray, "K F"]]:
+        """J and the joints' terms."""
+        blocks = theta.reshape(self.links, self.width)
+        return pseudo_inertia(blocks[:, : len(INERTIAL)]), blocks[:, len(INERTIAL) :]
+
+    def start(self, theta: Float[np.ndarray, " D"]) -> Float[np.ndarray, " D"]:
+        """A point within: eigenvalues and friction that are too small are raised."""
+        J, terms = self.split(theta)
+        values, vectors = np.linalg.eigh(J)
+        least = 1e-2 * np.maximum(values[:, -1:], 1e-2)
+        J = np.einsum("kij,kj,klj->kil", vectors, np.maximum(values, least), vectors)
+        terms = np.where(self.positive, np.maximum(terms, 1e-2), terms)
+        return np.concatenate([from_pseudo_inertia(J), terms], axis=1).ravel()
+
+    def frame(self, theta: Float[np.ndarray, " D"]) -> Float[np.ndarray, "D D"]:
+        """T of d theta = T dx."""
+        J, terms = self.split(theta)
+        L = np.linalg.cholesky(J)
+        moved = np.einsum("kij,bjl,kml->kbim", L, self.basis, L)
+        inertial = from_pseudo_inertia(moved).transpose(0, 2, 1)
+        sizes = np.where(self.positive, terms, 1.0)
+        return block_diag(
+            *(block_diag(a, np.diag(f)) for a, f in zip(inertial, sizes, strict=True))
+        )
+
+    def rates(self, step: Float[np.ndarray, " D"]) -> Float[np.ndarray, " R"]:
+        """e of 1 + a e, the eigenvalues and terms that a step of length a leaves, over the old."""
+        blocks = step.reshape(self.links, self.width)
+        inertial, terms = blocks[:, : len(INERTIAL)], blocks[:, len(INERTIAL) :]
+        values = np.linalg.eigvalsh(np.einsum("kb,bij->kij", inertial, self.basis))
+        return np.concatenate([values.ravel(), terms[:, self.positive].ravel()])
+
+    def trace(self) -> Float[np.ndarray, " D"]:
+        """The gradient of log det J + log f, the same at every point."""
+        traces = np.concatenate([np.trace(self.basis, axis1=1, axis2=2), self.positive])
+        return np.tile(traces, self.links)
+
+
+def _minimise(
+    cone: _Cone,
+    H: Float[np.ndarray, "D D"],
+    target: Float[np.ndarray, " D"],
+    gap: float,
+) -> tuple[Float[np.ndarray, " D"], float, int]:
+    """The nearest point, a bound on its excess cost, Newton steps: a path of central points.
+
+    Reference: Boyd, Vandenberghe, Convex optimization, 2004, section 11.3.
+    """
+    theta = cone.start(target)
+    cost = 0.5 * float((theta - target) @ H @ (theta - target))
+    floor = _LEAST * max(1.0, 0.5 * float(target @ H @ target))
+    weight, steps = max(cost, floor) / cone.degree, 0
+    for _ in range(_ROUNDS):
+        theta, taken = _center(cone, H, target, theta, weight)
+        steps += taken
+        cost = 0.5 * float((theta - target) @ H @ (theta - target))
+        # a central point's gap is nu weight; one that is nearly central has at most twice that
+        bound = 2.0 * cone.degree * weight
+        if bound <= max(gap * cost, floor):
+            break
+        weight *= _SHRINK
+    return theta, bound, steps
+
+
+def _center(
+    cone: _Cone,
+    H: Float[np.ndarray, "D D"],
+    target: Float[np.ndarray, " D"],
+    theta: Float[np.ndarray, " D"],
+    weight: float,
+) -> tuple[Float[np.ndarray, " D"], int]:
+    """Newton's method on cost / weight + barrier, in coordinates in which no step is steep."""
+    taken, decrement = 0, np.inf
+    while decrement > _CENTERED and taken < _NEWTON_STEPS:
+        T = cone.frame(theta)
+        pull = T.T @ (H @ (theta - target)) / weight
+        curvature = T.T @ H @ T / weight
+        gradient = pull - cone.trace()
+        newton = curvature + np.diag(cone.barred.astype(float))
+        try:
+            x = -cho_solve(cho_factor(newton), gradient)
+        except np.linalg.LinAlgError:
+            raise NotPositiveDefiniteError(
+                f"the projection's Newton matrix lost its Cholesky factor at barrier weight "
+                f"{weight:.3g}; scale the metric, or ask for a larger gap than {GAP:g}."
+            ) from None
+        decrement = float(-gradient @ x)
+        length = _line_search(float(pull @ x), float(x @ curvature @ x), cone.rates(x))
+        theta = theta + length * (T @ x)
+        taken += 1
+    return theta, taken
+
+
+def _line_search(slope: float, curvature: float, rates: Float[np.ndarray, " R"]) -> float:
+    """The a > 0 at which slope a + curvature a^2 / 2 - sum log(1 + rates a) is least.
+
+    By bisection of its derivative, which rises: no step leaves the cone.
+    """
+    least = float(rates.min())
+    low, high = 0.0, 0.99 / -least if least < 0.0 else 10.0
+    high = min(high, 10.0)
+    for _ in range(30):
+        a = 0.5 * (low + high)
+        if slope + curvature * a < float((rates / (1.0 + rates * a)).sum()):
+            low = a
+        else:
+            high = a
+    return 0.5 * (low + high)

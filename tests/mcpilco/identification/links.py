@@ -1,0 +1,84 @@
+"""Parameters to project, and the projection as an independent solver finds it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from mcpilco.identification import RigidBody
+from mcpilco.identification.consistency import pseudo_inertia
+from mcpilco.mechanics import HINGE, Body, Chain, inertial_parameters
+
+
+def random_links(rng: np.random.Generator, links: int, terms=("viscous",)) -> RigidBody:
+    """Bodies of some masses each, so that they can exist."""
+    bodies = []
+    for number in range(links):
+        points, masses = rng.normal(0.0, 0.1, (6, 3)), rng.uniform(0.1, 0.5, 6)
+        center = masses @ points / masses.sum()
+        away = points - center
+        spread = np.einsum("p,pi,pj->ij", masses, away, away)
+        inertia = np.trace(spread) * np.eye(3) - spread
+        bodies.append(
+            Body(
+                name=f"link{number}",
+                joint=f"joint{number}",
+                kind=HINGE,
+                axis=(0.0, 0.0, 1.0),
+                mass=masses.sum(),
+                parent=number - 1,
+                center=tuple(center),
+                inertia=tuple(map(tuple, inertia)),
+            )
+        )
+    blocks = [np.append(inertial_parameters(b), rng.uniform(0.1, 1.0, len(terms))) for b in bodies]
+    return RigidBody(Chain(tuple(bodies)), tuple(terms), np.concatenate(blocks))
+
+
+def random_case(rng: np.random.Generator, links: int):
+    """A chain, an estimate that is off by some tenths, and a metric of widely spread directions."""
+    body = random_links(rng, links)
+    D = len(body.nominal)
+    typical = np.tile([1.0, 0.1, 0.1, 0.1, *[0.01] * 6, 0.5], links)
+    estimate = body.nominal + 0.3 * typical * rng.normal(size=D)
+    rows = rng.normal(size=(2 * D, D)) * 10.0 ** rng.uniform(-1.5, 0.0, D)
+    rows = rows @ np.linalg.qr(rng.normal(size=(D, D)))[0] / typical
+    return body, estimate, rows.T @ rows
+
+
+def cost(theta, estimate, metric) -> float:
+    return 0.5 * float((theta - estimate) @ metric @ (theta - estimate))
+
+
+def least_eigenvalue(body: RigidBody, theta: np.ndarray) -> float:
+    blocks = theta.reshape(-1, body.width)
+    return float(np.linalg.eigvalsh(pseudo_inertia(blocks[:, :10])).min())
+
+
+def solved_by_clarabel(body: RigidBody, estimate: np.ndarray, metric: np.ndarray) -> np.ndarray:
+    """theta of the semidefinite program; viscous friction is the last of each link."""
+    import clarabel
+
+    D, width = len(estimate), body.width
+    scale = np.sqrt(np.maximum(np.diag(metric), 1e-12))
+    H = metric / np.outer(scale, scale)
+    rows, cones = [], []
+    for k in range(len(body.chain.bodies)):
+        for i in range(4):  # the upper triangle, column by column, off-diagonals times sqrt(2)
+            for j in range(i + 1):
+                row = np.zeros(D)
+                for p in range(10):
+                    row[k * width + p] = -pseudo_inertia(np.eye(10)[p])[j, i]
+                rows.append(row * (1.0 if i == j else np.sqrt(2.0)))
+        cones.append(clarabel.PSDTriangleConeT(4))
+        row = np.zeros(D)
+        row[k * width + 10] = -1.0
+        rows.append(row)
+        cones.append(clarabel.NonnegativeConeT(1))
+    A = sparse.csc_matrix(np.array(rows) / scale)
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    P = sparse.csc_matrix(np.triu(H))
+    target = estimate * scale
+    solver = clarabel.DefaultSolver(P, -H @ target, A, np.zeros(A.shape[0]), cones, settings)
+    return np.array(solver.solve().x) / scale
