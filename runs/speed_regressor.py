@@ -76,8 +76,8 @@ def chain(joints: int) -> str:
     """Hinges about x, y, z in turn, 0.2 m apart."""
     axes = ("1 0 0", "0 1 0", "0 0 1")
     opened = "".join(
-        f'<body pos="0 0 0.2"><joint axis="{axes[j % 3]}" damping="0.1"/><geom type="capsule" fromto="0 0 0 0.03 0.02 0.2" size="0.03" '
-        'contype="0" conaffinity="0"/>'
+        f'<body pos="0 0 0.2"><joint axis="{axes[j % 3]}" damping="0.1"/>'
+        '<geom type="capsule" fromto="0 0 0 0.03 0.02 0.2" size="0.03" contype="0"/>'
         for j in range(joints)
     )
     return f"<mujoco><worldbody>{opened}{'</body>' * joints}</worldbody></mujoco>"
