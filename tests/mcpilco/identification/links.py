@@ -56,29 +56,30 @@ def least_eigenvalue(body: RigidBody, theta: np.ndarray) -> float:
 
 
 def solved_by_clarabel(body: RigidBody, estimate: np.ndarray, metric: np.ndarray) -> np.ndarray:
-    """theta of the semidefinite program; viscous friction is the last of each link."""
+    """theta of the semidefinite program, for d = theta - estimate; viscous friction is last."""
     import clarabel
 
     D, width = len(estimate), body.width
     scale = np.sqrt(np.maximum(np.diag(metric), 1e-12))
-    H = metric / np.outer(scale, scale)
+    unit = pseudo_inertia(np.eye(10))
     rows, cones = [], []
     for k in range(len(body.chain.bodies)):
-        for i in range(4):  # the upper triangle, column by column, off-diagonals times sqrt(2)
-            for j in range(i + 1):
-                row = np.zeros(D)
-                for p in range(10):
-                    row[k * width + p] = -pseudo_inertia(np.eye(10)[p])[j, i]
-                rows.append(row * (1.0 if i == j else np.sqrt(2.0)))
-        cones.append(clarabel.PSDTriangleConeT(4))
-        row = np.zeros(D)
-        row[k * width + 10] = -1.0
-        rows.append(row)
-        cones.append(clarabel.NonnegativeConeT(1))
-    A = sparse.csc_matrix(np.array(rows) / scale)
+        for j, i in zip(*np.tril_indices(4), strict=True):  # the upper triangle by columns
+            row = np.zeros(D)
+            row[k * width : k * width + 10] = unit[:, i, j] * (1.0 if i == j else np.sqrt(2.0))
+            rows.append(row)
+        rows.append(np.eye(D)[k * width + 10])
+        cones += [clarabel.PSDTriangleConeT(4), clarabel.NonnegativeConeT(1)]
+    A = np.array(rows)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    P = sparse.csc_matrix(np.triu(H))
-    target = estimate * scale
-    solver = clarabel.DefaultSolver(P, -H @ target, A, np.zeros(A.shape[0]), cones, settings)
-    return np.array(solver.solve().x) / scale
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(metric / np.outer(scale, scale))),
+        np.zeros(D),
+        sparse.csc_matrix(-A / scale),
+        A @ estimate,
+        cones,
+        settings,
+    )
+    return estimate + np.array(solver.solve().x) / scale

@@ -1,0 +1,186 @@
+"""A hundred noisy inputs of which ten matter: the errors of all methods on clean and noisy tests.
+
+python runs/ting_synthetic/run.py --quick       # does it run at all?
+python runs/ting_synthetic/run.py               # all cells, seeds 0:10: about 3 CPU minutes
+python runs/ting_synthetic/run.py --seeds 10:20
+
+Results are kept in results/<cell>/, a file a seed; the same command goes on where it was stopped,
+and rewrites README.md between its marked lines from all results that are there.
+
+Reference: Ting et al., section IV-A, figure 2.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+from threadpoolctl import threadpool_limits
+
+from mcpilco.archive import write_bytes
+from mcpilco.cli.sweep import parse_seeds
+from mcpilco.identification import METHODS
+from mcpilco.run_folder import read_json
+from mcpilco.sweep import job
+from mcpilco.sweep.page import fill
+from mcpilco.sweep.summary import markdown
+
+HERE = Path(__file__).parent
+RELEVANT, INPUTS, SAMPLES = 10, 100, 1000
+OUTPUT_SNR = 5.0
+B = np.arange(1.0, RELEVANT + 1.0)
+CELLS = {
+    f"snr{snr}-redundant{redundant}": (snr, redundant)
+    for snr in (2, 5)
+    for redundant in (90, 60, 30, 0)
+}
+"""signal-to-noise ratio of the inputs, and how many of 90 are redundant; the rest is irrelevant"""
+OURS = "VB b_true"
+BASELINES = ("OLS", "ridge", "stepwise", "PLS", "LASSO", "JFA b_true")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Fit all methods in all cells, and write the tables."""
+
+    seeds: str = "0:10"
+    """`0:10` are 0 to 9"""
+    quick: bool = False
+    """one seed of few samples; the tables go to runs/out"""
+    out: Path | None = None
+    """folder of results/ and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    out = arguments.out or (Path("runs/out/ting_synthetic") if arguments.quick else HERE)
+    seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
+    for seed in seeds:
+        for cell, numbers in CELLS.items():
+            path = out / "results" / cell / f"{seed:04d}.json"
+            if not path.exists():
+                found = trial(*numbers, seed, 200 if arguments.quick else SAMPLES)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, json.dumps(found, indent=1).encode())
+                clean = found["clean"]
+                print(f"{cell}, seed {seed}: {OURS} {clean[OURS]:.3f}, OLS {clean['OLS']:.3f}")
+        write_readme(out)  # a stop loses no table
+    print(f"Tables: {out / 'README.md'}")
+    return 0
+
+
+def trial(snr: float, redundant: int, seed: int, samples: int) -> dict[str, Any]:
+    """Errors of all methods on one draw of data."""
+    rng = np.random.default_rng([seed, int(snr), redundant])
+    A = rng.normal(size=(RELEVANT, RELEVANT))
+    mixing = rng.dirichlet(np.ones(RELEVANT), redundant)
+
+    def draw(noise: float) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (samples, INPUTS) and outputs, with noise or without."""
+        t = rng.normal(size=(samples, RELEVANT)) @ A.T
+        y = t @ B
+        x = t + noise * rng.normal(size=t.shape) * np.sqrt((A**2).sum(axis=1) / snr)
+        y = y + noise * rng.normal(size=samples) * np.sqrt(((B @ A) ** 2).sum() / OUTPUT_SNR)
+        others = rng.normal(size=(samples, INPUTS - RELEVANT - redundant))
+        return np.column_stack([x, x @ mixing.T, others]), y
+
+    (X, y), clean, noisy = draw(1.0), draw(0.0), draw(1.0)
+    errors: dict[str, dict[str, float]] = {"clean": {}, "noisy": {}, "cpu_s": {}}
+    with threadpool_limits(1):
+        for name, method in METHODS.items():
+            begun = time.process_time()
+            b = method(X, y, seed)
+            errors["cpu_s"][name] = time.process_time() - begun
+            errors["clean"][name] = nmse(b, *clean)
+            errors["noisy"][name] = nmse(b, *noisy)
+    return {"seed": seed, "samples": samples, **errors, "machine": job.machine()}
+
+
+def nmse(b: np.ndarray, X: np.ndarray, y: np.ndarray) -> float:
+    return float(((y - X @ b) ** 2).mean() / y.var())
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    found = {
+        cell: [read_json(path) for path in sorted((out / "results" / cell).glob("*.json"))]
+        for cell in CELLS
+    }
+    found = {cell: trials for cell, trials in found.items() if trials}
+    parts = [
+        "### nMSE on the clean test: mean, in brackets median (least to greatest)",
+        errors_table(found, "clean"),
+        "### nMSE on the noisy test: mean, in brackets median (least to greatest)",
+        errors_table(found, "noisy"),
+        "### `VB b_true` beside the best of the baselines, clean test",
+        ratios(found),
+        "### CPU seconds of a fit, median of all",
+        times(found),
+        machine(found),
+    ]
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def row_name(cell: str) -> str:
+    snr, redundant = CELLS[cell]
+    return f"SNR {snr}, {redundant} redundant, {INPUTS - RELEVANT - redundant} irrelevant"
+
+
+def errors_table(found: Mapping[str, Sequence[Mapping[str, Any]]], test: str) -> str:
+    rows = [
+        (
+            row_name(cell),
+            str(len(trials)),
+            *(spread([trial[test][name] for trial in trials]) for name in METHODS),
+        )
+        for cell, trials in found.items()
+    ]
+    return markdown(("cell", "trials", *METHODS), rows)
+
+
+def spread(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{np.mean(values):.4f} ({np.median(values):.3f}, {low:.3f} to {high:.3f})"
+
+
+def ratios(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Of means over trials; the best baseline is that of the least mean, chosen afterwards."""
+    rows = []
+    for cell, trials in found.items():
+        mean = {name: np.mean([trial["clean"][name] for trial in trials]) for name in METHODS}
+        best = min(BASELINES, key=mean.__getitem__)
+        better = sum(trial["clean"][OURS] < trial["clean"][best] for trial in trials)
+        ratio = mean[OURS] / mean[best]
+        rows.append((row_name(cell), best, f"{ratio:.2f}", f"{better} of {len(trials)}"))
+    return markdown(
+        ("cell", "best baseline", "ratio of means", "trials in which it is better"), rows
+    )
+
+
+def times(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    trials = [trial for some in found.values() for trial in some]
+    cells = [f"{np.median([trial['cpu_s'][name] for trial in trials]):.3f}" for name in METHODS]
+    return markdown(tuple(METHODS), [tuple(cells)])
+
+
+def machine(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
+    lines = []
+    for line in sorted(told):
+        known = json.loads(line)
+        lines.append(f"- {known['cpu']}, {known['cores']} cores")
+    return "### Machine\n\n" + "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
