@@ -60,7 +60,7 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     source, path = Path(source), Path(path)
     plant = plant_of(source)
     corrected(plant, correction)
-    model = _Model(mujoco.MjSpec.from_file(str(source)), plant.layout)
+    model = CorrectedModel(mujoco.MjSpec.from_file(str(source)), plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
     left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
@@ -84,7 +84,7 @@ def _move_assets(spec: mujoco.MjSpec, before: Path, after: Path) -> None:
         setattr(spec, folder, os.path.relpath(old.resolve(), after.resolve()))
 
 
-class _Model:
+class CorrectedModel:
     """A model that effects are written into, one after another."""
 
     def __init__(self, spec: mujoco.MjSpec, layout: Layout) -> None:

@@ -16,6 +16,7 @@ import multiprocessing
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ import numpy as np
 import tyro
 from cases import TIERS, Case, draw
 from confusion import write_picture
+from identified import identified, missing
 from peers import peers
 
 from mcpilco.archive import write_bytes
@@ -56,6 +58,8 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
+    if missing():
+        print(missing())
     results = arguments.out / "results"
     todo = [
         (tier, seed, results / tier / f"{seed:04d}.json")
@@ -104,6 +108,11 @@ def solve(tier: str, seed: int) -> dict[str, Any]:
     uncertainty = 0.03 if TIERS[tier].laboratory else 0.01
     told = to_json(investigate(plant, good, uncertainty=uncertainty))
     spent = time.process_time() - spent
+    others = peers(plant, good)
+    theirs = time.process_time()
+    toolbox = None if missing() else identified(plant, good)
+    theirs = time.process_time() - theirs
+    others |= toolbox.terms if toolbox else {}
     return {
         "seed": seed,
         "plant": case.plant,
@@ -112,7 +121,8 @@ def solve(tier: str, seed: int) -> dict[str, Any]:
         "verdict": told["verdict"],
         "found": told["effects"],
         "where": told["where"],
-        "peers": {name: list(map(list, terms)) for name, terms in peers(plant, good).items()},
+        "peers": {name: list(map(list, terms)) for name, terms in others.items()},
+        "identified": {"remarks": toolbox.remarks, "cpu_s": theirs} if toolbox else None,
         "error": told["error"],
         "events": told["events"],
         "cpu_s": spent,
@@ -195,7 +205,10 @@ def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     for tier, cases in found.items():
         names = dict.fromkeys(name for case in cases for name in case["peers"])
         by_method = {tier: cases}
-        by_method |= {f"{tier}: {name}": [as_told_by(name, c) for c in cases] for name in names}
+        by_method |= {
+            f"{tier}: {name}": [as_told_by(name, case) for case in cases if name in case["peers"]]
+            for name in names
+        }
         rows += [
             (
                 method,
@@ -207,7 +220,21 @@ def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
             for method, told in by_method.items()
         ]
     header = ("tier", "cases", "right [%]", "right, or in a family [%]", "wrong and sure [%]")
-    return markdown(header, rows)
+    return "\n\n".join(part for part in (markdown(header, rows), fits(found)) if part)
+
+
+def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """What is to be said of the fits of mujoco.sysid: which failed, and what they cost."""
+    told = [fit for cases in found.values() for case in cases if (fit := case.get("identified"))]
+    if not told:
+        return ""
+    remarks = Counter(remark for fit in told for remark in fit["remarks"])
+    counted = "; ".join(f"{remark}: {count}" for remark, count in remarks.most_common())
+    seconds = [fit["cpu_s"] for fit in told]
+    return (
+        f"mujoco.sysid, {len(told)} cases: {np.median(seconds):.0f} CPU s in the median, "
+        f"{max(seconds):.0f} in the worst. {counted or 'All fits converged'}."
+    )
 
 
 def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
 def modules() -> Iterator[dict[str, ModuleType]]:
     """The modules of the run, under the names by which they import one another."""
     loaded = {}
-    for name in ("truth", "cases", "confusion", "peers", "run"):
+    for name in ("truth", "cases", "confusion", "peers", "freed", "identified", "run"):
         spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
@@ -131,3 +132,105 @@ def test_the_peers_get_regressors_that_hold_the_missing_force(
     terms, columns, missing = modules["peers"].regression(plant, [recording])
     spring = columns[:, terms.index(("spring", "pendulum"))]
     assert spring @ missing / (spring @ spring) == pytest.approx(0.2, rel=0.05)
+
+
+sysid = importlib.util.find_spec("mujoco.sysid") and importlib.import_module("mujoco.sysid")
+needs_toolbox = pytest.mark.skipif(not hasattr(sysid, "optimize"), reason="needs mujoco[sysid]")
+
+
+def linear_fit(modules: dict[str, ModuleType], truth: list[float], columns: np.ndarray) -> Any:
+    """A fit by least squares, with noise 1."""
+    y = columns @ np.array(truth) + np.random.default_rng(1).standard_normal(len(columns))
+    x = np.linalg.lstsq(columns, y, rcond=None)[0]
+    freed = modules["freed"].Freed
+    free = [freed(f"effect_{k}", "joint", "s", 0.0, 1.0, -9.0, 9.0) for k in range(len(truth))]
+    return modules["identified"].Fit(free, x, columns @ x - y, columns, True)
+
+
+@needs_toolbox
+def test_a_parameter_that_is_there_is_sure_and_one_that_is_not_is_not(
+    modules: dict[str, ModuleType],
+) -> None:
+    columns = np.random.default_rng(0).standard_normal((400, 3))
+    fit = linear_fit(modules, [1.0, 0.0, 0.0], columns)
+    assert modules["identified"].sure(fit) == [0]
+    assert modules["identified"].kept(fit) == [0]
+
+
+@needs_toolbox
+def test_a_parameter_that_changes_the_residuals_little_is_not_named(
+    modules: dict[str, ModuleType],
+) -> None:
+    columns = np.random.default_rng(0).standard_normal((40_000, 1))
+    fit = linear_fit(modules, [0.03], columns)
+    assert abs(fit.x[0]) > modules["identified"]._half_widths(fit.residuals, fit.J)[0]
+    assert modules["identified"].sure(fit) == []
+    assert modules["identified"].kept(fit) == []
+
+
+@needs_toolbox
+def test_of_two_parameters_that_do_the_same_none_is_sure_until_one_is_frozen(
+    modules: dict[str, ModuleType],
+) -> None:
+    rng = np.random.default_rng(0)
+    column = rng.standard_normal((400, 1))
+    columns = np.concatenate([column, column + 1e-4 * rng.standard_normal((400, 1))], axis=1)
+    fit = linear_fit(modules, [1.0, 0.0], columns)
+    assert modules["identified"].sure(fit) == []
+    assert len(modules["identified"].kept(fit)) == 1
+
+
+@needs_toolbox
+def test_freezing_a_parameter_gives_the_fit_of_the_others(modules: dict[str, ModuleType]) -> None:
+    mixed = np.array([[1.0, 0.5, 0.2], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]])
+    columns = np.random.default_rng(0).standard_normal((50, 3)) @ mixed
+    fit = linear_fit(modules, [1.0, 2.0, 3.0], columns)
+    y, others = columns @ fit.x - fit.residuals, columns[:, [0, 2]]
+    z, left = modules["identified"]._linear(fit, [0, 2])
+    np.testing.assert_allclose(z, np.linalg.lstsq(others, y, rcond=None)[0])
+    np.testing.assert_allclose(left, others @ z - y)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "mcpilco/CartPoleSwingUp-v0",
+        "mcpilco/Pendulum-v0",
+        "mcpilco/DoublePendulum-v0",
+        "rotary_pendulum.xml",
+    ],
+)
+def test_the_freed_model_with_nothing_changed_moves_as_the_nominal_plant(
+    modules: dict[str, ModuleType], name: str
+) -> None:
+    plant, freed = modules["run"].nominal(name), modules["freed"]
+    J = len(plant.layout.joints)
+    start = np.random.default_rng(0).normal(0.0, 0.5, 2 * J)
+    model = freed.spec_with(freed.nominal_model(plant), plant, []).compile()
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = start[0::2], start[1::2]
+    moved = [start]
+    for _ in range(50):
+        mujoco.mj_step(model, data, 4)
+        moved.append(np.stack([data.qpos, data.qvel], axis=1).ravel())
+    still = np.zeros((1, 50, len(plant.layout.inputs)))
+    ours = plant.simulate(start[None], still, 4 * freed.TIMESTEP)[0]
+    np.testing.assert_allclose(moved, ours, atol=5e-5)
+
+
+@needs_toolbox
+def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identified, plant = modules["identified"], modules["run"].nominal("mcpilco/Pendulum-v0")
+    monkeypatch.setattr(identified, "WINDOWS", 4)
+    hidden = Active(CATALOGUE["coulomb_friction"], "pendulum"), (0.15, 2e-3)
+    rng = np.random.default_rng(0)
+    torque = np.repeat(rng.uniform(-1.5, 1.5, 20), 15)[:, None]
+    states = plant.having([hidden]).simulate(np.array([[0.3, 0.0]]), torque[None, :-1], 0.02)[0]
+    states = states + rng.standard_normal(states.shape) * [2e-3, 2e-2]
+    layout = plant.layout
+    time = 0.02 * np.arange(len(torque))
+    recording = Recording("r", time, states, torque, layout.states, layout.inputs)
+    named = identified.identified(plant, [recording])
+    assert ("coulomb_friction", "pendulum") in named.terms[identified.FROZEN]
