@@ -100,10 +100,15 @@ class SavedAgent(ABC, Generic[A]):
 
     def require_structure(self, agent: A) -> None:
         """Raises ValueError where the agent's task gives the arrays another meaning."""
-        saved, here = self.task.to_json(), agent.task.to_json()
-        for name in STRUCTURE:
-            if saved[name] != here[name]:
-                raise ValueError(f"its {name} is {saved[name]}, the env has {here[name]}")
+        if different := difference(self.task, agent.task):
+            raise ValueError("its {} is {}, the env has {}".format(*different))
+
+
+def difference(task: TaskSpec, other: TaskSpec) -> tuple[str, Any, Any] | None:
+    """The first entry of `STRUCTURE` in which two tasks differ, as each has it."""
+    here, there = task.to_json(), other.to_json()
+    different = ((n, here[n], there[n]) for n in STRUCTURE if here[n] != there[n])
+    return next(different, None)
 
 
 @contextlib.contextmanager

@@ -9,9 +9,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from mcpilco.typing import InputError
+
+Number = TypeVar("Number", int, float)
 
 
 def _require(condition: bool, message: str) -> None:
@@ -211,19 +213,24 @@ class SearchConfig(Checked):
 
     def steps_of(self, trial: int) -> int:
         """Most steps of one start in trial 1, 2, ..."""
-        return self.steps[min(trial, len(self.steps)) - 1]
+        return _of_trial(self.steps, trial)
 
     def rate_of(self, trial: int) -> float:
         """Factor of the learning rates in trial 1, 2, ..."""
-        return self.rates[min(trial, len(self.rates)) - 1]
+        return _of_trial(self.rates, trial)
 
     def correlation_of(self, trial: int) -> float:
         """Correlation of a particle's noise in successive steps in trial 1, 2, ... [-]."""
-        return self.correlations[min(trial, len(self.correlations)) - 1]
+        return _of_trial(self.correlations, trial)
 
     def starts_of(self, trial: int) -> int:
         """Most starts in trial 1, 2, ..."""
-        return 1 + self.restarts[min(trial, len(self.restarts)) - 1]
+        return 1 + _of_trial(self.restarts, trial)
+
+
+def _of_trial(entries: tuple[Number, ...], trial: int) -> Number:
+    """The entry of trial 1, 2, ...; the last one holds from there on."""
+    return entries[min(trial, len(entries)) - 1]
 
 
 @dataclass(frozen=True)

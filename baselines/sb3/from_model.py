@@ -18,7 +18,7 @@ from baselines.sb3.agent import SB3Agent
 from baselines.sb3.imagination import Imagination, Imagined, Perturbed
 from baselines.sb3.library import random_numbers
 from mcpilco.agent import MCPILCO
-from mcpilco.agent_file import STRUCTURE
+from mcpilco.agent_file import difference
 from mcpilco.config import Checked
 from mcpilco.typing import InputError
 
@@ -116,13 +116,12 @@ def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None
         )
     if agent.num_timesteps or agent.borrowed_timesteps:
         raise InputError("A warm start is for a new agent, got one that has learned already.")
-    here, there = agent.task.to_json(), source.task.to_json()
-    for name in STRUCTURE:
-        if here[name] != there[name]:
-            raise InputError(
-                f"A warm start needs a model of the same system; its {name} is {there[name]}, the "
-                f"agent's env has {here[name]}."
-            )
+    if different := difference(source.task, agent.task):
+        name, there, here = different
+        raise InputError(
+            f"A warm start needs a model of the same system; its {name} is {there}, the agent's "
+            f"env has {here}."
+        )
     if not source.trials:
         raise InputError("A warm start needs an agent that has done a trial, got one without.")
     room, brought = buffer.buffer_size * buffer.n_envs, numbers.rollouts * source.horizon
