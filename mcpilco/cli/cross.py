@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli.gap import Gap
-from mcpilco.cli.options import PresetName, optional
+from mcpilco.cli.options import Algo, PresetName, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.record import Record
 from mcpilco.cli.system import agent_of, open_env, use_one_thread
@@ -24,6 +24,8 @@ from mcpilco.typing import InputError, McPilcoError, RunFolderError
 if TYPE_CHECKING:
     from mcpilco.crossing import Crossing, Place
 
+TRIALS = 6
+"""of an algorithm that learns by trials"""
 LEGS = ("nominal", "corrected")
 """the policies that are compared, by the simulation that they are trained in"""
 
@@ -55,9 +57,13 @@ class Cross:
     """prior std of nominal parameters, as in `mcpilco gap`"""
     free: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...|all")] = ()
     """parameters of which nothing is known beforehand"""
+    algo: Algo = "mcpilco"
+    """what trains in simulation, where experience costs nothing"""
     preset: PresetName = "default"
-    """of the training in simulation"""
-    trials: int = 6
+    """of the algorithm"""
+    trials: Annotated[
+        int | None, optional("INT", f"{TRIALS}, of sac, tqc and ppo the preset's")
+    ] = None
     """policies to learn in each simulation; the best there goes to the system"""
     episodes: int = 100
     """fresh ones, that a policy is judged by in simulation and on the system"""
@@ -148,9 +154,10 @@ class Cross:
         return Train(
             env=self.sim,
             env_kwargs=self._training(leg),
+            algo=self.algo,
             preset=self.preset,
             seed=self.seed,
-            trials=self.trials,
+            trials=self._trials,
             out=path,
             quiet=self.quiet,
         )()
@@ -198,8 +205,8 @@ class Cross:
             scene = getattr(env.unwrapped, "scene", None)
         try:
             if scene is not None:
-                film = write_film(self.out / "crossing.rrd", legs, scene, self.env)
-                print(f"Look at it: mcpilco view {film}")
+                write_film(self.out / "crossing.rrd", legs, scene, self.env)
+                print(f"Look at it: mcpilco view {self.out}")
             page = write_crossing_report(self.out / "report.html", legs, gap, self._told())
             print(f"Read of it: {page}")
         except McPilcoError as error:
@@ -217,6 +224,11 @@ class Cross:
 
     def _crossing_path(self, leg: str) -> Path:
         return self.out / f"{leg}.json"
+
+    @property
+    def _trials(self) -> int | None:
+        by_trials = self.algo in ("mcpilco", "pilco")
+        return TRIALS if self.trials is None and by_trials else self.trials
 
     @cached_property
     def _system(self) -> Place:
@@ -261,8 +273,9 @@ class Cross:
         if self.sim not in PLANTS:
             raise InputError(f"--sim must be one of {', '.join(PLANTS)}, got {self.sim!r}.")
         for name in ("trials", "episodes", "rollouts"):
-            if getattr(self, name) < 1:
-                raise InputError(f"--{name} must be at least 1, got {getattr(self, name)}.")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"--{name} must be at least 1, got {value}.")
         given = keywords("--sim-kwargs", self.sim_kwargs)
         if "effects" in given:
             raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
