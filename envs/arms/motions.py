@@ -36,10 +36,10 @@ def sinusoids(
 
 
 def random_way_points(
-    count: int, kinds: Sequence[Kind], rng: np.random.Generator
+    count: int, kinds: Sequence[Kind], rng: np.random.Generator, share: float = 1.0
 ) -> Float[np.ndarray, "count J"]:
-    """Configurations, uniform over the joints' ranges."""
-    return rng.uniform(-1.0, 1.0, (count, len(kinds))) * _halves(kinds)
+    """Configurations, uniform over the joints' ranges, or over a share of them."""
+    return rng.uniform(-share, share, (count, len(kinds))) * _halves(kinds)
 
 
 def through(
