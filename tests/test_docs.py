@@ -79,6 +79,7 @@ def commands(page: Path) -> list[list[str]]:
     for line in shell_lines(page):
         match = re.search(
             r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|compare|view|report"
+            r"|kinematics"
             r"|check-env|doctor)\b.*)",
             line,
         )

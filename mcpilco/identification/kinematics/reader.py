@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.archive import write_bytes
 from mcpilco.identification.kinematics.recording import (
     MarkerRecording,
     is_pose,
@@ -16,7 +19,7 @@ from mcpilco.identification.kinematics.recording import (
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError
 
-Columns = dict[str, Float[np.ndarray, " N"]]
+Columns = dict[str, Float[np.ndarray, " _"]]
 
 
 def read_markers(*paths: str | Path) -> tuple[MarkerRecording, tuple[str, ...]]:
@@ -49,14 +52,29 @@ def read_markers(*paths: str | Path) -> tuple[MarkerRecording, tuple[str, ...]]:
         raise RecordingError(f"{path}: {error}") from error
 
 
+def write_markers(path: str | Path, recording: MarkerRecording) -> Path:
+    """Write a CSV that `read_markers` reads; the cells of a marker that is not seen are empty.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    columns = recording.columns()
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    table = np.column_stack(list(columns.values())).tolist()
+    writer.writerows([["" if v != v else repr(v) for v in row] for row in table])
+    return write_bytes(Path(path), text.getvalue().encode())
+
+
 def _columns(path: str | Path) -> Columns:
     table = read_table(path)
     return {name: table.numbers(name) for name in table.columns}
 
 
 def _joined(
-    poses: Mapping[str, Float[np.ndarray, " N"]],
-    joints: Mapping[str, Float[np.ndarray, " M"]],
+    poses: Mapping[str, Float[np.ndarray, " _"]],
+    joints: Mapping[str, Float[np.ndarray, " _"]],
     files: str,
 ) -> tuple[Columns, tuple[str, ...]]:
     """Joints at the times of the poses, by linear interpolation."""

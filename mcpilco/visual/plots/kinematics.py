@@ -15,7 +15,8 @@ from mcpilco.visual.plots.style import MODEL, SYSTEM, add_legend, new_axes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LOWEST, _HIGHEST = 1e-2, 1e2
+_DPI = 110
+_LOWEST, _HIGHEST = 0.1, 10.0
 """scores between which the colours change; 1 is the tolerance [-]"""
 
 
@@ -31,17 +32,16 @@ def draw_kinematics(
     Raises:
         InputError: matplotlib is missing.
     """
-    import matplotlib.pyplot as plt
-
     left, right = new_axes(2)
+    import matplotlib.pyplot as plt  # new_axes has said what to do where it is missing
+
     plot_triplets(recording, chain, tolerance, left)
     if errors is None:
         right.set_axis_off()
     else:
         plot_pose_errors(errors, right)
-    figure = left.figure
-    figure.savefig(path, dpi=110)
-    plt.close(figure)  # type: ignore[arg-type]
+    plt.savefig(path, dpi=_DPI)
+    plt.close()
     return path
 
 
@@ -58,7 +58,7 @@ def plot_triplets(
     slides, turns = scores(chain.tests, tolerance)
     shown = np.minimum(slides, turns).T
     image = ax.imshow(
-        shown, cmap="RdBu", norm=LogNorm(_LOWEST, _HIGHEST), aspect="auto", origin="upper"
+        shown, cmap="RdBu_r", norm=LogNorm(_LOWEST, _HIGHEST), aspect="auto", origin="upper"
     )
     names = recording.marker_names
     ax.set_xticks(
