@@ -9,6 +9,7 @@ from mcpilco.kernels.base import (
     Sum,
     Term,
 )
+from mcpilco.kernels.kinematic import Kinematic, NestedKinematic
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.stationary import RBF
 
@@ -17,7 +18,9 @@ __all__ = [
     "RBF",
     "ActiveDims",
     "Kernel",
+    "Kinematic",
     "Linear",
+    "NestedKinematic",
     "NoCanonicalFormError",
     "Product",
     "Scaled",
