@@ -11,7 +11,6 @@ from torch import Tensor
 
 from mcpilco.typing import InputError
 
-
 TURN_OVER = 0.02
 """velocity over which dry friction turns over [rad/s or m/s]"""
 

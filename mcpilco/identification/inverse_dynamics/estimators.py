@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
+import torch
 
 from mcpilco.archive import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics.data import JointData, check
@@ -16,7 +17,7 @@ from mcpilco.identification.inverse_dynamics.least_squares import (
     LinearInverseDynamics,
     fit_least_squares,
 )
-from mcpilco.identification.inverse_dynamics.model import InverseDynamics, report_of
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.network import (
     NetworkInverseDynamics,
     fit_network,
@@ -80,12 +81,12 @@ def fit(
         chain = _require_chain(kernel, chain, data)
         built["chain"] = asdict(chain)
     if kernel == "nn":
-        return fit_network(data, built, seed=seed)
+        return fit_network(data, seed=seed, **built)
     if kernel == "fe":
         assert chain is not None
-        return fit_least_squares(data, PhysicalFeatures(chain, friction), built)
+        return fit_least_squares(data, PhysicalFeatures(chain, friction), **built)
     prior = _prior(kernel, data.kinds, chain, friction)
-    return fit_gaussian(kernel, prior, data, built, tuned_on=tuned_on, seed=seed)
+    return fit_gaussian(kernel, prior, data, tuned_on=tuned_on, seed=seed, **built)
 
 
 def _prior(kernel: str, kinds: tuple[Kind, ...], chain: Chain | None, friction: bool) -> Prior:
@@ -118,7 +119,7 @@ def save(path: str | Path, model: InverseDynamics) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    return write_groups(Path(path), *model.to_groups())
+    return write_groups(Path(path), model.fitted.to_json(), model.to_groups())
 
 
 def load(path: str | Path) -> InverseDynamics:
@@ -129,35 +130,33 @@ def load(path: str | Path) -> InverseDynamics:
     """
     about, groups = read_groups(Path(path))
     try:
-        return _build(about, groups)
+        return _build(Fitted.of_json(about), groups)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise RunFolderError(
             f"{path} holds no model of inverse dynamics ({error}); fit it again."
         ) from error
 
 
-def _build(about: dict[str, Any], groups: dict[str, dict[str, np.ndarray]]) -> InverseDynamics:
-    import torch
-
-    kernel, joints = about["kernel"], tuple(about["joints"])
-    report, friction = report_of(about), bool(about["friction"])
-    chain = _chain(about["chain"]) if "chain" in about else None
-    built = {name: about[name] for name in ("friction", "chain") if name in about}
+def _build(fitted: Fitted, groups: dict[str, dict[str, np.ndarray]]) -> InverseDynamics:
+    kernel, joints, built = fitted.kernel, fitted.joints, fitted.built
+    friction = bool(built["friction"])
+    chain = _chain(built["chain"]) if "chain" in built else None
     if kernel == "nn":
-        layers = network(len(joints), int(about["units"]))
-        tensors = {name: torch.as_tensor(value) for name, value in groups["layers"].items()}
-        layers.load_state_dict(tensors)
-        scales = {name: torch.as_tensor(value) for name, value in groups["scales"].items()}
-        return NetworkInverseDynamics(joints, layers, scales, report, built)
+        layers = network(len(joints), int(built["units"]))
+        layers.load_state_dict(_tensors(groups["layers"]))
+        return NetworkInverseDynamics(fitted, layers, _tensors(groups["scales"]))
     if kernel == "fe":
         assert chain is not None
         features = PhysicalFeatures(chain, friction)
-        return LinearInverseDynamics(joints, features, groups["parameters"]["w"], report, built)
-    kinds = cast(tuple[Kind, ...], tuple(about["kinds"]))
+        return LinearInverseDynamics(fitted, features, groups["parameters"]["w"])
+    kinds = cast(tuple[Kind, ...], tuple(built["kinds"]))
     arrays = (groups["data"][name] for name in ("q", "dq", "ddq", "tau"))
     data = JointData(*arrays, joints, kinds)
-    prior = _prior(kernel, kinds, chain, friction)
-    return restored(kernel, prior, data, groups, report, built)
+    return restored(fitted, _prior(kernel, kinds, chain, friction), data, groups)
+
+
+def _tensors(arrays: Mapping[str, np.ndarray]) -> dict[str, torch.Tensor]:
+    return {name: torch.as_tensor(value) for name, value in arrays.items()}
 
 
 def _chain(saved: dict[str, Any]) -> Chain:

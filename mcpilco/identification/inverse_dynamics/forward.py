@@ -21,16 +21,14 @@ class Inertia:
     """The inertia matrices that a model has at some positions."""
 
     matrix: Float[Tensor, "*b J J"]
-    """M, symmetrised [kg m^2, kg m or kg]"""
+    """M, symmetrised: of two entries the one with the smaller torques counts more [kg m^2 or kg]"""
     asymmetry: Float[Tensor, "*b"]
     """largest |M - M^T| before that, in parts of the largest |M| [-]: 0 for a rigid body"""
     positive: Bool[Tensor, "*b"]
     """whether M is positive definite, as that of every robot is"""
 
 
-def inertia(
-    model: InverseDynamics, q: Float[Tensor, "*b J"], unit: float = UNIT
-) -> Inertia:
+def inertia(model: InverseDynamics, q: Float[Tensor, "*b J"], unit: float = UNIT) -> Inertia:
     """M(q), column by column: M e_j = tau(q, 0, e_j) - tau(q, 0, 0).
 
     Torques are affine in the accelerations for the kernels `gip` and `pp` and for `fe`, and the
@@ -49,7 +47,10 @@ def inertia(
     tau = model(torch.cat(parts, -1))
     M = (tau[..., 1:, :] - tau[..., :1, :]).mT / unit
     asymmetry = (M - M.mT).abs().amax((-2, -1)) / M.abs().amax((-2, -1))
-    M = 0.5 * (M + M.mT)
+    # of M_ij and M_ji the one that the joint with the smaller torques tells has the smaller error
+    trust = torch.tensor(model.fitted.torque_std).to(q).pow(-2)
+    share = trust[:, None] / (trust[:, None] + trust)
+    M = share * M + share.mT * M.mT
     return Inertia(M, asymmetry.detach(), torch.linalg.cholesky_ex(M.detach())[1] == 0)
 
 

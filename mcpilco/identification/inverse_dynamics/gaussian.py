@@ -14,7 +14,7 @@ from torch import Tensor
 from mcpilco.evidence import cholesky
 from mcpilco.gp import GP
 from mcpilco.identification.inverse_dynamics.data import JointData
-from mcpilco.identification.inverse_dynamics.model import InverseDynamics, about
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.priors import Prior
 from mcpilco.identification.report import Report
 from mcpilco.kernels import Kernel
@@ -77,17 +77,10 @@ class GaussianInverseDynamics(InverseDynamics):
     """
 
     def __init__(
-        self,
-        kernel: str,
-        prior: Prior,
-        data: JointData,
-        processes: list[Process],
-        report: Report,
-        built: dict[str, Any],
+        self, fitted: Fitted, prior: Prior, data: JointData, processes: list[Process]
     ) -> None:
-        self.kernel, self.prior, self.data = kernel, prior, data
-        self.joints, self.processes, self.report = data.joints, processes, report
-        self._built = built
+        super().__init__(fitted)
+        self.prior, self.data, self.processes = prior, data, processes
 
     def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
         return self._each(motion, Process.mean)
@@ -101,7 +94,7 @@ class GaussianInverseDynamics(InverseDynamics):
         each = enumerate(self.processes)
         return torch.stack([what(process, Z[..., j, :]) for j, process in each], -1)
 
-    def to_groups(self) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
         data = self.data
         groups = {"data": {"q": data.q, "dq": data.dq, "ddq": data.ddq, "tau": data.tau}}
         for joint, process in zip(self.joints, self.processes, strict=True):
@@ -109,17 +102,17 @@ class GaussianInverseDynamics(InverseDynamics):
             groups[f"joint_{joint}"] = {name: value.numpy() for name, value in state.items()} | {
                 "noise_std": np.array(process.noise_std)
             }
-        return about(self, kinds=list(data.kinds), **self._built), groups
+        return groups
 
 
 def fit_gaussian(
     kernel: str,
     prior: Prior,
     data: JointData,
-    built: dict[str, Any],
     tuned_on: int = TUNED_ON,
     max_iterations: int = 200,
     seed: int = 0,
+    **built: Any,
 ) -> GaussianInverseDynamics:
     """A Gaussian process a joint, hyperparameters of highest evidence on some of the samples.
 
@@ -127,10 +120,10 @@ def fit_gaussian(
         kernel: name of the estimator.
         prior: features and kernel.
         data: what to learn from; all of it makes the posterior, whose cost grows as N^3.
-        built: what a file must say to build the prior anew.
         tuned_on: how many samples, drawn at random, the hyperparameters are fitted to.
         max_iterations: of the optimiser, a joint.
         seed: of that choice.
+        built: what a file must say to build the prior anew.
 
     Raises:
         NotPositiveDefiniteError: a joint's covariance matrix has no Cholesky factor.
@@ -145,8 +138,8 @@ def fit_gaussian(
         gps.append(gp.fit(Z[some, j], y[some], max_iterations=max_iterations))
         logger.info("%s: joint %s, %s", kernel, joint, gp.report)
     processes = [Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]) for j, gp in enumerate(gps)]
-    report = _report(data, gps, processes)
-    return GaussianInverseDynamics(kernel, prior, data, processes, report, built)
+    fitted = Fitted.to(kernel, data, _report(data, gps, processes), kinds=list(data.kinds), **built)
+    return GaussianInverseDynamics(fitted, prior, data, processes)
 
 
 def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
@@ -174,12 +167,7 @@ def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
 
 
 def restored(
-    kernel: str,
-    prior: Prior,
-    data: JointData,
-    groups: dict[str, dict[str, np.ndarray]],
-    report: Report,
-    built: dict[str, Any],
+    fitted: Fitted, prior: Prior, data: JointData, groups: dict[str, dict[str, np.ndarray]]
 ) -> GaussianInverseDynamics:
     """The model that `to_groups` wrote: its posterior is factorised again."""
     Z, tau = prior.features(data.motion).detach(), torch.as_tensor(data.tau)
@@ -190,4 +178,4 @@ def restored(
         gp = GP(prior.kernel(), noise_std=noise, noise_floor=0.0, names=(joint,))
         gp.kernel.load_state_dict(state)
         processes.append(Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]))
-    return GaussianInverseDynamics(kernel, prior, data, processes, report, built)
+    return GaussianInverseDynamics(fitted, prior, data, processes)

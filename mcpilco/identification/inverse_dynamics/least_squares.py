@@ -11,7 +11,7 @@ from torch import Tensor
 
 from mcpilco.identification.base_parameters import base_parameters
 from mcpilco.identification.inverse_dynamics.data import JointData
-from mcpilco.identification.inverse_dynamics.model import InverseDynamics, about
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
 from mcpilco.identification.report import Report
 
@@ -19,28 +19,21 @@ from mcpilco.identification.report import Report
 class LinearInverseDynamics(InverseDynamics):
     """tau = Phi(q, q', q'') w with one w for all joints: eq. (3.2)."""
 
-    kernel = "fe"
-
     def __init__(
-        self,
-        joints: tuple[str, ...],
-        features: PhysicalFeatures,
-        w: Float[np.ndarray, " D"],
-        report: Report,
-        built: dict[str, Any],
+        self, fitted: Fitted, features: PhysicalFeatures, w: Float[np.ndarray, " D"]
     ) -> None:
-        self.joints, self.features, self.w, self.report = joints, features, w, report
-        self._built = built
+        super().__init__(fitted)
+        self.features, self.w = features, w
 
     def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
         return self.features(motion) @ torch.as_tensor(self.w)
 
-    def to_groups(self) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
-        return about(self, **self._built), {"parameters": {"w": self.w}}
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
+        return {"parameters": {"w": self.w}}
 
 
 def fit_least_squares(
-    data: JointData, features: PhysicalFeatures, built: dict[str, Any]
+    data: JointData, features: PhysicalFeatures, **built: Any
 ) -> LinearInverseDynamics:
     """The least w of all that explain the torques of all joints best.
 
@@ -55,4 +48,4 @@ def fit_least_squares(
     dependent = base_parameters(Phi).dependent
     names = tuple(features.names[column] for column in dependent)
     report = Report(converged=True, iterations=0, unidentified=names)
-    return LinearInverseDynamics(data.joints, features, w, report, built)
+    return LinearInverseDynamics(Fitted.to("fe", data, report, **built), features, w)

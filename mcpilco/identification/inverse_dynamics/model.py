@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,15 +16,62 @@ from mcpilco.identification.inverse_dynamics.data import JointData
 from mcpilco.identification.report import Report
 
 
-class InverseDynamics(ABC):
-    """The torques that a motion takes, learned from data: tau(q, q', q'')."""
+@dataclass(frozen=True)
+class Fitted:
+    """What every model knows of its fit, and a file says of it."""
 
     kernel: str
-    """by which name it is built and saved, a key of `ESTIMATORS`"""
+    """by which name it is built, a key of `ESTIMATORS`"""
     joints: tuple[str, ...]
     """names, in the order of q"""
+    torque_std: tuple[float, ...]
+    """standard deviation of each joint's torque in the data [N m or N]"""
     report: Report
-    """how the fit went"""
+    """how it went"""
+    built: Mapping[str, Any] = field(default_factory=dict)
+    """what else a file must say to build the model anew"""
+
+    @classmethod
+    def to(cls, kernel: str, data: JointData, report: Report, **built: Any) -> Fitted:
+        """A model that was fitted to data."""
+        return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, built)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `of_json` reads."""
+        return asdict(self)
+
+    @classmethod
+    def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
+        """What `to_json` wrote."""
+        report = {n: tuple(v) if isinstance(v, list) else v for n, v in saved["report"].items()}
+        return cls(
+            saved["kernel"],
+            tuple(saved["joints"]),
+            tuple(saved["torque_std"]),
+            Report(**report),
+            saved["built"],
+        )
+
+
+class InverseDynamics(ABC):
+    """The torques that a motion takes, learned from data: tau(q, q', q'').
+
+    Args:
+        fitted: what all models know of their fit.
+    """
+
+    def __init__(self, fitted: Fitted) -> None:
+        self.fitted = fitted
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names, in the order of q."""
+        return self.fitted.joints
+
+    @property
+    def report(self) -> Report:
+        """How the fit went."""
+        return self.fitted.report
 
     @abstractmethod
     def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
@@ -34,8 +82,8 @@ class InverseDynamics(ABC):
         """
 
     @abstractmethod
-    def to_groups(self) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
-        """Everything learned, as plain JSON and named arrays: what `load` reads."""
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
+        """Everything learned, as named arrays: what `load` reads."""
 
     def nmse(self, data: JointData) -> Float[np.ndarray, " J"]:
         """Mean squared error of each joint, in parts of the variance of its torque [-].
@@ -45,23 +93,3 @@ class InverseDynamics(ABC):
         with torch.no_grad():
             errors = self(data.motion).numpy() - data.tau
         return np.mean(errors**2, 0) / np.var(data.tau, 0)
-
-
-def about(model: InverseDynamics, **more: Any) -> dict[str, Any]:
-    """What a file says of a model, besides its arrays."""
-    fit = {
-        "converged": model.report.converged,
-        "iterations": model.report.iterations,
-        "evidence": list(model.report.evidence),
-        "jitter": list(model.report.jitter),
-        "unidentified": list(model.report.unidentified),
-        "warnings": list(model.report.warnings),
-    }
-    return {"kernel": model.kernel, "joints": list(model.joints), "report": fit, **more}
-
-
-def report_of(about: Mapping[str, Any]) -> Report:
-    """The report that `about` wrote."""
-    fit = dict(about["report"])
-    lists = ("evidence", "jitter", "unidentified", "warnings")
-    return Report(**(fit | {name: tuple(fit[name]) for name in lists}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from mcpilco.identification.inverse_dynamics.data import JointData
-from mcpilco.identification.inverse_dynamics.model import InverseDynamics, about
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
 
 UNITS = 400
@@ -27,50 +28,30 @@ class NetworkInverseDynamics(InverseDynamics):
     Reference: thesis section 3.4.1.
     """
 
-    kernel = "nn"
-
-    def __init__(
-        self,
-        joints: tuple[str, ...],
-        layers: nn.Sequential,
-        scales: dict[str, Tensor],
-        report: Report,
-        built: dict[str, Any],
-    ) -> None:
-        self.joints, self.layers, self.scales, self.report = joints, layers, scales, report
-        self._built = built
+    def __init__(self, fitted: Fitted, layers: nn.Sequential, scales: dict[str, Tensor]) -> None:
+        super().__init__(fitted)
+        self.layers, self.scales = layers, scales
         layers.requires_grad_(False)
 
     def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
         s = self.scales
         return s["tau_mean"] + s["tau_std"] * self.layers((motion - s["x_mean"]) / s["x_std"])
 
-    def to_groups(self) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
         weights = {name: value.numpy() for name, value in self.layers.state_dict().items()}
         scales = {name: value.numpy() for name, value in self.scales.items()}
-        return about(self, units=self.layers[0].out_features, **self._built), {
-            "layers": weights,
-            "scales": scales,
-        }
+        return {"layers": weights, "scales": scales}
 
 
 def network(joints: int, units: int) -> nn.Sequential:
     """The layers, in double precision."""
     sizes = (3 * joints, units, units)
-    hidden = [
-        layer
-        for a, b in zip(sizes, sizes[1:], strict=False)
-        for layer in (nn.Linear(a, b), nn.Sigmoid())
-    ]
+    hidden = [layer for a, b in pairwise(sizes) for layer in (nn.Linear(a, b), nn.Sigmoid())]
     return nn.Sequential(*hidden, nn.Linear(units, joints)).double()
 
 
 def fit_network(
-    data: JointData,
-    built: dict[str, Any],
-    units: int = UNITS,
-    epochs: int = EPOCHS,
-    seed: int = 0,
+    data: JointData, units: int = UNITS, epochs: int = EPOCHS, seed: int = 0, **built: Any
 ) -> NetworkInverseDynamics:
     """A network of the least squared error on standardised torques, by Adam.
 
@@ -92,7 +73,8 @@ def fit_network(
     _initialise(layers, generator)
     _descend(layers, inputs, targets, epochs, generator)
     report = Report(converged=True, iterations=epochs * -(-len(X) // BATCH))
-    return NetworkInverseDynamics(data.joints, layers.double(), scales, report, built)
+    fitted = Fitted.to("nn", data, report, units=units, **built)
+    return NetworkInverseDynamics(fitted, layers.double(), scales)
 
 
 def _initialise(layers: nn.Sequential, generator: torch.Generator) -> None:
