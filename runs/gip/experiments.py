@@ -1,4 +1,4 @@
-"""The three experiments of chapter 3, a trial a seed: what is fitted to what, and how it is judged."""
+"""The experiments of chapter 3, a trial a seed: what is fitted to what, and how it is judged."""
 
 from __future__ import annotations
 

@@ -38,6 +38,8 @@ class Arguments:
 
     only: tuple[str, ...] = tuple(SEEDS)
     """experiments to run"""
+    trials: int | None = None
+    """at most so many of each"""
     quick: bool = False
     """one seed of few samples, without the network; all goes to runs/out"""
     out: Path | None = None
@@ -50,7 +52,8 @@ def main() -> int:
     out = arguments.out or (Path("runs/out/gip") if arguments.quick else HERE)
     sizes = QUICK if arguments.quick else Sizes()
     for experiment in arguments.only:
-        for seed in range(1 if arguments.quick else SEEDS[experiment]):
+        most = 1 if arguments.quick else arguments.trials or SEEDS[experiment]
+        for seed in range(min(most, SEEDS[experiment])):
             path = out / "results" / experiment / f"{seed:04d}.json"
             if not path.exists():
                 found = EXPERIMENTS[experiment](seed, sizes) | {"machine": job.machine()}

@@ -16,8 +16,8 @@ from mcpilco.identification.report import Report
 
 UNITS = 400
 """of each hidden layer; the thesis takes 600 for six joints"""
-EPOCHS = 100
-BATCH = 100
+EPOCHS = 80
+BATCH = 200
 RATE = 3e-3
 """of Adam at first; it falls to 0 along a cosine"""
 
