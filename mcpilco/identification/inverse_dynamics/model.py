@@ -14,6 +14,7 @@ from torch import Tensor
 
 from mcpilco.identification.inverse_dynamics.data import JointData
 from mcpilco.identification.report import Report
+from mcpilco.typing import InputError
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,17 @@ class InverseDynamics(ABC):
     def nmse(self, data: JointData) -> Float[np.ndarray, " J"]:
         """Mean squared error of each joint, in parts of the variance of its torque [-].
 
+        Raises:
+            InputError: a torque does not vary in these data.
+
         Reference: thesis section 3.4.1.
         """
+        for joint, variance in zip(data.joints, data.tau.var(0), strict=True):
+            if not variance > 0.0:
+                raise InputError(
+                    f"the torque of joint {joint!r} is constant in the test data, so its error has "
+                    "no scale; test on a motion that moves every joint."
+                )
         with torch.no_grad():
             errors = self(data.motion).numpy() - data.tau
         return np.mean(errors**2, 0) / np.var(data.tau, 0)
