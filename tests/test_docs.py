@@ -78,7 +78,7 @@ def commands(page: Path) -> list[list[str]]:
     found = []
     for line in shell_lines(page):
         match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|compare|view|report"
+            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|cross|sweep|compare|view|report"
             r"|check-env|doctor)\b.*)",
             line,
         )

@@ -14,6 +14,7 @@ import tyro
 
 from mcpilco.cli.check_env import CheckEnv
 from mcpilco.cli.compare import Compare
+from mcpilco.cli.cross import Cross
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
@@ -47,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 | Compare
                 | Record
                 | Gap
+                | Cross
                 | View
                 | Report
                 | CheckEnv

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import named_numbers, number, pairs, separated
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
@@ -63,7 +64,7 @@ class Gap:
             recordings,
             uncertainty=uncertainty,
             free=tuple(name for entry in self.free for name in entry.split(",")),
-            noise=numbers("--noise", self.noise),
+            noise=named_numbers("--noise", self.noise),
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")
@@ -127,7 +128,7 @@ class Gap:
                     f"got {self.plant!r}."
                 )
             plant = PLANTS[self.plant]()
-        return plant.where(**numbers("--set", self.set))
+        return plant.where(**named_numbers("--set", self.set))
 
     def _read(self, plant: Plant) -> list[Recording]:
         """The recordings that can be read, at one sampling time; says what is wrong with others."""
@@ -151,7 +152,7 @@ class Gap:
             plant.layout.inputs,
             angles=plant.angles,
             velocities=tuple((k, k + 1) for k in range(0, len(states), 2)),
-            columns=dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns)),
+            columns=dict(pairs("--columns", separated(self.columns))),
             dt=dt,
         )
         for error in bad:
@@ -162,28 +163,7 @@ class Gap:
 
     def _uncertainty(self) -> float | dict[str, float]:
         plain = [entry for entry in self.uncertainty if "=" not in entry]
-        named = numbers("--uncertainty", [e for e in self.uncertainty if "=" in e])
+        named = named_numbers("--uncertainty", [e for e in self.uncertainty if "=" in e])
         if named:
             return named
-        return _number("--uncertainty", plain[-1])
-
-
-def numbers(option: str, entries: tuple[str, ...] | list[str]) -> dict[str, float]:
-    """NAME=VALUE entries of an option, also separated by commas."""
-    pairs = (pair.split("=", 1) for pair in _pairs(option, entries))
-    return {name: _number(f"{option} {name}", value) for name, value in pairs}
-
-
-def _pairs(option: str, entries: tuple[str, ...] | list[str]) -> list[str]:
-    pairs = [pair for entry in entries for pair in entry.split(",") if pair]
-    for pair in pairs:
-        if "=" not in pair:
-            raise InputError(f"{option} must be NAME=VALUE, got {pair!r}.")
-    return pairs
-
-
-def _number(what: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{what} must be a number, got {text!r}.") from None
+        return number("--uncertainty", plain[-1])

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import tyro
 
 from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import agent_of, finished_trial, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import EnvError, InputError, RecordingError
@@ -33,6 +34,8 @@ class Record:
     """informative inputs, uniformly random ones, or the last policy of a run folder"""
     env: Annotated[str | None, optional("ID", f"the run's, or {CART_POLE}")] = None
     """Gymnasium id of the env; `module:Id` imports the module first"""
+    env_kwargs: EnvKeywords = ()
+    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     seconds: float = 60.0
     """of data, all rollouts together [s]"""
     rollouts: int = 6
@@ -96,6 +99,7 @@ class Record:
             env_id, kwargs = run.config["env"], dict(run.config["env_kwargs"])
         else:
             env_id, kwargs = self.env or CART_POLE, {}
+        kwargs |= keywords("--env-kwargs", self.env_kwargs)
         if self.dt is not None:
             kwargs["dt"] = self.dt
         return open_env(env_id, {**kwargs, "max_episode_steps": -1})

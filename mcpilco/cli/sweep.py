@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
@@ -32,6 +33,8 @@ class Sweep:
     """`0:30` are 0 to 29; `3,5,7` are these"""
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
+    env_kwargs: EnvKeywords = ()
+    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     algo: Algo = "mcpilco"
     """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
     preset: PresetName = "default"
@@ -69,6 +72,7 @@ class Sweep:
         self._check_engine()
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         self._check(kind, config, env_kwargs)
 
         from mcpilco.sweep import Settings, SweepFolder, sweep

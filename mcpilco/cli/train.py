@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
@@ -34,6 +35,8 @@ class Train:
 
     env: str = CART_POLE
     """Gymnasium id of the env; `module:Id` imports the module first"""
+    env_kwargs: EnvKeywords = ()
+    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     algo: Algo = "mcpilco"
     """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
     stable-baselines3"""
@@ -88,6 +91,7 @@ class Train:
 
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):
             task = given_task(self.task)
@@ -130,8 +134,8 @@ class Train:
         )
         if given != Train():
             raise InputError(
-                "--resume takes env, algo, preset, seed, horizon and folder from the run; "
-                "beside it stand only --task, --trials, --quiet, --tensorboard and --live."
+                "--resume takes env, its keywords, algo, preset, seed, horizon and folder from the "
+                "run; beside it stand only --task, --trials, --quiet, --tensorboard and --live."
             )
         assert self.resume is not None
         with reopened(self.resume, self.trials, self.task) as (run, agent):

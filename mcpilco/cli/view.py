@@ -22,15 +22,19 @@ _LOOK_S = 1.0
 """between two looks at a run that is being written [s]"""
 
 
+FILMS = ("gap.rrd", "crossing.rrd")
+"""recordings in the folders of other commands"""
+
+
 @dataclass(frozen=True)
 class View:
     """Look at the rollouts of a run in the Rerun viewer, one trial after another.
 
-    Or at what `mcpilco gap` has found.
+    Or at what `mcpilco gap` has found, or what came of `mcpilco cross`.
     """
 
     run: RunPath
-    """run folder, folder of `mcpilco gap`, or .rrd file"""
+    """run folder, folder of `mcpilco gap` or `mcpilco cross`, or .rrd file"""
     other: Annotated[
         tyro.conf.Positional[Path | None],
         tyro.conf.arg(metavar="[RUN_B]", help_behavior_hint="(default: none)"),
@@ -55,10 +59,10 @@ class View:
         """
         from mcpilco.run_folder import RunFolder
 
-        film = self.run / "gap.rrd" if self.run.is_dir() else self.run
-        if film.suffix == ".rrd" and film.is_file():
-            self._show_gap(film)
-            return 0
+        for film in (self.run, *(self.run / name for name in FILMS)):
+            if film.suffix == ".rrd" and film.is_file():
+                self._show_film(film)
+                return 0
         runs = [RunFolder.open(path) for path in (self.run, self.other) if path is not None]
         if self.live:
             self._follow(runs)
@@ -84,8 +88,8 @@ class View:
             at = end_s() if self.at is None else self.at
             print(screenshot(recording, self.screenshot, at))
 
-    def _show_gap(self, film: Path) -> None:
-        """What `mcpilco gap` has recorded; a picture is of the end of its first window."""
+    def _show_film(self, film: Path) -> None:
+        """What another command has recorded; a picture is of the end of its first window."""
         if self.other is not None or self.live or self.trial is not None:
             raise InputError(f"{film} is no run: it takes no RUN_B, --trial or --live.")
         self._show(film, lambda: _FIRST_WINDOW_S)

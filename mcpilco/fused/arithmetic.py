@@ -25,7 +25,14 @@ PLAIN = {
     "no_cfunc_wrapper": True,
 }
 """For functions that others call."""
-OUTERMOST = {"fastmath": PLAIN["fastmath"], "error_model": "numpy", "cache": True}
+ONCE = {**PLAIN, "inline": "always"}
+"""For those that are called from one place: compiled with their caller, not before it as well."""
+OUTERMOST = {
+    "fastmath": PLAIN["fastmath"],
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+    "cache": True,
+}
 """For those that Python calls. They alone are kept on disk, with all that they call."""
 
 

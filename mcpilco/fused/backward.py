@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
+from mcpilco.fused.arithmetic import ONCE, OUTERMOST, PLAIN
 from mcpilco.fused.observer import clear, through_estimate
 from mcpilco.fused.policy import activate, augment
 from mcpilco.fused.tiles import add_product
@@ -19,7 +19,7 @@ def _copy(source, out):
             out[i, p] = source[i, p]
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _through_model(jacobian, frozen, model, adjoint):
     """From the next state to z, and added to what is there, to the state and the inputs."""
     following, current, z, mu = adjoint.following, adjoint.current, adjoint.z, adjoint.mu
@@ -47,7 +47,7 @@ def _through_model(jacobian, frozen, model, adjoint):
                 mu[i, p] += 0.0 if frozen[p] else more
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _through_policy(inputs, jacobian, policy, values, adjoint):
     """From the inputs to z; d cost / da [1, z, z^2] of each particle in `columns`."""
     z, mu, columns, squash = adjoint.z, adjoint.mu, adjoint.columns, policy.squash
@@ -120,7 +120,7 @@ def _compiled(sources: str):
         for first in range(start, stop, width):
             last = first + width
             _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
-            if observer.start.size:
+            if observer is not None:
                 clear(observer_memory.expected)
             for t in range(len(gradient_inputs) - 1, -1, -1):
                 _copy(adjoint.current, adjoint.following)
@@ -129,7 +129,7 @@ def _compiled(sources: str):
                 activate(trace.seen[t, :, first:last], first, t, mask, policy, memory)
                 jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
                 _through_model(jacobian[:, :, first:last], frozen, model, adjoint)
-                if observer.start.size:
+                if observer is not None:
                     augment(trace.states[t, :, first:last], policy, observer_memory.z)
                     z, current = adjoint.z, adjoint.current
                     _through_augmentation(policy, observer_memory.z, z, current)
@@ -137,7 +137,7 @@ def _compiled(sources: str):
                 inputs, jacobian = trace.inputs[t], trace.input_jacobians[t]
                 inputs, jacobian = inputs[:, first:last], jacobian[:, :, first:last]
                 _through_policy(inputs, jacobian, policy, memory.z, adjoint)
-                if observer.start.size:
+                if observer is not None:
                     clear(observer_memory.estimates)
                     _through_augmentation(policy, memory.z, adjoint.z, observer_memory.estimates)
                     through_estimate(observer, t, observer_memory, adjoint.current)

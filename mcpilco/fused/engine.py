@@ -57,13 +57,14 @@ def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layo
 
 
 def _observer(
-    sensing: Sensing | None, width: int, padded: int, dtype: type[np.floating]
-) -> layout.ObserverArrays:
+    sensing: Sensing | None, padded: int, dtype: type[np.floating]
+) -> layout.ObserverArrays | None:
+    """None where the policy sees the states: what observes is then not even compiled."""
     if sensing is None:
-        return layout.observer_arrays(None, None, width, dtype)
+        return None
     assert isinstance(sensing.observer, LinearObserver), "mcpilco.engine has made sure"
     noise = _particles_last(sensing.noise, padded, dtype)
-    return layout.observer_arrays(sensing.observer, noise, width, dtype)
+    return layout.observer_arrays(sensing.observer, noise, dtype)
 
 
 def _particles_last(array: Float[Tensor, "*b P C"], padded: int, dtype: type) -> np.ndarray:
@@ -87,7 +88,7 @@ class _Rollout(torch.autograd.Function):
         _, count = weights.shape
         z_width = centres.shape[1]
         padded = layout.padded(particles, dtype)
-        observer = _observer(sensing, start.shape[1], padded, dtype)
+        observer = _observer(sensing, padded, dtype)
         path = np.empty((steps + 1, start.shape[1], padded), dtype)
         trace = layout.Trace(
             states=path,

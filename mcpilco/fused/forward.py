@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from numba import njit
 
-from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
+from mcpilco.fused.arithmetic import ONCE, OUTERMOST
 from mcpilco.fused.observer import estimate, expect_start
 from mcpilco.fused.policy import act, activate, augment
 from mcpilco.fused.posterior import change
 from mcpilco.sources import digest
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _regress(inputs, z, x):
     """The rows [z, u, 1] of x."""
     for d in range(z.shape[0]):
@@ -30,7 +30,7 @@ def _regress(inputs, z, x):
         ones[p] = 1.0
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _advance(model, delta, state, following, frozen):
     """x' = A x + B delta of a block, or x where that is implausible; frozen tells which."""
     A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
@@ -77,17 +77,17 @@ def _compiled(sources: str):
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width
-            if observer.start.size:
+            if observer is not None:
                 expect_start(observer, observer_memory)
             for t in range(steps):
                 state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen = trace.seen[t, :, first:last]
-                if observer.start.size:
+                if observer is not None:
                     errors = observer.errors[t, :, first:last]
                     estimate(observer, t, errors, state, observer_memory, seen)
                 activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
-                if observer.start.size:
+                if observer is not None:
                     augment(state, policy, observer_memory.z)
                     _regress(inputs, observer_memory.z, model_memory.x)
                 else:

@@ -321,19 +321,15 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
 
 
 def observer_arrays(
-    observer: LinearObserver | None, noise: np.ndarray | None, width: int, dtype: type[np.floating]
+    observer: LinearObserver, noise: np.ndarray, dtype: type[np.floating]
 ) -> ObserverArrays:
-    """The arrays of an observer; empty ones where there is none.
+    """The arrays of an observer.
 
     Args:
         observer: a sensor and a linear estimator.
         noise: its standard normal numbers, (T, Y, P).
-        width: X.
         dtype: precision.
     """
-    if observer is None or noise is None:
-        empty = np.zeros((0, width), dtype)
-        return ObserverArrays(empty, empty, empty[:, :, None], empty[0:0, 0], empty[:, :, None])
     estimator = observer.estimator
     gains = estimator.gains.numpy()
     steps = np.minimum(np.arange(len(noise)), len(gains) - 1)
@@ -396,8 +392,12 @@ def model_memory(model: ModelArrays, width: int) -> ModelMemory:
     )
 
 
-def observer_memory(observer: ObserverArrays, z_width: int, width: int) -> ObserverMemory:
-    """Fresh memory for blocks of this width."""
+def observer_memory(
+    observer: ObserverArrays | None, z_width: int, width: int
+) -> ObserverMemory | None:
+    """Fresh memory for blocks of this width; none where nothing is observed."""
+    if observer is None:
+        return None
     states, measured = len(observer.start), len(observer.C)
     z, expected, surprise, estimates = (
         np.empty((rows, width), observer.A.dtype) for rows in (z_width, states, measured, states)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from mcpilco.fused.arithmetic import PLAIN
+from mcpilco.fused.arithmetic import ONCE, PLAIN
 
 
 @njit(**PLAIN)
@@ -40,7 +40,7 @@ def clear(rows):
             rows[i, p] = 0.0
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def expect_start(observer, memory):
     """What is expected of a block of particles before they are measured."""
     for i in range(memory.expected.shape[0]):
@@ -48,7 +48,7 @@ def expect_start(observer, memory):
             memory.expected[i, p] = observer.start[i]
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def estimate(observer, step, errors, state, memory, estimates):
     """Estimates of the states of a block, from measurements with these errors."""
     expected, surprise = memory.expected, memory.surprise
@@ -66,7 +66,7 @@ def estimate(observer, step, errors, state, memory, estimates):
     _add_product(observer.A, estimates, expected, one)
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def through_estimate(observer, step, memory, current):
     """From the estimates, and what is expected of the next step, to the states, which are added to.
 

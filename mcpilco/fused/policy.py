@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, uint32
 
-from mcpilco.fused.arithmetic import OUTERMOST, PLAIN, exp, mix, set_exponentials
+from mcpilco.fused.arithmetic import ONCE, OUTERMOST, PLAIN, exp, mix, set_exponentials
 from mcpilco.fused.tiles import multiply
 
 
@@ -70,7 +70,7 @@ def augment(state, policy, z):
             sine[p] = np.sin(state[angles[i], p])
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _scale(policy, memory):
     """[z / l, 1, -|z / l|^2]."""
     z, scaled, inv_scale, width = memory.z, memory.scaled, policy.inv_scale, memory.z.shape[1]
@@ -93,7 +93,7 @@ def _set_dropped(row, word, shift, limit, scale):
         row[p] = exp(row[p]) * (zero if byte < limit else scale)
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def _drop(key, first, mask, words, phi):
     """Activations from exponents, times their dropout factors, four bases a hash."""
     rows, word = words[0], words[1]
@@ -121,7 +121,7 @@ def activate(state, first, step, mask, policy, memory):
         set_exponentials(memory.flat_phi, memory.phi.dtype.type(1.0))
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def act(policy, memory, inputs, jacobian):
     """The bounded inputs of a block of particles, from its activations, and du/dz.
 

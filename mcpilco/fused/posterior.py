@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mcpilco.fused.arithmetic import PLAIN, set_exponentials
+from mcpilco.fused.arithmetic import ONCE, PLAIN, set_exponentials
 from mcpilco.fused.tiles import multiply, multiply_lower, multiply_upper
 
 _CHUNK_BYTES = 4096
@@ -212,7 +212,7 @@ def _differentiate(e, model, memory, jacobian):
                     jacobian[d, p] -= w[k, d] * mass[p] * (x[d, p] - middle[d])
 
 
-@njit(**PLAIN)
+@njit(**ONCE)
 def change(e, eps, model, memory, jacobian):
     """Sampled changes of one output for a block of particles, and their derivatives."""
     _shift(e, model, memory)

@@ -150,7 +150,8 @@ def _each_step(part):
     """A sweep of a part of the policy; its arguments are those of the forward sweep."""
 
     @_loop
-    def sweep(start, stop, noise, mask, policy, model, trace, policy_memory, model_memory):
+    def sweep(start, stop, noise, mask, policy, model, observer, trace, *memories):
+        policy_memory, _, _ = memories
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             for t in range(noise.shape[0]):
@@ -163,7 +164,8 @@ def _each_output(part):
     """The same for a part of the posterior."""
 
     @_loop
-    def sweep(start, stop, noise, mask, policy, model, trace, policy_memory, model_memory):
+    def sweep(start, stop, noise, mask, policy, model, observer, trace, *memories):
+        policy_memory, model_memory, _ = memories
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width
@@ -177,7 +179,7 @@ def _each_output(part):
 
 @njit(**PLAIN)
 def _augment_part(first, t, mask, policy, trace, memory):
-    _augment(trace.states[t, :, first : first + memory.slope.size], policy, memory)
+    _augment(trace.states[t, :, first : first + memory.slope.size], policy, memory.z)
 
 
 @njit(**PLAIN)

@@ -263,7 +263,9 @@ def test_a_finished_run_is_not_resumed(finished: Path, capsys, trials: list[str]
 
 @pytest.mark.parametrize("given", [["--seed", "5"], ["--horizon", "6"], ["--preset", "thesis"]])
 def test_what_the_run_says_is_not_said_again(finished: Path, capsys, given: list[str]) -> None:
-    assert "--resume takes env, algo, preset, seed" in refused(capsys, *resume(finished), *given)
+    assert "--resume takes env, its keywords, algo, preset, seed" in refused(
+        capsys, *resume(finished), *given
+    )
 
 
 def test_a_run_of_the_first_format_is_read_and_not_resumed(finished: Path, capsys) -> None:

@@ -6,8 +6,6 @@ import sys
 import numpy as np
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END
-
 pytest.importorskip("matplotlib")
 
 
@@ -55,8 +53,3 @@ def test_step_of_a_chain_is_finite_in_both_precisions(run, joints):
     size = run.Size(particles=6, samples=7, steps=4, joints=joints, bases=5)
     costs = {engine: run.make_step(size, engine)()[0] for engine in run.ENGINES}
     assert costs["float32"] == pytest.approx(costs["float64"], rel=1e-4)
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    text = (home / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

@@ -8,7 +8,6 @@ from scipy.stats import multivariate_normal
 
 from mcpilco import MCPILCO
 from mcpilco.data import Rollout
-from mcpilco.sweep.page import BEGIN, END
 
 NOISE = np.array([0.1, 0.2, 0.1, 0.2])
 
@@ -162,8 +161,3 @@ def test_a_file_of_a_seed_reads_back_what_was_measured(run, tmp_path):
     np.testing.assert_array_equal(found["time_s"], [0.0, 0.1, 0.2, 0.3])
     for name, values in measured.items():
         np.testing.assert_array_equal(found[name], values)
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    text = (home / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

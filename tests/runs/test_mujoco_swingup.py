@@ -4,8 +4,6 @@ import sys
 
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END
-
 
 def test_run_trains_its_seeds_and_writes_its_page(run, hasty, tmp_path, monkeypatch):
     arguments = ["--seeds", "0:1", "--workers", "1", "--fresh", "2", "--out", str(tmp_path)]
@@ -44,8 +42,3 @@ def test_both_simulations_are_compared_on_the_seeds_that_both_have(run):
     assert (
         "one rollout" not in run.comparison(mujoco, {"by_seed": {}, "trials": []}).split("Ours")[0]
     )
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    text = (home / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

@@ -8,7 +8,6 @@ import gymnasium as gym
 import pytest
 
 from mcpilco.config import PolicyConfig, SearchConfig
-from mcpilco.sweep.page import BEGIN, END
 
 
 @pytest.fixture
@@ -55,8 +54,3 @@ def test_every_case_learns_from_fewer_than_30_episodes_and_is_judged_on_whole_on
         steps = (case.config.exploration or horizon) + case.trials * horizon
         assert steps < 30 * case.limit
         assert case.task is None or case.task.exists()
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    text = (home / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import sys
 
-from mcpilco.sweep.page import BEGIN, END
-
 
 def test_settings_differ_in_the_estimator_alone(run):
     for config in run.SETTINGS.values():
@@ -21,8 +19,3 @@ def test_run_trains_what_is_missing_and_writes_its_page(run, tmp_path, monkeypat
     assert "| `all measured`, p | 1 |" in text  # the same seed, from runs/cartpole_swingup
     assert run.main() == 0
     assert "1 of 1 seeds are there already." in capsys.readouterr().out
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    page = (home / "README.md").read_text()
-    assert page.count(BEGIN) == page.count(END) == 1

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import sys
 
-from mcpilco.sweep.page import BEGIN, END
-
 
 def test_run_trains_its_seeds_and_writes_its_page_and_goes_on(
     run, hasty, tmp_path, monkeypatch, capsys
@@ -26,8 +24,3 @@ def test_verdict_counts_seeds_that_solved_it_once_and_at_last(run):
     found = [{"success": [True, False]}, {"success": [False, True]}, {"success": [False, False]}]
     text = run.verdict({"by_seed": {str(seed): trials for seed, trials in enumerate(found)}})
     assert "of at least one trial 2 of 3, in that of the last trial 1 of 3." in text
-
-
-def test_page_of_the_repository_has_its_marked_lines(home):
-    text = (home / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

@@ -10,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.sweep.page import BEGIN, END
-
 ROOT = Path(__file__).parent.parent.parent
 COMMAND = ROOT / "runs" / "speed_policy_step.py"
 YARDSTICK = """
@@ -128,8 +126,3 @@ def test_tables_hold_calls_parts_and_targets(modules):
     assert "| dropout | 1.0 (25 %) |" in survey.part_table(found)
     assert "| float32, N = 60 |" in survey.rate_table(found)
     assert "| share [%] | 75 |" in survey.rate_table(found)
-
-
-def test_page_of_the_repository_has_its_marked_lines():
-    text = (COMMAND.parent / "speed" / "README.md").read_text()
-    assert text.count(BEGIN) == text.count(END) == 1

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from mcpilco.data import Prediction, Rollout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
-from mcpilco.visual.plots.style import SYSTEM, add_legend, draw_particles, new_axes
+from mcpilco.visual.plots.style import MODEL, SYSTEM, add_legend, draw_particles, new_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,6 +76,30 @@ def plot_state(
         seen = rollout.observations[:, task.measured_states.index(state)]
         ax.plot(rollout.times, seen, ".", color=SYSTEM, markersize=3, label="observed")
     ax.set(xlabel="time [s]", ylabel=f"{task.state_names[state]} [{task.state_units[state]}]")
+    return ax
+
+
+def plot_promise(
+    promised: Float[np.ndarray, " T"],
+    happened: Float[np.ndarray, " S"],
+    dt: float,
+    label: str,
+    ax: Axes | None = None,
+) -> Axes:
+    """A state over time: as a simulation promised it, and as it was on the system.
+
+    Args:
+        promised: in an episode of the simulation.
+        happened: in an episode of the system.
+        dt: sampling time [s].
+        label: of the state, with its unit.
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    ax.plot(_times(dt, 0, len(promised)), promised, color=MODEL, label="promised")
+    ax.plot(_times(dt, 0, len(happened)), happened, color=SYSTEM, label="on the system")
+    ax.set(xlabel="time [s]", ylabel=label)
+    add_legend(ax)
     return ax
 
 

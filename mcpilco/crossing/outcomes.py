@@ -1,0 +1,191 @@
+"""What became of policies: in the simulations that they were trained in, and on the system."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.contract import make_env, task_of
+from mcpilco.episode import run_episode
+from mcpilco.run_folder import read_json, write_json
+from mcpilco.sweep.fresh import Act, FreshEpisodes
+from mcpilco.task import TaskSpec
+from mcpilco.typing import RunFolderError
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Place:
+    """An env by its id and keywords: a simulation, or the system."""
+
+    env: str
+    kwargs: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a policy in one place."""
+
+    episodes: int
+    """fresh ones, by which it was judged"""
+    returns: float
+    """mean return [-]"""
+    success: float | None
+    """share of episodes with success, where the env tells [-]"""
+    states: Float[np.ndarray, "T_plus_1 X"]
+    """of one episode, in the task's units"""
+    inputs: Float[np.ndarray, "T U"]
+    """of the same"""
+
+    @property
+    def worth(self) -> tuple[float, float]:
+        """What orders policies: success first, then return."""
+        return (-math.inf if self.success is None else self.success), self.returns
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A policy in the simulation that it was trained in, and on the system."""
+
+    trial: int
+    """whose policy of the run it is: the best in its own simulation"""
+    promised: Outcome
+    happened: Outcome
+    states: tuple[tuple[str, str], ...]
+    """name and unit of each state"""
+    inputs: tuple[tuple[str, str], ...]
+    """likewise"""
+    dt: float
+    """sampling time [s]"""
+
+
+def cross(
+    controllers: Mapping[int, Callable[[], Act]],
+    simulation: Place,
+    system: Place,
+    horizon: int,
+    seed: int,
+    episodes: int,
+) -> Crossing:
+    """Choose the best policy of a run by its own simulation, and try it on the system.
+
+    The system is met once: no policy is chosen by how it did there. What is promised is of other
+    episodes than those that chose it.
+
+    Args:
+        controllers: what makes a policy act, by trial.
+        simulation: where they were trained.
+        system: what they are for.
+        horizon: most steps of an episode.
+        seed: of the training.
+        episodes: that a policy is judged by, in each place.
+
+    Raises:
+        EnvError: an env cannot be made, or misbehaves.
+    """
+    tried = {
+        trial: judged(begin, simulation, horizon, (seed, trial, 0), episodes).worth
+        for trial, begin in controllers.items()
+    }
+    trial = max(tried, key=lambda number: (tried[number], number))
+    begin = controllers[trial]
+    task = _task(system)
+    return Crossing(
+        trial,
+        promised=judged(begin, simulation, horizon, (seed, trial, 1), episodes),
+        happened=judged(begin, system, horizon, (seed, trial, 2), episodes),
+        states=tuple(zip(task.state_names, task.state_units, strict=True)),
+        inputs=tuple(zip(task.input_names, task.input_units, strict=True)),
+        dt=task.dt,
+    )
+
+
+def judged(
+    begin: Callable[[], Act], place: Place, horizon: int, seed: Sequence[int], episodes: int
+) -> Outcome:
+    """What becomes of a policy in a place, over fresh episodes.
+
+    Args:
+        begin: makes what acts for one episode, or for a batch that begins together.
+        place: where.
+        horizon: most steps of an episode.
+        seed: run, trial, and which of its judgements this is. The episode that is kept is of the
+            first two alone: it begins alike in all places that draw their starts alike.
+        episodes: by which it is judged.
+
+    Raises:
+        EnvError: the env cannot be made, or misbehaves.
+    """
+    first, shown_seed = (
+        int(np.random.SeedSequence(tuple(part)).generate_state(1)[0]) for part in (seed, seed[:2])
+    )
+    with FreshEpisodes(place.env, place.kwargs, episodes, horizon) as fresh:
+        outcomes = fresh.outcomes(begin, first, 0)
+    env = make_env(place.env, **place.kwargs)
+    try:
+        shown = run_episode(env, begin(), horizon, _task(place).dt, seed=shown_seed)
+    finally:
+        env.close()
+    success = outcomes.get("is_success")
+    return Outcome(
+        episodes=episodes,
+        returns=float(outcomes["return"].mean()),
+        success=None if success is None else float(success.mean()),
+        states=shown.shown_states,
+        inputs=shown.inputs,
+    )
+
+
+def _task(place: Place) -> TaskSpec:
+    env = make_env(place.env, **place.kwargs)
+    try:
+        return task_of(env, None, quiet=True)
+    finally:
+        env.close()
+
+
+# Files --------------------------------------------------------------------------------------------
+
+
+def write_crossing(path: Path, crossing: Crossing) -> None:
+    """Write it as JSON, whole or not at all.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    content = {**vars(crossing), "format": FORMAT}
+    for name in ("promised", "happened"):
+        outcome = getattr(crossing, name)
+        arrays = {"states": outcome.states.tolist(), "inputs": outcome.inputs.tolist()}
+        content[name] = {**vars(outcome), **arrays}
+    write_json(path, content)
+
+
+def read_crossing(path: Path) -> Crossing:
+    """What `write_crossing` has written.
+
+    Raises:
+        RunFolderError: the file is missing or damaged.
+    """
+    content = dict(read_json(path))
+    try:
+        if content.pop("format") != FORMAT:
+            raise ValueError(f'"format" must be {FORMAT}')
+        for name in ("promised", "happened"):
+            outcome = dict(content[name])
+            arrays = {key: np.array(outcome[key], dtype=float) for key in ("states", "inputs")}
+            content[name] = Outcome(**{**outcome, **arrays})
+        for name in ("states", "inputs"):
+            content[name] = tuple((str(word), str(unit)) for word, unit in content[name])
+        return Crossing(**content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunFolderError(
+            f"{path} is damaged: {error}; delete it, and the same command makes it anew."
+        ) from error
