@@ -19,6 +19,7 @@ from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
+from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.record import Record
 from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
@@ -49,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 | Record
                 | Gap
                 | Cross
+                | InverseDynamics
                 | View
                 | Report
                 | CheckEnv

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.gap import pairs
 from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import pairs, separated
 from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
@@ -109,7 +109,7 @@ class InverseDynamics:
         )
 
         joints, kinds = self._robot(chain)
-        columns = dict(pair.split("=", 1) for pair in pairs("--columns", self.columns))
+        columns = dict(pairs("--columns", separated(self.columns)))
         recordings = read_joint_recordings(self.recordings, joints, columns, self.dt)
         for recording in recordings:
             for remark in recording.remarks:
