@@ -40,7 +40,7 @@ class JointPolynomials:
         self.width = J + len(self.hinges) + self._pairs.shape[1] + J
         """D"""
 
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b D"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b D"]:
         """z of [q, q', q''] [rad or m, and their derivatives by s]."""
         q, dq, ddq = motion.split(self.joints, -1)
         angles = q[..., self.hinges]

@@ -17,6 +17,8 @@ Kind = Literal["hinge", "slide"]
 
 HARMONICS = 0.1
 """start of a position's weight, in parts of its factor's offset [-]"""
+_SMALLEST = 1e-12
+"""least mean square that a regressor is scaled by, in its squared unit"""
 
 
 class GIP(Product):
@@ -54,15 +56,15 @@ class GIP(Product):
         self.kinds = kinds
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
-        """Forces that hardly depend on positions, and equally on all that moves.
+        """Forces that depend a little on each position, and equally on all that moves.
 
-        Every factor of a position is about 1: where each of many is a full polynomial, their
-        product is all but white noise, and a fit stalls.
+        Every factor of a position is near 1: where each of many joints is a full polynomial, their
+        product is all but white noise, which no data can tell from the noise.
         """
         *positions, motion = self.parts
         for factor in positions:
             mpk, dims = factor.kernel, factor.dims
-            size = X[:, dims].square().mean(0).clamp_min(1e-12)
+            size = X[:, dims].square().mean(0).clamp_min(_SMALLEST)
             mpk.offset_steps = mpk.spread(torch.tensor([1e-3, 1.0]), 2)
             mpk.weight_steps = mpk.spread(HARMONICS / size, 2, mpk.width)
         motion.start_from(X, torch.ones_like(Y))

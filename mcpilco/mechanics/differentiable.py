@@ -9,7 +9,7 @@ from torch import Tensor
 from mcpilco.mechanics.chain import SLIDE, Body, Chain
 
 
-def torch_regressor(chain: Chain, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J J 10"]:
+def torch_regressor(chain: Chain, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J J 10"]:
     """What `mcpilco.mechanics.regressor` finds, for motions [q, q', q''] of any batch shape.
 
     Each body's force and moment are found in its own frame, by unit parameters, and handed down

@@ -52,10 +52,10 @@ class FeedForward:
 
     def torque(
         self,
-        planned: Float[np.ndarray, "*b J"],
-        q_error: Float[np.ndarray, "*b J"],
-        dq_error: Float[np.ndarray, "*b J"],
-    ) -> Float[np.ndarray, "*b J"]:
+        planned: Float[np.ndarray, "*#b J"],
+        q_error: Float[np.ndarray, "*#b J"],
+        dq_error: Float[np.ndarray, "*#b J"],
+    ) -> Float[np.ndarray, "*#b J"]:
         """What to command [N m or N].
 
         Args:

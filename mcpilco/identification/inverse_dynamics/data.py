@@ -54,7 +54,7 @@ class JointData:
         return len(self.q)
 
     @property
-    def motion(self) -> Float[Tensor, "N 3J"]:
+    def motion(self) -> Float[Tensor, "N Q"]:
         """[q, q', q''], what models map to torques."""
         return torch.as_tensor(np.concatenate([self.q, self.dq, self.ddq], 1), dtype=torch.float64)
 

@@ -82,10 +82,10 @@ class GaussianInverseDynamics(InverseDynamics):
         super().__init__(fitted)
         self.prior, self.data, self.processes = prior, data, processes
 
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         return self._each(motion, Process.mean)
 
-    def std(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
+    def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         """Standard deviation of the torques, without the noise, in their units."""
         return self._each(motion, Process.variance).sqrt()
 

@@ -25,7 +25,7 @@ class LinearInverseDynamics(InverseDynamics):
         super().__init__(fitted)
         self.features, self.w = features, w
 
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         return self.features(motion) @ torch.as_tensor(self.w)
 
     def to_groups(self) -> dict[str, dict[str, np.ndarray]]:

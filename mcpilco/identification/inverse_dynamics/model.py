@@ -1,7 +1,11 @@
-"""What every model of a robot's inverse dynamics can do."""
+"""What every model of a robot's inverse dynamics can do.
+
+A motion [q, q', q''] of J joints has a width of Q = 3 J.
+"""
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -35,7 +39,8 @@ class Fitted:
     @classmethod
     def to(cls, kernel: str, data: JointData, report: Report, **built: Any) -> Fitted:
         """A model that was fitted to data."""
-        return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, built)
+        as_read = json.loads(json.dumps(built))  # equal before and after a file
+        return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, as_read)
 
     def to_json(self) -> dict[str, Any]:
         """What `of_json` reads."""
@@ -75,7 +80,7 @@ class InverseDynamics(ABC):
         return self.fitted.report
 
     @abstractmethod
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         """Torques of motions [q, q', q''] of any batch shape, differentiable by the motion.
 
         Args:

@@ -33,7 +33,7 @@ class NetworkInverseDynamics(InverseDynamics):
         self.layers, self.scales = layers, scales
         layers.requires_grad_(False)
 
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         s = self.scales
         return s["tau_mean"] + s["tau_std"] * self.layers((motion - s["x_mean"]) / s["x_std"])
 

@@ -31,7 +31,7 @@ class PhysicalFeatures:
         self.names = RigidBody(chain, terms, np.zeros(count)).names
         """of the columns"""
 
-    def __call__(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         """Phi, differentiable by the motion."""
         _, dq, ddq = motion.split(len(self.chain.bodies), -1)
         own = [ddq[..., None], friction(dq)] if self.friction else [ddq[..., None]]

@@ -21,7 +21,7 @@ class Prior(ABC):
     """Zero-mean Gaussian processes, one a joint, all with one kernel of features of their own."""
 
     @abstractmethod
-    def features(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         """What the process of each joint regresses on, differentiable by the motion."""
 
     @abstractmethod
@@ -42,7 +42,7 @@ class Nonparametric(Prior):
     def __init__(self, joints: int) -> None:
         self.joints = joints
 
-    def features(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         return motion[..., None, :].expand(*motion.shape[:-1], self.joints, -1)
 
     def kernel(self) -> Kernel:
@@ -63,7 +63,7 @@ class Parametric(Prior):
     def __init__(self, chain: Chain, friction: bool) -> None:
         self.features_of = PhysicalFeatures(chain, friction)
 
-    def features(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         return self.features_of(motion)
 
     def kernel(self) -> Kernel:
@@ -81,7 +81,7 @@ class Semiparametric(Prior):
         self.parametric = Parametric(chain, friction)
         self.rest = Nonparametric(len(chain.bodies))
 
-    def features(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         return torch.cat([self.parametric.features(motion), self.rest.features(motion)], -1)
 
     def kernel(self) -> Kernel:
@@ -103,7 +103,7 @@ class Geometric(Prior):
         self.kinds, self.friction = tuple(kinds), friction
         self.polynomials = JointPolynomials(self.kinds)
 
-    def features(self, motion: Float[Tensor, "*b 3J"]) -> Float[Tensor, "*b J D"]:
+    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
         J = len(self.kinds)
         z = self.polynomials(motion)[..., None, :].expand(*motion.shape[:-1], J, -1)
         return torch.cat([z, friction(motion[..., J : 2 * J])], -1) if self.friction else z
