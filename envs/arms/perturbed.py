@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from envs.arms.frames import matrix, vector
 from mcpilco.mechanics import Body, Chain
 
 LENGTH = 0.05
@@ -37,8 +38,8 @@ def perturbed(
         R = np.array(body.rotation) @ turn
         return replace(
             body,
-            origin=tuple(np.add(body.origin, (x, 0.0, z)).tolist()),
-            rotation=tuple(map(tuple, R.tolist())),
+            origin=vector(np.add(body.origin, (x, 0.0, z))),
+            rotation=matrix(R),
         )
 
     return replace(chain, bodies=tuple(map(of, chain.bodies)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mcpilco.mechanics import HINGE, Body, Chain
-from mcpilco.mechanics.chain import Matrix, Vector
+from envs.arms.frames import matrix, vector
+from mcpilco.mechanics import HINGE, Body, Chain, Matrix, Vector
 
 _DH = (
     # a [m], d [m], alpha [rad]: from this joint's frame to the next one's
@@ -50,8 +50,8 @@ def ur10() -> Chain:
                 kind=HINGE,
                 axis=(0.0, 0.0, 1.0),
                 parent=number - 1,
-                origin=tuple(origin.tolist()),
-                rotation=tuple(map(tuple, rotation.tolist())),
+                origin=vector(origin),
+                rotation=matrix(rotation),
                 mass=mass,
                 center=center,
                 inertia=_cylinder(mass, radius, length, np.array(along)),
@@ -64,6 +64,4 @@ def ur10() -> Chain:
 def _cylinder(mass: float, radius: float, length: float, along: np.ndarray) -> Matrix:
     """Inertia of a solid cylinder about its center [kg m^2]."""
     axial, across = mass * radius**2 / 2.0, mass * (3.0 * radius**2 + length**2) / 12.0
-    inertia = across * np.eye(3) + (axial - across) * np.outer(along, along)
-    x, y, z = inertia.tolist()
-    return tuple(x), tuple(y), tuple(z)
+    return matrix(across * np.eye(3) + (axial - across) * np.outer(along, along))

@@ -158,24 +158,24 @@ class InverseDynamics:
         """The file of the picture; a picture that cannot be drawn loses nothing else."""
         import torch
 
-        from mcpilco.identification.inverse_dynamics.gaussian import GaussianInverseDynamics
         from mcpilco.visual.plots.style import new_axes
         from mcpilco.visual.plots.torques import plot_torque
 
         shown = test.rows(slice(0, 500))
         with torch.no_grad():
             tau = model(shown.motion).numpy()
-            gaussian = isinstance(model, GaussianInverseDynamics)
-            std = model.std(shown.motion).numpy() if gaussian else None
+            std = model.std(shown.motion)
         try:
             axes = new_axes(len(model.joints))
         except McPilcoError as error:
             print(f"mcpilco: without torques.png: {error}", file=sys.stderr)
             return []
         for j, (joint, unit, ax) in enumerate(zip(model.joints, _units(test), axes, strict=True)):
-            band = None if std is None else std[:, j]
+            band = None if std is None else std[:, j].numpy()
             plot_torque(shown.tau[:, j], tau[:, j], joint, unit, band, ax)
-        axes[0].figure.savefig(self.out / "torques.png", dpi=110)
+        figure = axes[0].get_figure(root=True)
+        assert figure is not None
+        figure.savefig(self.out / "torques.png", dpi=110)
         return ["torques.png"]
 
 

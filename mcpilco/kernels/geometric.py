@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 from jaxtyping import Float
@@ -61,14 +61,15 @@ class GIP(Product):
         Every factor of a position is near 1: where each of many joints is a full polynomial, their
         product is all but white noise, which no data can tell from the noise.
         """
-        *positions, motion = self.parts
+        *positions, motion = cast(Sequence[ActiveDims], self.parts)
         for factor in positions:
-            mpk, dims = factor.kernel, factor.dims
-            size = X[:, dims].square().mean(0).clamp_min(_SMALLEST)
+            mpk = cast(MPK, factor.kernel)
+            size = X[:, factor.dims].square().mean(0).clamp_min(_SMALLEST)
             mpk.offset_steps = mpk.spread(torch.tensor([1e-3, 1.0]), 2)
             mpk.weight_steps = mpk.spread(HARMONICS / size, 2, mpk.width)
         motion.start_from(X, torch.ones_like(Y))
         power = Y.square().mean(0)
         power = torch.where(power > 0, power, torch.ones_like(power)) / self.diag(X).mean(-1)
-        motion.kernel.offset_steps = motion.kernel.offset_steps * power[..., None]
-        motion.kernel.weight_steps = motion.kernel.weight_steps * power[..., None, None]
+        mpk = cast(MPK, motion.kernel)
+        mpk.offset_steps = mpk.offset_steps * power[..., None]
+        mpk.weight_steps = mpk.weight_steps * power[..., None, None]

@@ -33,8 +33,8 @@ def write(path, seed: int = 0, rows: int = 300, still: bool = False) -> str:
     q = size * np.sin(arg).sum(-1)
     dq, ddq = size * (w * np.cos(arg)).sum(-1), -size * (w**2 * np.sin(arg)).sum(-1)
     tau = generalised_forces(chain, q, dq, ddq) + 1e-3 * rng.normal(size=q.shape)
-    whats = ("position", "velocity", "acceleration", "torque")
-    header = ",".join(["time", *(f"{joint}_{what}" for what in whats for joint in JOINTS)])
+    logged = ("position", "velocity", "acceleration", "torque")
+    header = ",".join(["time", *(f"{joint}_{what}" for what in logged for joint in JOINTS)])
     np.savetxt(
         path, np.column_stack([t, q, dq, ddq, tau]), delimiter=",", header=header, comments=""
     )

@@ -13,6 +13,8 @@ from torch import Tensor
 from mcpilco.kernels.geometric import Kind
 from mcpilco.typing import InputError
 
+ARRAYS = ("q", "dq", "ddq", "tau")
+"""what is measured"""
 FEWEST = 25
 """rows that a joint needs at least"""
 STILL = 1e-6
@@ -45,7 +47,7 @@ class JointData:
                 f"{len(self.kinds)} kinds."
             )
         expected = (len(self.q), len(self.joints))
-        for name in ("q", "dq", "ddq", "tau"):
+        for name in ARRAYS:
             shape = np.shape(getattr(self, name))
             if shape != expected:
                 raise InputError(f"JointData.{name} must have the shape {expected}, got {shape}.")
@@ -60,8 +62,8 @@ class JointData:
 
     def rows(self, index: Int[np.ndarray, " n"] | slice) -> JointData:
         """Some of the samples."""
-        arrays = (getattr(self, name)[index] for name in ("q", "dq", "ddq", "tau"))
-        return JointData(*arrays, self.joints, self.kinds)
+        q, dq, ddq, tau = (getattr(self, name)[index] for name in ARRAYS)
+        return JointData(q, dq, ddq, tau, self.joints, self.kinds)
 
     def thinned(self, most: int) -> JointData:
         """At most so many samples, at a constant step."""
@@ -85,11 +87,8 @@ def joined(parts: Sequence[JointData]) -> JointData:
                 f"all data must be of the joints {', '.join(first.joints)}, got "
                 f"{', '.join(part.joints)}; give recordings of one robot."
             )
-    arrays = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("q", "dq", "ddq", "tau")
-    )
-    return JointData(*arrays, first.joints, first.kinds)
+    q, dq, ddq, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS)
+    return JointData(q, dq, ddq, tau, first.joints, first.kinds)
 
 
 def check(data: JointData) -> None:
@@ -117,7 +116,7 @@ def check(data: JointData) -> None:
 
 
 def _require_finite(data: JointData) -> None:
-    for name in ("q", "dq", "ddq", "tau"):
+    for name in ARRAYS:
         array = getattr(data, name)
         if not np.isfinite(array).all():
             row, joint = np.argwhere(~np.isfinite(array))[0]

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from mcpilco.archive import read_groups, write_groups
-from mcpilco.identification.inverse_dynamics.data import JointData, check
+from mcpilco.identification.inverse_dynamics.data import ARRAYS, JointData, check
 from mcpilco.identification.inverse_dynamics.gaussian import TUNED_ON, fit_gaussian, restored
 from mcpilco.identification.inverse_dynamics.least_squares import (
     LinearInverseDynamics,
@@ -150,8 +150,8 @@ def _build(fitted: Fitted, groups: dict[str, dict[str, np.ndarray]]) -> InverseD
         features = PhysicalFeatures(chain, friction)
         return LinearInverseDynamics(fitted, features, groups["parameters"]["w"])
     kinds = cast(tuple[Kind, ...], tuple(built["kinds"]))
-    arrays = (groups["data"][name] for name in ("q", "dq", "ddq", "tau"))
-    data = JointData(*arrays, joints, kinds)
+    q, dq, ddq, tau = (groups["data"][name] for name in ARRAYS)
+    data = JointData(q, dq, ddq, tau, joints, kinds)
     return restored(fitted, _prior(kernel, kinds, chain, friction), data, groups)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from mcpilco.evidence import cholesky
 from mcpilco.gp import GP
-from mcpilco.identification.inverse_dynamics.data import JointData
+from mcpilco.identification.inverse_dynamics.data import ARRAYS, JointData
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.priors import Prior
 from mcpilco.identification.report import Report
@@ -86,7 +86,6 @@ class GaussianInverseDynamics(InverseDynamics):
         return self._each(motion, Process.mean)
 
     def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
-        """Standard deviation of the torques, without the noise, in their units."""
         return self._each(motion, Process.variance).sqrt()
 
     def _each(self, motion: Tensor, what: Any) -> Tensor:
@@ -95,8 +94,7 @@ class GaussianInverseDynamics(InverseDynamics):
         return torch.stack([what(process, Z[..., j, :]) for j, process in each], -1)
 
     def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
-        data = self.data
-        groups = {"data": {"q": data.q, "dq": data.dq, "ddq": data.ddq, "tau": data.tau}}
+        groups = {"data": {name: getattr(self.data, name) for name in ARRAYS}}
         for joint, process in zip(self.joints, self.processes, strict=True):
             state = process.kernel.state_dict()
             groups[f"joint_{joint}"] = {name: value.numpy() for name, value in state.items()} | {

@@ -49,7 +49,10 @@ class Fitted:
     @classmethod
     def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
         """What `to_json` wrote."""
-        report = {n: tuple(v) if isinstance(v, list) else v for n, v in saved["report"].items()}
+        report: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in saved["report"].items()
+        }
         return cls(
             saved["kernel"],
             tuple(saved["joints"]),
@@ -90,6 +93,10 @@ class InverseDynamics(ABC):
     @abstractmethod
     def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
         """Everything learned, as named arrays: what `load` reads."""
+
+    def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"] | None:
+        """Standard deviation of the torques, without the noise; None of models without one."""
+        return None
 
     def nmse(self, data: JointData) -> Float[np.ndarray, " J"]:
         """Mean squared error of each joint, in parts of the variance of its torque [-].

@@ -47,7 +47,7 @@ def test_at_the_start_the_factor_of_every_position_is_near_one():
     kernel.start_from(Z, points(60, 1)[:, 0])
     for factor in kernel.parts[:-1]:
         K = factor(Z, Z)
-        assert 0.4 < K.min() < 0.8 < 1.2 < K.max() < 2.0
+        assert 0.3 < K.min() < 1.0 < K.max() < 2.5
 
 
 @pytest.mark.parametrize("kinds", [(), ("hinge", "ball")])

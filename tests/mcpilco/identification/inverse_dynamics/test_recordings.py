@@ -15,7 +15,7 @@ from mcpilco.typing import InputError, RecordingError
 JOINTS = ("turn", "push")
 
 
-def log(path, whats=("position", "velocity", "acceleration", "torque"), rows=300, skip=()):
+def log(path, logged=("position", "velocity", "acceleration", "torque"), rows=300, skip=()):
     """Two joints that swing, as a file; columns are `<joint>_<what>`."""
     t = 0.02 * np.arange(rows)
     w = np.array([2.0, 3.0])
@@ -26,8 +26,8 @@ def log(path, whats=("position", "velocity", "acceleration", "torque"), rows=300
         "acceleration": -(w**2) * np.sin(phase),
         "torque": np.cos(phase + 1.0),
     }
-    header = ["time", *(f"{joint}_{what}" for what in whats for joint in JOINTS)]
-    table = np.column_stack([t, *(columns[what] for what in whats)])
+    header = ["time", *(f"{joint}_{what}" for what in logged for joint in JOINTS)]
+    table = np.column_stack([t, *(columns[what] for what in logged)])
     lines = [",".join(header)]
     for number, row in enumerate(table):
         cells = [
@@ -39,15 +39,15 @@ def log(path, whats=("position", "velocity", "acceleration", "torque"), rows=300
 
 
 @pytest.mark.parametrize(
-    "whats",
+    "logged",
     [
         ("position", "velocity", "acceleration", "torque"),
         ("position", "velocity", "torque"),
         ("position", "torque"),
     ],
 )
-def test_what_is_not_logged_is_the_slope_of_what_is(tmp_path, whats):
-    path, columns = log(tmp_path / "log.csv", whats)
+def test_what_is_not_logged_is_the_slope_of_what_is(tmp_path, logged):
+    path, columns = log(tmp_path / "log.csv", logged)
     (recording,) = read_joint_recordings([path], JOINTS)
     data = joint_data(recording, JOINTS, ("hinge", "slide"))
     inner = slice(10, -10)
