@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -20,6 +22,7 @@ MODEL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.03" mass="1"/></body></body>
 </worldbody></mujoco>"""
 JOINTS = ("turn", "push")
+ROOT = Path(__file__).parents[2]
 
 
 def write(path, seed: int = 0, rows: int = 300, still: bool = False) -> str:
@@ -96,3 +99,14 @@ def test_data_that_cannot_tell_are_refused_with_what_to_record(run, tmp_path, ca
     assert run(log, log, "--joints", "RP") == 2
     assert "give each file once" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_page_is_followed_word_by_word(tmp_path, monkeypatch, unchecked_shapes):
+    """Its first block records, its command learns."""
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "inverse-dynamics.md").read_text(encoding="utf-8")
+    exec(re.search(r"^```python\n(.*?)^```$", page, re.M | re.S)[1], {})
+    (command,) = re.findall(r"^    mcpilco (inverse-dynamics .*)$", page, re.M)
+    assert main(shlex.split(command)) == 0
+    report = json.loads(Path("model/report.json").read_text())
+    assert max(report["nmse"].values()) < 0.01

@@ -33,8 +33,8 @@ def plot_torque(
     """
     ax = new_axes()[0] if ax is None else ax
     n = np.arange(len(measured))
-    ax.plot(n, measured, color=SYSTEM, linewidth=1.2, label="measured")
-    ax.plot(n, predicted, color=MODEL, linewidth=1.0, linestyle="--", label="model")
+    ax.plot(n, measured, color=SYSTEM, linewidth=2.5, alpha=0.4, label="measured")
+    ax.plot(n, predicted, color=MODEL, linewidth=1.0, label="model")
     if std is not None:
         low, high = predicted - 2 * std, predicted + 2 * std
         ax.fill_between(n, low, high, color=MODEL, alpha=0.25, linewidth=0)
