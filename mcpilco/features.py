@@ -3,12 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.typing import InputError
+
+TURN_OVER = 0.02
+"""velocity over which dry friction turns over [rad/s or m/s]"""
+
+
+def friction(dq: Float[Tensor, "*b J"]) -> Float[Tensor, "*b J 2"]:
+    """What viscous and Coulomb friction of each joint are linear in: [q', tanh(q' / v_r)]."""
+    return torch.stack([dq, torch.tanh(dq / TURN_OVER)], -1)
+
+
+class JointPolynomials:
+    """Motions of a robot's joints in coordinates in which all forces are polynomials.
+
+        z = [cos(hinges), sin(hinges), slides, q'_i q'_j for i <= j, q'']
+
+    Args:
+        kinds: of the J joints, `hinge` or `slide` each.
+
+    Reference: thesis eq. (3.8).
+    """
+
+    def __init__(self, kinds: Sequence[Literal["hinge", "slide"]]) -> None:
+        J = len(kinds)
+        self.joints = J
+        self.hinges = [j for j, kind in enumerate(kinds) if kind == "hinge"]
+        self.slides = [j for j, kind in enumerate(kinds) if kind == "slide"]
+        self._pairs = torch.triu_indices(J, J)
+        self.width = J + len(self.hinges) + self._pairs.shape[1] + J
+        """D"""
+
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b D"]:
+        """z of [q, q', q''] [rad or m, and their derivatives by s]."""
+        q, dq, ddq = motion.split(self.joints, -1)
+        angles = q[..., self.hinges]
+        products = dq[..., self._pairs[0]] * dq[..., self._pairs[1]]
+        return torch.cat([angles.cos(), angles.sin(), q[..., self.slides], products, ddq], -1)
 
 
 class AngleAugmentation:

@@ -22,6 +22,7 @@ from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
+from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
 from mcpilco.cli.report import Report
@@ -41,6 +42,7 @@ COMMANDS = (
     Record,
     Gap,
     Cross,
+    InverseDynamics,
     Kinematics,
     View,
     Report,
@@ -62,6 +64,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command = tyro.cli(
             kinds,
+            (
+                Train
+                | Evaluate
+                | Export
+                | Sweep
+                | Compare
+                | Record
+                | Gap
+                | Cross
+                | InverseDynamics
+                | View
+                | Report
+                | CheckEnv
+                | Doctor
+            ),
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

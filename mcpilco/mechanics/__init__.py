@@ -1,6 +1,6 @@
 """Rigid bodies on joints: open chains of hinges and slides, and their equations of motion."""
 
-from mcpilco.mechanics.chain import HINGE, SLIDE, Body, Chain, Chains, stack
+from mcpilco.mechanics.chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, stack
 from mcpilco.mechanics.motion import accelerations, generalised_forces, mass_matrix
 from mcpilco.mechanics.regressor import INERTIAL, inertial_parameters, regressor
 
@@ -11,6 +11,8 @@ __all__ = [
     "Body",
     "Chain",
     "Chains",
+    "Matrix",
+    "Vector",
     "accelerations",
     "generalised_forces",
     "inertial_parameters",

@@ -7,7 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mcpilco.features import AngleAugmentation
+from mcpilco.features import AngleAugmentation, JointPolynomials, friction
 from mcpilco.typing import InputError
 
 
@@ -54,3 +54,18 @@ def test_augmentation_is_differentiable():
 def test_angles_outside_the_state_are_refused(angles: tuple[int, ...]):
     with pytest.raises(InputError, match=r"different indices within 0\.\.3"):
         AngleAugmentation(4, angles)
+
+
+def test_joint_polynomials_are_those_of_the_thesis():
+    """[cos, sin, slides, q'_1 q'_1, q'_1 q'_2, q'_2 q'_2, q'']"""
+    z = JointPolynomials(("slide", "hinge"))
+    motion = torch.tensor([0.5, math.pi / 2, 2.0, 3.0, 7.0, 8.0]).double()
+    expected = torch.tensor([0.0, 1.0, 0.5, 4.0, 6.0, 9.0, 7.0, 8.0]).double()
+    torch.testing.assert_close(z(motion), expected)
+    assert z.width == 8
+
+
+def test_friction_is_viscous_and_dry():
+    found = friction(torch.tensor([-0.5, 0.0, 2.0]).double())
+    expected = torch.tensor([[-0.5, -1.0], [0.0, 0.0], [2.0, 1.0]]).double()
+    torch.testing.assert_close(found, expected)

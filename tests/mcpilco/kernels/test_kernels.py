@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Kinematic, Linear, NestedKinematic, Scaled
+from mcpilco.kernels.geometric import GIP
 from mcpilco.typing import InputError
 
 WIDTH = 3
@@ -21,6 +22,7 @@ KERNELS = {
     "Sum": lambda batch: RBF(WIDTH, batch) + MPK(WIDTH, 2, batch),
     "Product": lambda batch: RBF(WIDTH, batch) * Linear(WIDTH, batch),
     "Scaled": lambda batch: Scaled(RBF(WIDTH, batch), 3.0),
+    "GIP": lambda batch: GIP(("slide",), batch),
     "ActiveDims": lambda batch: ActiveDims(MPK(2, 2, batch), (2, 0), WIDTH),
 }
 

@@ -1,0 +1,183 @@
+"""`mcpilco inverse-dynamics`: learn from recordings which torques a robot's motions take."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    from mcpilco.identification.inverse_dynamics import InverseDynamics as Model
+    from mcpilco.identification.inverse_dynamics import JointData
+    from mcpilco.kernels.geometric import Kind
+    from mcpilco.mechanics import Chain
+
+
+@dataclass(frozen=True)
+class InverseDynamics:
+    """Learn a robot's inverse dynamics from recordings, and test them on the end of each."""
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    """CSV, npz or parquet, with the columns `time`, `<joint>_position`, `<joint>_torque`; also
+    `<joint>_velocity` and `<joint>_acceleration` where they are measured"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for model.npz, report.json and torques.png"""
+    joints: Annotated[str | None, optional("RRPR", "those of --model")] = None
+    """a letter for each joint in the order of the columns, R turns and P slides"""
+    model: Annotated[Path | None, optional("FILE.xml", "none")] = None
+    """MJCF file of the robot, for the kernels that need its geometry"""
+    kernel: Literal["gip", "rbf", "pp", "sp", "fe", "nn"] = "gip"
+    """gip knows the kinds of the joints; pp, sp and fe the geometry; rbf and nn nothing"""
+    frictionless: bool = False
+    """leave friction out of the model"""
+    samples: int = 2000
+    """most samples to learn from, at a constant step; time grows as their cube"""
+    hold_out: float = 0.2
+    """share at the end of each recording that the model is tested on"""
+    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
+    """what the files call their columns, where it differs; also separated by commas"""
+    dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
+    """sampling time to which all are brought [s]"""
+    seed: int = 0
+    """of the choice of samples that hyperparameters are fitted to"""
+
+    def __call__(self) -> int:
+        """Learn, test, save, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.inverse_dynamics import fit, save
+
+        if not self.recordings:
+            raise InputError("expected at least one recording, got none; name a CSV file.")
+        chain = self._chain()
+        train, test = self._data(chain)
+        model = fit(
+            train.thinned(self.samples),
+            self.kernel,
+            chain=chain,
+            friction=not self.frictionless,
+            seed=self.seed,
+        )
+        nmse = model.nmse(test)
+        self.out.mkdir(parents=True, exist_ok=True)
+        save(self.out / "model.npz", model)
+        self._write_report(model, test, nmse.tolist())
+        written = ["model.npz", "report.json", *self._draw(model, test)]
+        print(f"{len(train.thinned(self.samples))} samples to learn from, {len(test)} to test on.")
+        for joint, error, unit in zip(model.joints, nmse, _units(test), strict=True):
+            std = test.tau[:, test.joints.index(joint)].std()
+            print(f"{joint}: nMSE {error:.2e}, error {error**0.5 * std:.3g} of {std:.3g} {unit}")
+        for warning in model.report.warnings:
+            print(warning, file=sys.stderr)
+        print(f"In {self.out}: {', '.join(written)}.")
+        return 0
+
+    def _chain(self) -> Chain | None:
+        if self.model is None:
+            return None
+        import mujoco
+
+        from mcpilco.mjcf import chain_of
+
+        if not self.model.is_file():
+            raise InputError(f"--model must be an MJCF file, got {str(self.model)!r}.")
+        try:
+            model = mujoco.MjModel.from_xml_path(str(self.model))
+        except ValueError as error:
+            raise InputError(f"{self.model} is no model that MuJoCo can load: {error}") from None
+        return chain_of(model)
+
+    def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
+        """What to learn from and what to test on."""
+        from mcpilco.identification.inverse_dynamics import check, joined
+        from mcpilco.identification.inverse_dynamics.recordings import (
+            held_out,
+            joint_data,
+            read_joint_recordings,
+        )
+
+        joints, kinds = self._robot(chain)
+        columns = dict(pairs("--columns", separated(self.columns)))
+        recordings = read_joint_recordings(self.recordings, joints, columns, self.dt)
+        for recording in recordings:
+            for remark in recording.remarks:
+                print(f"{recording.name}: {remark}", file=sys.stderr)
+        parts = [joint_data(recording, joints, kinds) for recording in recordings]
+        check(joined(parts))
+        halves = [held_out(part, self.hold_out) for part in parts]
+        return joined([first for first, _ in halves]), joined([last for _, last in halves])
+
+    def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
+        """Names and kinds of the joints."""
+        from mcpilco.identification.inverse_dynamics.recordings import joints_in, kinds_of
+
+        if chain is not None:
+            kinds = tuple(body.kind for body in chain.bodies)
+            if self.joints is not None and kinds_of(self.joints) != kinds:
+                raise InputError(
+                    f"--joints says {self.joints}, {self.model} has {', '.join(kinds)}; leave "
+                    "--joints out."
+                )
+            return chain.joints, kinds
+        if self.joints is None:
+            raise InputError("give --joints, as in --joints RRPR, or the robot's --model FILE.xml.")
+        names, kinds = joints_in(self.recordings[0]), kinds_of(self.joints)
+        if len(names) != len(kinds):
+            raise InputError(
+                f"--joints {self.joints} says {len(kinds)} joints, {self.recordings[0]} has "
+                f"{len(names)}: {', '.join(names)}; give a letter for each."
+            )
+        return names, kinds
+
+    def _write_report(self, model: Model, test: JointData, nmse: list[float]) -> None:
+        from mcpilco.archive import write_bytes
+
+        told = {
+            "kernel": self.kernel,
+            "recordings": [str(path) for path in self.recordings],
+            "hold_out": self.hold_out,
+            "test_samples": len(test),
+            "nmse": dict(zip(model.joints, nmse, strict=True)),
+            "report": asdict(model.report),
+        }
+        write_bytes(self.out / "report.json", json.dumps(told, indent=1).encode())
+
+    def _draw(self, model: Model, test: JointData) -> list[str]:
+        """The file of the picture; a picture that cannot be drawn loses nothing else."""
+        import torch
+
+        from mcpilco.visual.plots.style import new_axes
+        from mcpilco.visual.plots.torques import plot_torque
+
+        shown = test.rows(slice(0, 500))
+        with torch.no_grad():
+            tau = model(shown.motion).numpy()
+            std = model.std(shown.motion)
+        try:
+            axes = new_axes(len(model.joints))
+        except McPilcoError as error:
+            print(f"mcpilco: without torques.png: {error}", file=sys.stderr)
+            return []
+        for j, (joint, unit, ax) in enumerate(zip(model.joints, _units(test), axes, strict=True)):
+            band = None if std is None else std[:, j].numpy()
+            plot_torque(shown.tau[:, j], tau[:, j], joint, unit, band, ax)
+        figure = axes[0].get_figure(root=True)
+        assert figure is not None
+        figure.savefig(self.out / "torques.png", dpi=110)
+        return ["torques.png"]
+
+
+def _units(data: JointData) -> list[str]:
+    return ["N m" if kind == "hinge" else "N" for kind in data.kinds]

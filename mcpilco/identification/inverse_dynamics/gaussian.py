@@ -1,0 +1,179 @@
+"""Inverse dynamics as Gaussian processes, one a joint."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.evidence import cholesky
+from mcpilco.gp import GP
+from mcpilco.identification.inverse_dynamics.data import ARRAYS, JointData
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
+from mcpilco.identification.inverse_dynamics.priors import Prior
+from mcpilco.identification.report import Report
+from mcpilco.kernels import Kernel
+
+logger = logging.getLogger(__name__)
+
+TUNED_ON = 400
+"""samples that hyperparameters are fitted to"""
+NOISE_FLOOR = 1e-4
+"""least standard deviation of the noise, in parts of the torque's [-]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """The torque of one joint, conditioned on N samples; hyperparameters are constants."""
+
+    kernel: Kernel
+    """prior covariance, of one output"""
+    noise_std: float
+    """in the unit of the torque"""
+    Z: Float[Tensor, "N D"]
+    """features of the samples"""
+    L: Float[Tensor, "1 N N"]
+    """K + s^2 I = L L^T"""
+    alpha: Float[Tensor, "1 N 1"]
+    """(K + s^2 I)^-1 tau"""
+    jitter: float
+    """added to the diagonal, in parts of its mean [-]"""
+
+    @classmethod
+    def of(cls, gp: GP, Z: Float[Tensor, "N D"], y: Float[Tensor, "N 1"]) -> Process:
+        """The posterior of a GP with one output: thesis eq. (3.5)."""
+        with torch.no_grad():
+            K = gp.covariance(Z)
+            L = cholesky(K, gp.names)
+            diagonal = K.diagonal(dim1=-2, dim2=-1)
+            added = (L.square().sum(-1) - diagonal).mean() / diagonal.mean()
+            alpha = torch.cholesky_solve(y.mT[..., None], L)
+            kernel = gp.kernel.requires_grad_(False)
+            noise, jitter = float(gp.noise_std), float(added)
+        return cls(kernel, noise, Z, L, alpha, jitter if jitter > 1e-12 else 0.0)
+
+    def mean(self, Zq: Float[Tensor, "*b D"]) -> Float[Tensor, "*b"]:
+        """Of the latent torque: thesis eq. (3.4)."""
+        flat = Zq.reshape(-1, Zq.shape[-1])
+        return (self.kernel(flat, self.Z) @ self.alpha).reshape(Zq.shape[:-1])
+
+    def variance(self, Zq: Float[Tensor, "*b D"]) -> Float[Tensor, "*b"]:
+        """Of the latent torque, without the noise."""
+        flat = Zq.reshape(-1, Zq.shape[-1])
+        explained = torch.linalg.solve_triangular(self.L, self.kernel(self.Z, flat), upper=False)
+        variance = self.kernel.diag(flat) - explained.square().sum(-2)
+        return variance.clamp_min(0.0).reshape(Zq.shape[:-1])
+
+
+class GaussianInverseDynamics(InverseDynamics):
+    """Each joint's torque as a Gaussian process of its own, of features that a prior names.
+
+    Reference: thesis section 3.2.2.
+    """
+
+    def __init__(
+        self, fitted: Fitted, prior: Prior, data: JointData, processes: list[Process]
+    ) -> None:
+        super().__init__(fitted)
+        self.prior, self.data, self.processes = prior, data, processes
+
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
+        return self._each(motion, Process.mean)
+
+    def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
+        return self._each(motion, Process.variance).sqrt()
+
+    def _each(self, motion: Tensor, what: Any) -> Tensor:
+        Z = self.prior.features(motion)
+        each = enumerate(self.processes)
+        return torch.stack([what(process, Z[..., j, :]) for j, process in each], -1)
+
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
+        groups = {"data": {name: getattr(self.data, name) for name in ARRAYS}}
+        for joint, process in zip(self.joints, self.processes, strict=True):
+            state = process.kernel.state_dict()
+            groups[f"joint_{joint}"] = {name: value.numpy() for name, value in state.items()} | {
+                "noise_std": np.array(process.noise_std)
+            }
+        return groups
+
+
+def fit_gaussian(
+    kernel: str,
+    prior: Prior,
+    data: JointData,
+    tuned_on: int = TUNED_ON,
+    max_iterations: int = 200,
+    seed: int = 0,
+    **built: Any,
+) -> GaussianInverseDynamics:
+    """A Gaussian process a joint, hyperparameters of highest evidence on some of the samples.
+
+    Args:
+        kernel: name of the estimator.
+        prior: features and kernel.
+        data: what to learn from; all of it makes the posterior, whose cost grows as N^3.
+        tuned_on: how many samples, drawn at random, the hyperparameters are fitted to.
+        max_iterations: of the optimiser, a joint.
+        seed: of that choice.
+        built: what a file must say to build the prior anew.
+
+    Raises:
+        NotPositiveDefiniteError: a joint's covariance matrix has no Cholesky factor.
+    """
+    Z = prior.features(data.motion).detach()
+    tau = torch.as_tensor(data.tau, dtype=torch.float64)
+    some = np.random.default_rng(seed).permutation(len(data))[:tuned_on]
+    gps = []
+    for j, joint in enumerate(data.joints):
+        y = tau[:, j : j + 1]
+        gp = GP(prior.kernel(), noise_floor=NOISE_FLOOR * float(y.std()), names=(joint,))
+        gps.append(gp.fit(Z[some, j], y[some], max_iterations=max_iterations))
+        logger.info("%s: joint %s, %s", kernel, joint, gp.report)
+    processes = [Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]) for j, gp in enumerate(gps)]
+    fitted = Fitted.to(kernel, data, _report(data, gps, processes), kinds=list(data.kinds), **built)
+    return GaussianInverseDynamics(fitted, prior, data, processes)
+
+
+def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
+    fits = [gp.report for gp in gps if gp.report is not None]
+    warnings = [
+        f"the hyperparameters of joint {joint!r} may be better: the optimiser stopped at its "
+        f"{fit.iterations} iterations; allow more."
+        for joint, fit in zip(data.joints, fits, strict=True)
+        if not fit.converged
+    ]
+    for joint, process, tau in zip(data.joints, processes, data.tau.T, strict=True):
+        share = process.noise_std**2 / tau.var()
+        if share > 0.5:
+            warnings.append(
+                f"{100 * share:.0f} % of the torque of joint {joint!r} is taken for noise; record "
+                "faster or larger motions of it, or with a load."
+            )
+    return Report(
+        converged=all(fit.converged for fit in fits),
+        iterations=sum(fit.iterations for fit in fits),
+        evidence=tuple(-fit.nlml[0] for fit in fits),
+        jitter=tuple(process.jitter for process in processes),
+        warnings=tuple(warnings),
+    )
+
+
+def restored(
+    fitted: Fitted, prior: Prior, data: JointData, groups: dict[str, dict[str, np.ndarray]]
+) -> GaussianInverseDynamics:
+    """The model that `to_groups` wrote: its posterior is factorised again."""
+    Z, tau = prior.features(data.motion).detach(), torch.as_tensor(data.tau)
+    processes = []
+    for j, joint in enumerate(data.joints):
+        state = {name: torch.as_tensor(value) for name, value in groups[f"joint_{joint}"].items()}
+        noise = float(state.pop("noise_std"))
+        gp = GP(prior.kernel(), noise_std=noise, noise_floor=0.0, names=(joint,))
+        gp.kernel.load_state_dict(state)
+        processes.append(Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]))
+    return GaussianInverseDynamics(fitted, prior, data, processes)

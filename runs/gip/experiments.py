@@ -1,0 +1,161 @@
+"""The experiments of chapter 3, a trial a seed: what is fitted to what, and how it is judged."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from envs.arms.perturbed import perturbed
+from envs.arms.scara import scara
+from envs.arms.sinusoids import sinusoids
+from envs.arms.ur10 import ur10
+from mcpilco.identification.inverse_dynamics import (
+    FeedForward,
+    InverseDynamics,
+    JointData,
+    accelerations,
+    fit,
+    inertia,
+)
+from mcpilco.mechanics import Chain, generalised_forces
+from mcpilco.mechanics import accelerations as true_accelerations
+
+NOISE = 0.01
+"""standard deviation of the torques' noise [N m or N]"""
+ALL = ("fe", "pp", "sp", "gip", "rbf", "nn")
+"""estimators, those that know most first"""
+EFFICIENT = ("pp", "gip", "rbf", "nn")
+"""those of figure 3.3"""
+TRACKED = ("pp", "gip", "rbf")
+"""those that feed forward"""
+GAINS = np.array([100.0, 40.0, 400.0, 1.0]), np.array([40.0, 12.0, 60.0, 0.2])
+"""of the feedback: [N m/rad or N/m] and [N m s/rad or N s/m]"""
+STEP_S, PLAN_S = 0.001, 5.0
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is measured."""
+
+    samples: int = 2000
+    """of the training data, and of the test"""
+    curve: tuple[int, ...] = (250, 500, 1000, 2000, 4000)
+    """amounts of training data in figure 3.3"""
+    estimators: tuple[str, ...] = ALL
+    """in figures 3.2 and 3.4"""
+    tuned_on: int = 400
+    """samples that hyperparameters are fitted to"""
+
+
+QUICK = Sizes(samples=250, curve=(120, 200), estimators=("fe", "pp", "gip", "rbf"), tuned_on=120)
+
+
+def measured(
+    chain: Chain, rng: np.random.Generator, samples: int, noise: float = NOISE
+) -> JointData:
+    """A motion of its own, and its torques."""
+    motion = sinusoids(chain, rng, samples)
+    tau = generalised_forces(chain, *motion) + noise * rng.normal(size=motion[0].shape)
+    return JointData(*motion, tau, chain.joints, tuple(body.kind for body in chain.bodies))
+
+
+def accuracy(seed: int, sizes: Sizes) -> dict[str, Any]:
+    """Figure 3.2: a perturbed SCARA; the geometry that is told is the nominal one."""
+    rng = np.random.default_rng([seed, 0])
+    nominal = scara()
+    robot = perturbed(nominal, rng)
+    train, test = measured(robot, rng, sizes.samples), measured(robot, rng, sizes.samples)
+    models, found = _fitted(sizes.estimators, train, test, nominal, seed, sizes.tuned_on)
+    clean = measured(robot, rng, 200, noise=0.0)
+    found["forward"] = {name: forward(models[name], clean) for name in models if name != "nn"}
+    tracked = {name: models[name] for name in TRACKED if name in models}
+    found["tracking"] = tracking(robot, tracked, rng)
+    return found
+
+
+def six_joints(seed: int, sizes: Sizes) -> dict[str, Any]:
+    """Figure 3.4, but simulated: an arm like a UR10, perturbed as the SCARAs are."""
+    rng = np.random.default_rng([seed, 1])
+    nominal = ur10()
+    robot = perturbed(nominal, rng)
+    train, test = measured(robot, rng, sizes.samples), measured(robot, rng, sizes.samples)
+    return _fitted(sizes.estimators, train, test, nominal, seed, sizes.tuned_on)[1]
+
+
+def efficiency(seed: int, sizes: Sizes) -> dict[str, Any]:
+    """Figure 3.3: the nominal SCARA; each amount is the beginning of one motion."""
+    rng = np.random.default_rng([seed, 2])
+    robot = scara()
+    train, test = measured(robot, rng, sizes.curve[-1]), measured(robot, rng, sizes.samples)
+    gmse: dict[str, list[float]] = {name: [] for name in EFFICIENT}
+    for count in sizes.curve:
+        for name in EFFICIENT:
+            some = train.rows(slice(0, count))
+            model = fit(some, name, chain=robot, friction=False, tuned_on=sizes.tuned_on, seed=seed)
+            gmse[name].append(float((model.nmse(test) * test.tau.var(0)).sum()))
+    return {"seed": seed, "samples": list(sizes.curve), "gmse": gmse}
+
+
+EXPERIMENTS = {"scara": accuracy, "ur10": six_joints, "efficiency": efficiency}
+
+
+def _fitted(
+    estimators: Sequence[str],
+    train: JointData,
+    test: JointData,
+    chain: Chain,
+    seed: int,
+    tuned_on: int,
+) -> tuple[dict[str, InverseDynamics], dict[str, Any]]:
+    models, nmse, cpu = {}, {}, {}
+    for name in estimators:
+        begun = time.process_time()
+        model = fit(train, name, chain=chain, friction=False, tuned_on=tuned_on, seed=seed)
+        cpu[name] = time.process_time() - begun
+        models[name], nmse[name] = model, model.nmse(test).tolist()
+    return models, {
+        "seed": seed,
+        "samples": len(train),
+        "joints": list(train.joints),
+        "torque_std": test.tau.std(0).tolist(),
+        "nmse": nmse,
+        "cpu_s": cpu,
+    }
+
+
+@torch.no_grad()
+def forward(model: InverseDynamics, clean: JointData) -> dict[str, Any]:
+    """Accelerations through the model, from the true torques."""
+    q, dq, tau = (torch.as_tensor(a) for a in (clean.q, clean.dq, clean.tau))
+    positive = inertia(model, q).positive.numpy()
+    ddq = accelerations(model, q, dq, tau, indefinite="nan").numpy()
+    errors = ((ddq - clean.ddq)[positive] ** 2).mean(0) if positive.any() else clean.q[0] * np.nan
+    nmse = errors / clean.ddq.var(0)
+    return {
+        "positive": float(positive.mean()),
+        "nmse": [None if np.isnan(value) else float(value) for value in nmse],
+    }
+
+
+def tracking(
+    robot: Chain, models: Mapping[str, InverseDynamics], rng: np.random.Generator
+) -> dict[str, list[float]]:
+    """RMS errors of the joints [rad or m] on a new motion: feedback alone, and with each model."""
+    names = ("pd", *models)
+    plan = sinusoids(robot, rng, round(PLAN_S / STEP_S), STEP_S)
+    controllers = [FeedForward(models.get(name), *GAINS) for name in names]
+    torques = np.stack([controller.plan(*plan) for controller in controllers], 1)  # T C J
+    q, dq = (np.repeat(array[:1], len(names), 0) for array in plan[:2])
+    errors = []
+    for q_d, dq_d, planned in zip(plan[0], plan[1], torques, strict=True):
+        errors.append(q_d - q)
+        tau = controllers[0].torque(planned, q_d - q, dq_d - dq)
+        dq = dq + STEP_S * true_accelerations(robot, q, dq, tau)
+        q = q + STEP_S * dq
+    rms = np.sqrt(np.mean(np.square(errors), 0))
+    return {name: row.tolist() for name, row in zip(names, rms, strict=True)}

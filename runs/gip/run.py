@@ -1,0 +1,78 @@
+"""Inverse dynamics of a SCARA and of an arm with six hinges, by six estimators.
+
+python runs/gip/run.py --quick       # does it run at all? To runs/out
+python runs/gip/run.py               # 20 SCARAs, 3 six-joint arms, 3 curves: about 15 CPU minutes
+
+Results are kept in results/<experiment>/, a file a seed; the same command goes on where it was
+stopped, and rewrites the pictures, and README.md between its marked lines, from all that is there.
+
+Reference: thesis section 3.4, figures 3.2 to 3.4.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from gip import pages
+from gip.experiments import EXPERIMENTS, QUICK, Sizes
+
+from mcpilco.archive import write_bytes
+from mcpilco.run_folder import read_json
+from mcpilco.sweep import job
+
+HERE = Path(__file__).parent
+SEEDS = {"scara": 20, "ur10": 3, "efficiency": 3}
+"""trials of each experiment"""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Fit all estimators in all experiments, and write tables and pictures."""
+
+    only: tuple[str, ...] = tuple(SEEDS)
+    """experiments to run"""
+    trials: int | None = None
+    """at most so many of each"""
+    quick: bool = False
+    """one seed of few samples, without the network; all goes to runs/out"""
+    out: Path | None = None
+    """folder of results/, pictures and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    job.one_thread()
+    out = arguments.out or (Path("runs/out/gip") if arguments.quick else HERE)
+    sizes = QUICK if arguments.quick else Sizes()
+    for experiment in arguments.only:
+        most = 1 if arguments.quick else arguments.trials or SEEDS[experiment]
+        for seed in range(min(most, SEEDS[experiment])):
+            path = out / "results" / experiment / f"{seed:04d}.json"
+            if not path.exists():
+                found = EXPERIMENTS[experiment](seed, sizes) | {"machine": job.machine()}
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, json.dumps(found, indent=1).encode())
+                print(f"{experiment}, seed {seed}", flush=True)
+        pages.write(out, gathered(out), template=HERE / "README.md")  # a stop loses no table
+    print(f"Tables: {out / 'README.md'}")
+    return 0
+
+
+def gathered(out: Path) -> dict[str, list[dict[str, Any]]]:
+    """The trials of each experiment that are there."""
+    found = {
+        name: [read_json(path) for path in sorted((out / "results" / name).glob("*.json"))]
+        for name in SEEDS
+    }
+    return {name: trials for name, trials in found.items() if trials}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
