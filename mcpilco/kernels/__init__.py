@@ -10,17 +10,22 @@ from mcpilco.kernels.base import (
     Term,
 )
 from mcpilco.kernels.polynomial import MPK, Linear
+from mcpilco.kernels.rescaled import Gate, HardGate, Rescaled, SmoothGate
 from mcpilco.kernels.stationary import RBF
 
 __all__ = [
     "MPK",
     "RBF",
     "ActiveDims",
+    "Gate",
+    "HardGate",
     "Kernel",
     "Linear",
     "NoCanonicalFormError",
     "Product",
+    "Rescaled",
     "Scaled",
+    "SmoothGate",
     "Sum",
     "Term",
 ]
