@@ -16,7 +16,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,11 @@ import mujoco
 import numpy as np
 import torch
 import tyro
-from pages import write_page
 from threadpoolctl import threadpool_limits
+
+sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
+
+from collision.pages import write_page
 
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
 from envs.arms.waypoints import Targets, waypoints
@@ -82,7 +85,7 @@ class Size:
     """to fit to; to set thresholds by; to test"""
     pushes: int = 20
     """of each strength in each phase"""
-    config: CurrentConfig = CurrentConfig()
+    config: CurrentConfig = field(default_factory=CurrentConfig)
 
 
 QUICK = Size(12, 2, CurrentConfig(points=300, fit_points=120, iterations=10))
