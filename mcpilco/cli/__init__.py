@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import tyro
 
 from mcpilco.cli.check_env import CheckEnv
+from mcpilco.cli.collisions import Collisions
 from mcpilco.cli.compare import Compare
 from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
@@ -47,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 | Compare
                 | Record
                 | Gap
+                | Collisions
                 | View
                 | Report
                 | CheckEnv

@@ -151,7 +151,7 @@ class Gap:
             plant.layout.inputs,
             angles=plant.angles,
             velocities=tuple((k, k + 1) for k in range(0, len(states), 2)),
-            columns=dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns)),
+            columns=dict(pair.split("=", 1) for pair in pairs("--columns", self.columns)),
             dt=dt,
         )
         for error in bad:
@@ -170,16 +170,17 @@ class Gap:
 
 def numbers(option: str, entries: tuple[str, ...] | list[str]) -> dict[str, float]:
     """NAME=VALUE entries of an option, also separated by commas."""
-    pairs = (pair.split("=", 1) for pair in _pairs(option, entries))
-    return {name: _number(f"{option} {name}", value) for name, value in pairs}
+    split = (pair.split("=", 1) for pair in pairs(option, entries))
+    return {name: _number(f"{option} {name}", value) for name, value in split}
 
 
-def _pairs(option: str, entries: tuple[str, ...] | list[str]) -> list[str]:
-    pairs = [pair for entry in entries for pair in entry.split(",") if pair]
-    for pair in pairs:
+def pairs(option: str, entries: tuple[str, ...] | list[str]) -> list[str]:
+    """NAME=VALUE entries of an option, those separated by commas apart."""
+    found = [pair for entry in entries for pair in entry.split(",") if pair]
+    for pair in found:
         if "=" not in pair:
             raise InputError(f"{option} must be NAME=VALUE, got {pair!r}.")
-    return pairs
+    return found
 
 
 def _number(what: str, text: str) -> float:

@@ -111,6 +111,19 @@ def build_side_by_side(
     return _blueprint(rrb.Vertical(rrb.Horizontal(*scenes, name="scenes"), below))
 
 
+def build_watch(titles: Mapping[str, str], extent: Float[np.ndarray, "N 3"]) -> rrb.Blueprint:
+    """The layout: one scene over the notes, and two columns of curves beside them.
+
+    Args:
+        titles: of the curves, by entity.
+        extent: points that the camera must see [m].
+    """
+    about = rrb.TextDocumentView(origin=ABOUT, name="about")
+    left = rrb.Vertical(_scene_view(extent), about, row_shares=[3, 1], name="system")
+    plots = rrb.Grid(*(_curve(*entry) for entry in titles.items()), grid_columns=2, name="curves")
+    return _blueprint(rrb.Horizontal(left, plots, column_shares=[1, 1]))
+
+
 def _plots(task: TaskSpec) -> list[rrb.TimeSeriesView]:
     states = zip(task.state_names, task.state_units, strict=True)
     inputs = zip(task.input_names, task.input_units, strict=True)

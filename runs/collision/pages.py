@@ -57,7 +57,7 @@ def tables(trials: Trials, names: Sequence[str], either: Sequence[str]) -> list[
         "Friction compensated (FC) beside the others: ratio of errors, median (greatest).",
         ratios(trials),
         "Thresholds of the first joint [A], and samples above them in the free test, all joints.",
-        limits(trials, [name for name in names if name != "FC, deviations"]),
+        limits(trials, [name for name in names if "of 500" not in name]),
         "Pushes found, in % (median delay [ms]), by their torque about the first joint in parts of "
         "its dry friction; false alarms a minute in the free test.",
         pushes(trials, [*names, "either"], either),

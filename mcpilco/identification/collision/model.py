@@ -30,6 +30,8 @@ from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear, Rescaled
 
 Kind = Literal["PP", "SP", "FC"]
+_BLOCK = 2000
+"""samples at once: their features are held in memory"""
 _FLOOR = 2e-3
 """of the noise [A]"""
 
@@ -88,13 +90,13 @@ class CurrentModel:
         return np.abs(samples.dq) < self.config.quiet_speed
 
     def _each(self, what: str, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
-        phi, z, a = inputs_of(samples, self.features, self.config)
-        return np.column_stack(
-            [
-                getattr(predictor, what)(phi[j], z, a[:, j])
-                for j, predictor in enumerate(self.predictors)
-            ]
-        )
+        found = np.empty_like(samples.i)
+        for first in range(0, len(samples), _BLOCK):
+            rows = slice(first, first + _BLOCK)
+            phi, z, a = inputs_of(samples[rows], self.features, self.config)
+            for j, predictor in enumerate(self.predictors):
+                found[rows, j] = getattr(predictor, what)(phi[j], z, a[:, j])
+        return found
 
 
 def inputs_of(

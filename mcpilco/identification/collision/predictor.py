@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import qr
 
 from mcpilco.gp import Posterior
@@ -17,8 +17,6 @@ from mcpilco.kernels import RBF, Linear
 
 _SHUT = 1e-6
 """a gate that is closed but for this little is closed [-]"""
-_BLOCK = 2000
-"""queries at once: their distances to all samples are held in memory"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,7 @@ class Predictor:
             a: the gate.
         """
         found = phi @ self.w
-        for rows in self._blocks(a):
+        if len(rows := self._open(a)):
             found[rows] += a[rows] * (self._k(z[rows]) @ self.beta)
         return found
 
@@ -111,16 +109,15 @@ class Predictor:
         """Its variance, without the noise of the measurement [A^2]; arguments as of `mean`."""
         p = len(self.D)
         found = phi**2 @ self.D - np.square(phi @ self.R[:, :p].T).sum(axis=1)
-        for rows in self._blocks(a):
+        if len(rows := self._open(a)):
             gate = a[rows]
             told = np.hstack([phi[rows], gate[:, None] * self._k(z[rows])]) @ self.R.T
             found[rows] = phi[rows] ** 2 @ self.D + gate**2 * self.prior - (told**2).sum(axis=1)
         return np.maximum(found, 0.0)
 
-    def _blocks(self, a: np.ndarray) -> list[np.ndarray]:
-        """Rows at which the gate is open, some at once."""
-        rows = np.flatnonzero(a) if len(self.beta) else np.empty(0, dtype=int)
-        return [rows[k : k + _BLOCK] for k in range(0, len(rows), _BLOCK)]
+    def _open(self, a: Float[np.ndarray, " N"]) -> Int[np.ndarray, " n"]:
+        """Rows at which the gate is open."""
+        return np.flatnonzero(a) if len(self.beta) else np.empty(0, dtype=int)
 
     def _k(self, z: Float[np.ndarray, "n D"]) -> Float[np.ndarray, "n M"]:
         """The covariance of f with itself at the training samples [A^2]."""

@@ -1,0 +1,466 @@
+"""`mcpilco collisions`: what motor currents tell of an arm that is touched."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from mcpilco.cli.gap import pairs
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError, RecordingError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mcpilco.identification.collision import (
+        ArmSamples,
+        CurrentModel,
+        Detections,
+        Event,
+        ThresholdConfig,
+        Thresholds,
+    )
+    from mcpilco.recordings import Recording
+
+PUSH = ("push_x", "push_y", "push_z")
+"""columns of the true force at the end of the arm, which a simulation knows [N]"""
+HELD_OUT = 0.3
+"""share of each recording, its end, that thresholds are set by where no other is given"""
+
+Files = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+ModelPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+Columns = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far a current may be from what is expected, and for how long."""
+
+    quantile: float = 0.998
+    """share of a joint's free samples below its threshold; 1 is their maximum"""
+    debounce: int = 3
+    """an alarm is so many samples above the threshold, one after another"""
+    rule: Literal["current", "deviations"] = "current"
+    """thresholds in ampere, or in standard deviations that the posterior tells at each sample"""
+    by_phase: bool = False
+    """a threshold for joints that move, and another for joints that rest"""
+
+    def config(self) -> ThresholdConfig:
+        from mcpilco.identification.collision import ThresholdConfig
+
+        return ThresholdConfig(self.quantile, self.debounce, self.rule, self.by_phase)
+
+
+LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Record a simulated arm whose joints stick: without contact, and pushed."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for arm.xml, free.csv, check.csv and pushed.csv"""
+    moves: int = 60
+    """of the arm in free.csv and in check.csv; pushed.csv has 8"""
+    seed: int = 0
+    """of everything random; equal seeds give equal files"""
+
+    def __call__(self) -> int:
+        """Simulate, and return the exit code."""
+        import numpy as np
+
+        from envs.arms.sticky_arm import MODEL, StickyArm
+        from envs.arms.waypoints import waypoints
+
+        if self.moves < 1 or self.seed < 0:
+            raise InputError(
+                f"--moves must be at least 1 and --seed not negative, got {self.moves} and "
+                f"{self.seed}."
+            )
+        _new_folder(self.out, ("arm.xml", "free.csv", "check.csv", "pushed.csv"))
+        rng = np.random.default_rng(self.seed)
+        arm = StickyArm.drawn(rng)
+        for name in ("free", "check"):
+            self._write(name, arm.follow(waypoints(self.moves, rng), rng))
+        targets = waypoints(8, rng, rest_s=(1.6, 1.6), always=0)
+        pushes = _pushes(targets, float(arm.model.dof_frictionloss[0]), rng)
+        self._write("pushed", arm.follow(targets, rng, pushes))
+        shutil.copyfile(MODEL, self.out / "arm.xml")
+        print(f"In {self.out}: arm.xml, free.csv, check.csv, pushed.csv.")
+        return 0
+
+    def _write(self, name: str, log: Any) -> None:
+        """A CSV with seven decimals, of which sensors tell five."""
+        import numpy as np
+
+        from mcpilco.archive import write_bytes
+        from mcpilco.identification.collision import arm_recording
+
+        recording = arm_recording(name, log)
+        names = ["time", *recording.state_names, *recording.input_names]
+        table = [recording.time, *recording.states.T, *recording.inputs.T]
+        if log.pushes:
+            names, table = [*names, *PUSH], [*table, *log.push.T]
+        rows = np.round(np.column_stack(table), 7).tolist()
+        write_bytes(self.out / f"{name}.csv", _csv(names, rows))
+
+
+@dataclass(frozen=True)
+class Learn:
+    """Learn which currents to expect, from recordings without any contact."""
+
+    recordings: Files
+    """CSV, npz or parquet: time, and for each joint position, velocity, current and targets"""
+    robot: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
+    """MJCF of the robot; its kinematics must be right, its masses need not"""
+    out: Annotated[Path, tyro.conf.arg(metavar="MODEL")]
+    """file for the model, .npz"""
+    check: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...")] = ()
+    """recordings without contact to set thresholds by; else the last 30 % of each of the others"""
+    kind: Literal["PP", "SP", "FC"] = "FC"
+    """parametric, semi-parametric, or with friction compensated at rest"""
+    quiet_speed: float = 1e-2
+    """below which a joint is quasi-static [rad/s or m/s]"""
+    points: int = 1500
+    """samples that the model keeps"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs; also separated by commas"""
+    dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
+    """sampling time of the model and of what it will watch [s]"""
+    limits: LimitOptions = Limits()
+
+    def __call__(self) -> int:
+        """Learn, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.collision import (
+            CurrentConfig,
+            fit_currents,
+            save_collision_model,
+        )
+
+        body = _robot(self.robot)
+        joints, named = body.chain.joints, _named(self.columns)
+        free = _read(self.recordings, joints, named, self.dt)
+        dt = free[0].dt if self.dt is None else self.dt
+        config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
+        train, held = _split(free, config.window)
+        if self.check:
+            train, held = (
+                _joined(free, config),
+                _joined(_read(self.check, joints, named, dt), config),
+            )
+        model, report = fit_currents(train, body, dt, config)
+        limits = _limits(model, held, self.limits)
+        save_collision_model(self.out, model, limits)
+        print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
+        _tell_errors(model, held)
+        _tell_limits(model, limits)
+        for sentence in report.warnings:
+            print(f"mcpilco: {sentence}", file=sys.stderr)
+        if not report.converged:
+            print("mcpilco: the fit was stopped before it converged.", file=sys.stderr)
+        print(f"Model: {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Set the thresholds of a model anew, from recordings without any contact."""
+
+    model: ModelPath
+    """file of `mcpilco collisions learn`, which is rewritten"""
+    recordings: Files
+    """without contact, and others than those that it was learned from"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs"""
+    limits: LimitOptions = Limits()
+
+    def __call__(self) -> int:
+        """Set them, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.collision import load_collision_model, save_collision_model
+
+        model, _ = load_collision_model(self.model)
+        read = _read(self.recordings, model.joints, _named(self.columns), model.dt)
+        held = _joined(read, model.config)
+        limits = _limits(model, held, self.limits)
+        save_collision_model(self.model, model, limits)
+        _tell_errors(model, held)
+        _tell_limits(model, limits)
+        return 0
+
+
+@dataclass(frozen=True)
+class Detect:
+    """Find collisions in recordings, as a detector would while they were made."""
+
+    model: ModelPath
+    """file of `mcpilco collisions learn`"""
+    recordings: Files
+    """to search; columns push_x, push_y, push_z of a simulation are the truth"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for collisions.json and, of each recording, a table (.csv) and a film (.rrd)"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs"""
+
+    def __call__(self) -> int:
+        """Search, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.archive import write_bytes
+        from mcpilco.identification.collision import (
+            detect,
+            events,
+            load_collision_model,
+            samples_of,
+        )
+        from mcpilco.visual.collision_film import write_collision_film
+
+        model, limits = load_collision_model(self.model)
+        self.out.mkdir(parents=True, exist_ok=True)
+        told: dict[str, Any] = {}
+        for recording in _read(self.recordings, model.joints, _named(self.columns), model.dt):
+            samples = samples_of(recording, model.config.window)
+            found = detect(model, limits, samples)
+            alarms = events(found, model.joints)
+            push = _push(self._path(recording.name), samples)
+            film = self.out / f"{recording.name}.rrd"
+            chain = model.features.body.chain
+            write_collision_film(film, recording.name, chain, samples, found, alarms, push)
+            table = _table(found, model.joints)
+            write_bytes(self.out / f"{recording.name}.csv", table)
+            told[recording.name] = [vars(event) for event in alarms]
+            _tell_alarms(recording.name, alarms)
+            if push is not None:
+                _tell_pushes(found, push)
+        write_bytes(self.out / "collisions.json", json.dumps(told, indent=1).encode())
+        first = next(iter(told))
+        print(f"Look at it with: mcpilco view {self.out / first}.rrd")
+        return 0
+
+    def _path(self, name: str) -> Path:
+        return next(path for path in self.recordings if path.stem == name)
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """Find collisions of an arm in its motor currents, without other sensors."""
+
+    command: tyro.conf.OmitArgPrefixes[
+        tyro.conf.OmitSubcommandPrefixes[Simulate | Learn | Threshold | Detect]
+    ]
+
+    def __call__(self) -> int:
+        """Run one of its commands, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        return self.command()
+
+
+# Reading ------------------------------------------------------------------------------------------
+
+
+def _robot(path: Path) -> Any:
+    import mujoco
+
+    from mcpilco.identification import rigid_body
+    from mcpilco.identification.collision import TERMS
+
+    if not path.is_file():
+        raise InputError(f"There is no robot at {path}; name an MJCF file.")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
+    return rigid_body(model, terms=TERMS)
+
+
+def _named(columns: tuple[str, ...]) -> dict[str, str]:
+    return dict(pair.split("=", 1) for pair in pairs("--columns", columns))
+
+
+def _read(
+    paths: Sequence[Path], joints: Sequence[str], columns: dict[str, str], dt: float | None
+) -> list[Recording]:
+    """The recordings, all at one sampling time; remarks go to stderr."""
+    from mcpilco.identification.collision import read_arm
+
+    if not paths:
+        raise InputError("name at least one recording.")
+    stems = [path.stem for path in paths]
+    if len(set(stems)) < len(stems):
+        raise InputError("recordings must have different names; rename one of them.")
+    found: list[Recording] = []
+    for path in paths:
+        found.append(read_arm(path, joints, columns, dt))
+        dt = found[0].dt if dt is None else dt
+        for remark in found[-1].remarks:
+            print(f"{path.stem}: {remark}", file=sys.stderr)
+    return found
+
+
+def _joined(recordings: Sequence[Recording], config: Any) -> ArmSamples:
+    from mcpilco.identification.collision import ArmSamples, samples_of
+
+    return ArmSamples.joined([samples_of(recording, config.window) for recording in recordings])
+
+
+def _split(recordings: Sequence[Recording], window: int) -> tuple[ArmSamples, ArmSamples]:
+    """The beginnings and the ends of the recordings."""
+    from mcpilco.identification.collision import ArmSamples, samples_of
+
+    parts = [samples_of(recording, window) for recording in recordings]
+    ends = [round((1.0 - HELD_OUT) * len(part)) for part in parts]
+    return (
+        ArmSamples.joined([part[:end] for part, end in zip(parts, ends, strict=True)]),
+        ArmSamples.joined([part[end:] for part, end in zip(parts, ends, strict=True)]),
+    )
+
+
+def _push(path: Path, samples: ArmSamples) -> np.ndarray | None:
+    """The true force at each sample, where the file tells it."""
+    import numpy as np
+
+    from mcpilco.recordings.table import read_table
+
+    table = read_table(path)
+    if not all(name in table.columns for name in PUSH) or "time" not in table.columns:
+        return None
+    time = table.numbers("time")
+    rows = np.clip(np.searchsorted(time - time[0], samples.time - 1e-9), 0, len(time) - 1)
+    return np.nan_to_num(np.column_stack([table.numbers(name) for name in PUSH])[rows])
+
+
+def _limits(model: CurrentModel, held: ArmSamples, options: Limits) -> Thresholds:
+    from mcpilco.identification.collision import thresholds
+
+    return thresholds(model, held, options.config())
+
+
+def _positive(points: int) -> int:
+    if points < 100:
+        raise InputError(f"--points must be at least 100, got {points}; try 1500.")
+    return points
+
+
+# Telling ------------------------------------------------------------------------------------------
+
+
+def _tell_errors(model: CurrentModel, held: ArmSamples) -> None:
+    """Root mean square errors of each joint, in motion and at rest."""
+    import numpy as np
+
+    residual, still = held.i - model.mean(held), model.quiet(held)
+    for name, rows in (("in motion", ~still), ("at rest", still)):
+        count = np.maximum(rows.sum(axis=0), 1)
+        error = np.sqrt((residual**2 * rows).sum(axis=0) / count)
+        shown = ", ".join(f"{j} {e:.3g}" for j, e in zip(model.joints, error, strict=True))
+        print(f"Error {name} [A]: {shown}")
+
+
+def _tell_limits(model: CurrentModel, limits: Thresholds) -> None:
+    unit = "A" if limits.config.rule == "current" else "std"
+    kinds = {"in motion": limits.moving, "at rest": limits.resting}
+    for name, values in kinds.items() if limits.config.by_phase else (("", limits.moving),):
+        shown = ", ".join(f"{j} {v:.3g}" for j, v in zip(model.joints, values, strict=True))
+        print(f"Thresholds {f'{name} ' if name else ''}[{unit}]: {shown}")
+
+
+def _tell_alarms(name: str, alarms: Sequence[Event]) -> None:
+    print(f"{name}: {len(alarms)} alarms")
+    for event in alarms:
+        where = "at rest" if event.resting else "in motion"
+        print(
+            f"  {event.start_s:8.3f} s to {event.end_s:8.3f} s, {where}: "
+            f"{', '.join(event.joints)}, {event.excess:.1f} thresholds"
+        )
+
+
+def _tell_pushes(found: Detections, push: np.ndarray) -> None:
+    """Which of the true pushes were found, and when."""
+    import numpy as np
+
+    from mcpilco.recordings.recording import runs
+
+    spans = runs(np.abs(push).max(axis=1) > 0.0)
+    hits = 0
+    for start, end in spans:
+        at = np.flatnonzero(found.collision[start:end])
+        force = float(np.linalg.norm(push[start:end], axis=1).max())
+        told = "missed"
+        if len(at):
+            told = f"found after {1000 * (found.time[start + at[0]] - found.time[start]):.0f} ms"
+        hits += bool(len(at))
+        print(f"  push at {found.time[start]:.3f} s, {force:.0f} N: {told}")
+    print(f"  {hits} of {len(spans)} pushes found")
+
+
+# Writing ------------------------------------------------------------------------------------------
+
+
+def _new_folder(folder: Path, names: Sequence[str]) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(
+            f"{folder} cannot be made ({error.strerror or error}); choose another folder."
+        ) from error
+    for name in names:
+        if (folder / name).exists():
+            raise RecordingError(
+                f"{folder / name} exists already; nothing is overwritten: name another folder."
+            )
+
+
+def _csv(names: Sequence[str], rows: Sequence[Sequence[float]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    return text.getvalue().encode()
+
+
+def _table(found: Detections, joints: Sequence[str]) -> bytes:
+    """What a detector said, a row a sample."""
+    import numpy as np
+
+    kinds = ("expected", "residual", "threshold", "joints")
+    names = ["time", *(f"{j}_{k if k != 'joints' else 'alarm'}" for k in kinds for j in joints)]
+    arrays = np.hstack([getattr(found, kind).astype(float) for kind in kinds])
+    return _csv(names, np.round(np.column_stack([found.time, arrays]), 6).tolist())
+
+
+def _pushes(targets: Any, friction: float, rng: np.random.Generator) -> tuple[Any, ...]:
+    """A push in every other move and in every other rest, of three strengths."""
+    from envs.arms.sticky_arm import Push
+
+    found = []
+    for number, move in enumerate(targets.moves):
+        resting = number % 2 == 1
+        start = move.end_s + 0.5 if resting else 0.5 * (move.start_s + move.end_s)
+        strength = (1.0, 2.0, 3.0)[number // 2 % 3] * float(rng.choice([-1.0, 1.0]))
+        found.append(Push(start, strength * friction))
+    return tuple(found)
