@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,26 +11,30 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from mcpilco.cli.collision_words import (
+    table,
+    tell_alarms,
+    tell_errors,
+    tell_limits,
+    tell_pushes,
+)
 from mcpilco.cli.gap import pairs
 from mcpilco.cli.options import optional
+from mcpilco.cli.simulate_arm import Simulate
 from mcpilco.cli.system import use_one_thread
-from mcpilco.typing import InputError, RecordingError
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from mcpilco.identification.collision import (
+        ArmRecording,
         ArmSamples,
         CurrentModel,
-        Detections,
-        Event,
         ThresholdConfig,
         Thresholds,
     )
-    from mcpilco.recordings import Recording
 
-PUSH = ("push_x", "push_y", "push_z")
-"""columns of the true force at the end of the arm, which a simulation knows [N]"""
 HELD_OUT = 0.3
 """share of each recording, its end, that thresholds are set by where no other is given"""
 
@@ -62,57 +63,6 @@ class Limits:
 
 
 LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
-
-
-@dataclass(frozen=True)
-class Simulate:
-    """Record a simulated arm whose joints stick: without contact, and pushed."""
-
-    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
-    """folder for arm.xml, free.csv, check.csv and pushed.csv"""
-    moves: int = 60
-    """of the arm in free.csv and in check.csv; pushed.csv has 8"""
-    seed: int = 0
-    """of everything random; equal seeds give equal files"""
-
-    def __call__(self) -> int:
-        """Simulate, and return the exit code."""
-        import numpy as np
-
-        from envs.arms.sticky_arm import MODEL, StickyArm
-        from envs.arms.waypoints import waypoints
-
-        if self.moves < 1 or self.seed < 0:
-            raise InputError(
-                f"--moves must be at least 1 and --seed not negative, got {self.moves} and "
-                f"{self.seed}."
-            )
-        _new_folder(self.out, ("arm.xml", "free.csv", "check.csv", "pushed.csv"))
-        rng = np.random.default_rng(self.seed)
-        arm = StickyArm.drawn(rng)
-        for name in ("free", "check"):
-            self._write(name, arm.follow(waypoints(self.moves, rng), rng))
-        targets = waypoints(8, rng, rest_s=(1.6, 1.6), always=0)
-        pushes = _pushes(targets, float(arm.model.dof_frictionloss[0]), rng)
-        self._write("pushed", arm.follow(targets, rng, pushes))
-        shutil.copyfile(MODEL, self.out / "arm.xml")
-        print(f"In {self.out}: arm.xml, free.csv, check.csv, pushed.csv.")
-        return 0
-
-    def _write(self, name: str, log: Any) -> None:
-        """A CSV with seven decimals, of which sensors tell five."""
-        import numpy as np
-
-        from mcpilco.archive import write_bytes
-        from mcpilco.identification.collision import arm_recording
-
-        recording = arm_recording(name, log)
-        names = ["time", *recording.state_names, *recording.input_names]
-        table = [recording.time, *recording.states.T, *recording.inputs.T]
-        if log.pushes:
-            names, table = [*names, *PUSH], [*table, *log.push.T]
-        rows = np.round(np.column_stack(table), 7).tolist()
-        write_bytes(self.out / f"{name}.csv", _csv(names, rows))
 
 
 @dataclass(frozen=True)
@@ -155,7 +105,7 @@ class Learn:
         body = _robot(self.robot)
         joints, named = body.chain.joints, _named(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
-        dt = free[0].dt if self.dt is None else self.dt
+        dt = _dt(free[0]) if self.dt is None else self.dt
         config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
         train, held = _split(free, config.window)
         if self.check:
@@ -167,8 +117,8 @@ class Learn:
         limits = _limits(model, held, self.limits)
         save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
-        _tell_errors(model, held)
-        _tell_limits(model, limits)
+        tell_errors(model, held)
+        tell_limits(model, limits)
         for sentence in report.warnings:
             print(f"mcpilco: {sentence}", file=sys.stderr)
         if not report.converged:
@@ -203,8 +153,8 @@ class Threshold:
         held = _joined(read, model.config)
         limits = _limits(model, held, self.limits)
         save_collision_model(self.model, model, limits)
-        _tell_errors(model, held)
-        _tell_limits(model, limits)
+        tell_errors(model, held)
+        tell_limits(model, limits)
         return 0
 
 
@@ -244,23 +194,19 @@ class Detect:
             samples = samples_of(recording, model.config.window)
             found = detect(model, limits, samples)
             alarms = events(found, model.joints)
-            push = _push(self._path(recording.name), samples)
+            push = _force(recording, samples)
             film = self.out / f"{recording.name}.rrd"
             chain = model.features.body.chain
             write_collision_film(film, recording.name, chain, samples, found, alarms, push)
-            table = _table(found, model.joints)
-            write_bytes(self.out / f"{recording.name}.csv", table)
+            write_bytes(self.out / f"{recording.name}.csv", table(found, model.joints))
             told[recording.name] = [vars(event) for event in alarms]
-            _tell_alarms(recording.name, alarms)
+            tell_alarms(recording.name, alarms)
             if push is not None:
-                _tell_pushes(found, push)
+                tell_pushes(found, push)
         write_bytes(self.out / "collisions.json", json.dumps(told, indent=1).encode())
         first = next(iter(told))
         print(f"Look at it with: mcpilco view {self.out / first}.rrd")
         return 0
-
-    def _path(self, name: str) -> Path:
-        return next(path for path in self.recordings if path.stem == name)
 
 
 @dataclass(frozen=True)
@@ -304,7 +250,7 @@ def _named(columns: tuple[str, ...]) -> dict[str, str]:
 
 def _read(
     paths: Sequence[Path], joints: Sequence[str], columns: dict[str, str], dt: float | None
-) -> list[Recording]:
+) -> list[ArmRecording]:
     """The recordings, all at one sampling time; remarks go to stderr."""
     from mcpilco.identification.collision import read_arm
 
@@ -313,22 +259,28 @@ def _read(
     stems = [path.stem for path in paths]
     if len(set(stems)) < len(stems):
         raise InputError("recordings must have different names; rename one of them.")
-    found: list[Recording] = []
+    found: list[ArmRecording] = []
     for path in paths:
         found.append(read_arm(path, joints, columns, dt))
-        dt = found[0].dt if dt is None else dt
+        dt = _dt(found[0]) if dt is None else dt
         for remark in found[-1].remarks:
             print(f"{path.stem}: {remark}", file=sys.stderr)
     return found
 
 
-def _joined(recordings: Sequence[Recording], config: Any) -> ArmSamples:
+def _dt(recording: ArmRecording) -> float:
+    from mcpilco.recordings.stamps import sampling_time
+
+    return sampling_time(recording.time)
+
+
+def _joined(recordings: Sequence[ArmRecording], config: Any) -> ArmSamples:
     from mcpilco.identification.collision import ArmSamples, samples_of
 
     return ArmSamples.joined([samples_of(recording, config.window) for recording in recordings])
 
 
-def _split(recordings: Sequence[Recording], window: int) -> tuple[ArmSamples, ArmSamples]:
+def _split(recordings: Sequence[ArmRecording], window: int) -> tuple[ArmSamples, ArmSamples]:
     """The beginnings and the ends of the recordings."""
     from mcpilco.identification.collision import ArmSamples, samples_of
 
@@ -340,18 +292,13 @@ def _split(recordings: Sequence[Recording], window: int) -> tuple[ArmSamples, Ar
     )
 
 
-def _push(path: Path, samples: ArmSamples) -> np.ndarray | None:
+def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
     """The true force at each sample, where the file tells it."""
     import numpy as np
 
-    from mcpilco.recordings.table import read_table
-
-    table = read_table(path)
-    if not all(name in table.columns for name in PUSH) or "time" not in table.columns:
+    if recording.force is None:
         return None
-    time = table.numbers("time")
-    rows = np.clip(np.searchsorted(time - time[0], samples.time - 1e-9), 0, len(time) - 1)
-    return np.nan_to_num(np.column_stack([table.numbers(name) for name in PUSH])[rows])
+    return recording.force[np.searchsorted(recording.time, samples.time)]
 
 
 def _limits(model: CurrentModel, held: ArmSamples, options: Limits) -> Thresholds:
@@ -364,103 +311,3 @@ def _positive(points: int) -> int:
     if points < 100:
         raise InputError(f"--points must be at least 100, got {points}; try 1500.")
     return points
-
-
-# Telling ------------------------------------------------------------------------------------------
-
-
-def _tell_errors(model: CurrentModel, held: ArmSamples) -> None:
-    """Root mean square errors of each joint, in motion and at rest."""
-    import numpy as np
-
-    residual, still = held.i - model.mean(held), model.quiet(held)
-    for name, rows in (("in motion", ~still), ("at rest", still)):
-        count = np.maximum(rows.sum(axis=0), 1)
-        error = np.sqrt((residual**2 * rows).sum(axis=0) / count)
-        shown = ", ".join(f"{j} {e:.3g}" for j, e in zip(model.joints, error, strict=True))
-        print(f"Error {name} [A]: {shown}")
-
-
-def _tell_limits(model: CurrentModel, limits: Thresholds) -> None:
-    unit = "A" if limits.config.rule == "current" else "std"
-    kinds = {"in motion": limits.moving, "at rest": limits.resting}
-    for name, values in kinds.items() if limits.config.by_phase else (("", limits.moving),):
-        shown = ", ".join(f"{j} {v:.3g}" for j, v in zip(model.joints, values, strict=True))
-        print(f"Thresholds {f'{name} ' if name else ''}[{unit}]: {shown}")
-
-
-def _tell_alarms(name: str, alarms: Sequence[Event]) -> None:
-    print(f"{name}: {len(alarms)} alarms")
-    for event in alarms:
-        where = "at rest" if event.resting else "in motion"
-        print(
-            f"  {event.start_s:8.3f} s to {event.end_s:8.3f} s, {where}: "
-            f"{', '.join(event.joints)}, {event.excess:.1f} thresholds"
-        )
-
-
-def _tell_pushes(found: Detections, push: np.ndarray) -> None:
-    """Which of the true pushes were found, and when."""
-    import numpy as np
-
-    from mcpilco.recordings.recording import runs
-
-    spans = runs(np.abs(push).max(axis=1) > 0.0)
-    hits = 0
-    for start, end in spans:
-        at = np.flatnonzero(found.collision[start:end])
-        force = float(np.linalg.norm(push[start:end], axis=1).max())
-        told = "missed"
-        if len(at):
-            told = f"found after {1000 * (found.time[start + at[0]] - found.time[start]):.0f} ms"
-        hits += bool(len(at))
-        print(f"  push at {found.time[start]:.3f} s, {force:.0f} N: {told}")
-    print(f"  {hits} of {len(spans)} pushes found")
-
-
-# Writing ------------------------------------------------------------------------------------------
-
-
-def _new_folder(folder: Path, names: Sequence[str]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            f"{folder} cannot be made ({error.strerror or error}); choose another folder."
-        ) from error
-    for name in names:
-        if (folder / name).exists():
-            raise RecordingError(
-                f"{folder / name} exists already; nothing is overwritten: name another folder."
-            )
-
-
-def _csv(names: Sequence[str], rows: Sequence[Sequence[float]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
-    return text.getvalue().encode()
-
-
-def _table(found: Detections, joints: Sequence[str]) -> bytes:
-    """What a detector said, a row a sample."""
-    import numpy as np
-
-    kinds = ("expected", "residual", "threshold", "joints")
-    names = ["time", *(f"{j}_{k if k != 'joints' else 'alarm'}" for k in kinds for j in joints)]
-    arrays = np.hstack([getattr(found, kind).astype(float) for kind in kinds])
-    return _csv(names, np.round(np.column_stack([found.time, arrays]), 6).tolist())
-
-
-def _pushes(targets: Any, friction: float, rng: np.random.Generator) -> tuple[Any, ...]:
-    """A push in every other move and in every other rest, of three strengths."""
-    from envs.arms.sticky_arm import Push
-
-    found = []
-    for number, move in enumerate(targets.moves):
-        resting = number % 2 == 1
-        start = move.end_s + 0.5 if resting else 0.5 * (move.start_s + move.end_s)
-        strength = (1.0, 2.0, 3.0)[number // 2 % 3] * float(rng.choice([-1.0, 1.0]))
-        found.append(Push(start, strength * friction))
-    return tuple(found)

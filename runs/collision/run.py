@@ -42,7 +42,6 @@ from mcpilco.identification.collision import (
     CurrentModel,
     Detections,
     ThresholdConfig,
-    arm_recording,
     detect,
     events,
     fit_currents,
@@ -148,7 +147,7 @@ def trial(controller: str, seed: int, size: Size) -> tuple[dict[str, Any], dict[
 def simulate(
     arm: StickyArm, targets: Targets, rng: np.random.Generator, pushes: tuple[Push, ...] = ()
 ) -> ArmSamples:
-    return samples_of(arm_recording("simulated", arm.follow(targets, rng, pushes)))
+    return samples_of(arm.follow(targets, rng, pushes))
 
 
 # Models -------------------------------------------------------------------------------------------

@@ -14,7 +14,8 @@ from mcpilco.identification.collision.features import TERMS, CurrentFeatures, qu
 from mcpilco.identification.collision.file import load_collision_model, save_collision_model
 from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, fit_currents
 from mcpilco.identification.collision.recordings import (
-    arm_recording,
+    FORCE,
+    ArmRecording,
     columns_of,
     read_arm,
     samples_of,
@@ -28,7 +29,9 @@ from mcpilco.identification.collision.thresholds import (
 )
 
 __all__ = [
+    "FORCE",
     "TERMS",
+    "ArmRecording",
     "ArmSamples",
     "CollisionDetector",
     "CurrentConfig",
@@ -41,7 +44,6 @@ __all__ = [
     "ThresholdConfig",
     "Thresholds",
     "about_unidentified",
-    "arm_recording",
     "check_free",
     "columns_of",
     "debounced",

@@ -15,7 +15,6 @@ from mcpilco.identification.collision import (
     ArmSamples,
     CurrentConfig,
     CurrentModel,
-    arm_recording,
     fit_currents,
     samples_of,
 )
@@ -43,7 +42,7 @@ def log(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmLog:
 
 @functools.cache
 def samples(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmSamples:
-    return samples_of(arm_recording("log", log(seed, moves, pushes)))
+    return samples_of(log(seed, moves, pushes))
 
 
 @functools.cache
