@@ -18,8 +18,8 @@ from mcpilco.sweep.summary import markdown
 Trials = Sequence[Mapping[str, Any]]
 PHASES = {"moving": "moving", "resting": "resting", "leaning": "resting, slow"}
 ABOUT = {
-    "pd": "feed-forward and PD; the log tells the feed-forward",
-    "pid": "feed-forward and PID; the log tells the whole command",
+    "pd": "Feed-forward and PD; the log tells the feed-forward",
+    "pid": "Feed-forward and PID; the log tells the whole command",
 }
 
 
@@ -32,7 +32,7 @@ def write_page(out: Path, template: Path, detectors: Iterable[str], either: Sequ
             continue
         trials = [read_json(path) for path in paths]
         names = [name for name in detectors if all(name in t["detectors"] for t in trials)]
-        parts += [f"### {about.capitalize()}: {len(trials)} arms", *tables(trials, names, either)]
+        parts += [f"### {about} (arms: {len(trials)})", *tables(trials, names, either)]
         if controller == "pd":
             shown = read_arrays(paths[0].with_name(f"{paths[0].stem}-shown.npz"))
             pictures.write_errors(out / "errors.png", trials)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from mcpilco.archive import write_bytes
 from mcpilco.visual.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
@@ -38,6 +39,9 @@ def write_errors(path: Path, trials: Sequence[Mapping[str, Any]]) -> None:
             ax.errorbar(places, middle, yerr=ends, fmt="none", ecolor=SYSTEM, linewidth=0.8)
         ax.set(ylabel=f"RMSE {word} [A]", yscale="log", xticks=range(len(joints)))
         ax.set_xticklabels(joints)
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.yaxis.set_minor_locator(NullLocator())
     add_legend(figure.axes[0])
     _write(path, figure)
 
@@ -61,7 +65,9 @@ def write_currents(path: Path, shown: Mapping[str, np.ndarray]) -> None:
             time, shown[f"expected_{kind}"], color=COLOURS[kind], linewidth=0.8, label=kind
         )
     current.set_ylabel("current [A]")
-    add_legend(current)
+    current.legend(
+        frameon=False, fontsize="small", ncols=3, loc="lower left", bbox_to_anchor=(0, 0.97)
+    )
     for ax, kind in zip(residuals, ("SP", "FC"), strict=True):
         limit = float(shown[f"threshold_{kind}"][0])
         residual = shown["current"] - shown[f"expected_{kind}"]
