@@ -16,6 +16,7 @@ from typing import Any
 import tyro
 
 from mcpilco.cli.check_env import CheckEnv
+from mcpilco.cli.collisions import Collisions
 from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.doctor import Doctor
@@ -44,6 +45,7 @@ COMMANDS = (
     Cross,
     InverseDynamics,
     Kinematics,
+    Collisions,
     View,
     Report,
     CheckEnv,
@@ -64,21 +66,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command = tyro.cli(
             kinds,
-            (
-                Train
-                | Evaluate
-                | Export
-                | Sweep
-                | Compare
-                | Record
-                | Gap
-                | Cross
-                | InverseDynamics
-                | View
-                | Report
-                | CheckEnv
-                | Doctor
-            ),
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),
