@@ -12,12 +12,13 @@ from mcpilco.fused.arithmetic import OUTERMOST, PLAIN
 from mcpilco.fused.observer import estimate, expect_start
 from mcpilco.fused.policy import act, activate, augment
 from mcpilco.fused.posterior import change
+from mcpilco.fused.program import load, prepare, run
 from mcpilco.sources import digest
 
 
 @njit(**PLAIN)
-def _regress(inputs, z, x):
-    """The rows [z, u, 1] of x."""
+def _regress(inputs, z, features, memory, x):
+    """The rows [z, u, features, 1] of x."""
     for d in range(z.shape[0]):
         for p in range(z.shape[1]):
             x[d, p] = z[d, p]
@@ -25,21 +26,46 @@ def _regress(inputs, z, x):
         row = x[z.shape[0] + i]
         for p in range(z.shape[1]):
             row[p] = inputs[i, p]
-    ones = x[z.shape[0] + inputs.shape[0]]
+    for i in range(features.outputs.size):
+        row, value = x[z.shape[0] + inputs.shape[0] + i], memory.registers[features.outputs[i]]
+        for p in range(z.shape[1]):
+            row[p] = value[p]
+    ones = x[z.shape[0] + inputs.shape[0] + features.outputs.size]
     for p in range(z.shape[1]):
         ones[p] = 1.0
 
 
 @njit(**PLAIN)
-def _advance(model, delta, state, following, frozen):
-    """x' = A x + B delta of a block, or x where that is implausible; frozen tells which."""
-    A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
+def _flow(model, state, inputs, following):
+    """A x + C u of a block."""
+    A, C = model.A, model.C
     for i in range(A.shape[0]):
-        for p in range(frozen.size):
+        for p in range(state.shape[1]):
             following[i, p] = 0.0
         for j in range(A.shape[1]):
-            for p in range(frozen.size):
+            for p in range(state.shape[1]):
                 following[i, p] += A[i, j] * state[j, p]
+        for j in range(C.shape[1]):
+            for p in range(state.shape[1]):
+                following[i, p] += C[i, j] * inputs[j, p]
+
+
+@njit(**PLAIN)
+def _drift(drift, memory, state, inputs, following):
+    """The next states of a block by the program."""
+    load(drift, state, inputs, memory)
+    run(drift, memory)
+    for i in range(drift.outputs.size):
+        value = memory.registers[drift.outputs[i]]
+        for p in range(value.size):
+            following[i, p] = value[p]
+
+
+@njit(**PLAIN)
+def _advance(model, delta, state, following, frozen):
+    """Adds B delta to a block, which becomes x where that is implausible; frozen tells which."""
+    A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
+    for i in range(A.shape[0]):
         for e in range(B.shape[1]):
             for p in range(frozen.size):
                 following[i, p] += B[i, e] * delta[e, p]
@@ -62,10 +88,12 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
+        physics,
         observer,
         trace,
         policy_memory,
         model_memory,
+        physics_memory,
         observer_memory,
     ):
         """Roll particles out, block by block, and fill the trace behind its first states.
@@ -79,6 +107,10 @@ def _compiled(sources: str):
             last = first + width
             if observer.start.size:
                 expect_start(observer, observer_memory)
+            drift, drift_memory = physics.drift, physics_memory.drift
+            features, features_memory = physics.features, physics_memory.features
+            prepare(drift, first, drift_memory)
+            prepare(features, first, features_memory)
             for t in range(steps):
                 state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen = trace.seen[t, :, first:last]
@@ -87,15 +119,25 @@ def _compiled(sources: str):
                     estimate(observer, t, errors, state, observer_memory, seen)
                 activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
+                if features.outputs.size:
+                    load(features, state, inputs, features_memory)
+                    run(features, features_memory)
+                x = model_memory.x
                 if observer.start.size:
                     augment(state, policy, observer_memory.z)
-                    _regress(inputs, observer_memory.z, model_memory.x)
+                    _regress(inputs, observer_memory.z, features, features_memory, x)
                 else:
-                    _regress(inputs, policy_memory.z, model_memory.x)
+                    _regress(inputs, policy_memory.z, features, features_memory, x)
                 for e in range(outputs):
                     jacobian = trace.delta_jacobians[t, e, :, first:last]
-                    change(e, noise[t, e, first:last], model, model_memory, jacobian)
+                    weights = physics.weights[e, :, first:last]
+                    eps = noise[t, e, first:last]
+                    change(e, eps, weights, model, model_memory, jacobian)
                 following, frozen = trace.states[t + 1, :, first:last], trace.frozen[t, first:last]
+                if drift.outputs.size:
+                    _drift(drift, drift_memory, state, inputs, following)
+                else:
+                    _flow(model, state, inputs, following)
                 _advance(model, model_memory.delta, state, following, frozen)
 
     return forward
