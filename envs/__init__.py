@@ -16,7 +16,6 @@ from envs.pendulum import PendulumEnv
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.pendulum_vector import PendulumVectorEnv
 from envs.plants import PLANTS
-from mcpilco import known_plants
 
 __all__ = [
     "PLANTS",
@@ -55,5 +54,3 @@ gymnasium.register(
     vector_entry_point="envs.pendulum_vector:PendulumVectorEnv",
     max_episode_steps=40,
 )
-for _plant, _make in PLANTS.items():
-    known_plants.register(_plant, _make)

@@ -21,8 +21,9 @@ def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
     They know a GP whose kernel is a sum of canonical terms, and a sum of Gaussians that sees the
     state as the GP does; `mcpilco.rollout` knows all.
     """
-    plain = isinstance(dynamics, GPDynamics) and dynamics.features is None
-    return plain and not dynamics.C.any() and _canonical(dynamics, policy)
+    if not isinstance(dynamics, GPDynamics) or dynamics.features or dynamics.C.any():
+        return False
+    return _canonical(dynamics, policy)
 
 
 def _canonical(dynamics: object, policy: Policy) -> bool:

@@ -53,7 +53,6 @@ class Controller:
         with torch.no_grad():
             return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy(), state
 
-
     def _answer_after_inputs(
         self, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:

@@ -41,7 +41,11 @@ class Increment:
             memory: how many commands are remembered; 0 changes nothing.
         """
         X, E, more = len(self.A), self.B.shape[1], inputs * memory
-        A, B, C = np.zeros((X + more, X + more)), np.zeros((X + more, E)), np.zeros((X + more, inputs))
+        A, B, C = (
+            np.zeros((X + more, X + more)),
+            np.zeros((X + more, E)),
+            np.zeros((X + more, inputs)),
+        )
         A[:X, :X], B[:X], C[:X] = self.A, self.B, self.C
         if memory:
             C[X : X + inputs] = np.eye(inputs)
@@ -55,9 +59,7 @@ def full_state(task: TaskSpec) -> Increment:
     Reference: thesis eq. (5.6).
     """
     width, inputs = len(task.state_names), len(task.input_names)
-    return Increment(
-        tuple(range(width)), np.eye(width), np.eye(width), np.zeros((width, inputs))
-    )
+    return Increment(tuple(range(width)), np.eye(width), np.eye(width), np.zeros((width, inputs)))
 
 
 def speed_integration(task: TaskSpec) -> Increment:

@@ -61,7 +61,8 @@ class ModelBasedAgent(TrialAgent):
         partly = self.task.measured is not None
         if partly and self.model.memory:
             raise InputError(
-                f"model.memory must be 0 where states are measured in part, got {self.model.memory}."
+                "model.memory must be 0 where states are measured in part, got "
+                f"{self.model.memory}."
             )
         self.perception = Perception(self.config.estimator, self.task) if partly else None
         self.reference_cost = 1.0
@@ -195,7 +196,9 @@ class ModelBasedAgent(TrialAgent):
         controller, prediction = self._controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
             controller = self._controller(found.best.policy, known)
-            prediction = found.best.prediction(SHOWN_PARTICLES).of_states(len(self.task.state_names))
+            prediction = found.best.prediction(SHOWN_PARTICLES).of_states(
+                len(self.task.state_names)
+            )
         act = remembering(controller.answer)
         record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
         self._take(record)

@@ -122,6 +122,8 @@ class PhysicsMean:
 
     def sensitivities(self, rows: Transitions) -> Float[np.ndarray, "E N K"]:
         """Derivatives of these changes by the logarithms of the parameters, where they are now."""
+        if not self.free:
+            return np.zeros((len(self.increment.predicted), len(rows), 0))
         steps = STEP * np.eye(len(self.free))
         logs = np.concatenate([self.belief.mean + steps, self.belief.mean - steps])
         up, down = np.split(self.changes(rows, logs), 2)
@@ -159,9 +161,7 @@ class PhysicsMean:
             J = white @ self.sensitivities(rows)
             self._improve(J, (white @ self.residuals(rows).T[..., None])[..., 0])
 
-    def _improve(
-        self, J: Float[np.ndarray, "E N K"], left: Float[np.ndarray, "E N"]
-    ) -> float:
+    def _improve(self, J: Float[np.ndarray, "E N K"], left: Float[np.ndarray, "E N"]) -> float:
         """One step of Gauss and Newton; returns the largest change. Rows have unit noise."""
         precision = np.eye(len(self.free)) / self._prior_std**2
         precision = precision + np.einsum("enk,enl->kl", J, J)
@@ -181,7 +181,7 @@ class PhysicsMean:
             InputError: an array is missing, of another shape, or not finite.
         """
         shapes = {name: value.shape for name, value in self.prior.to_arrays().items()}
-        found = {name: np.shape(arrays.get(name)) for name in shapes}
+        found = {name: arrays[name].shape for name in shapes if name in arrays}
         if found != shapes or not all(np.isfinite(arrays[name]).all() for name in shapes):
             raise InputError(
                 f"Saved physics must have finite arrays of shapes {shapes}, got {found}; name the "
@@ -193,9 +193,7 @@ class PhysicsMean:
 class PhysicsDynamics:
     """A plant with uncertain parameters, and a residual: a distribution over models."""
 
-    def __init__(
-        self, physics: PhysicsMean, model: GPDynamics, rows: Transitions
-    ) -> None:
+    def __init__(self, physics: PhysicsMean, model: GPDynamics, rows: Transitions) -> None:
         """A model of the next state, given data.
 
         Args:

@@ -30,7 +30,12 @@ def inverse_dynamics(
     Reference: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
     """
     J = len(q)
-    turns, origins, spins, pushes, turned, forces = [], [], [], [], [], []
+    turns: list[Matrix] = []
+    origins: list[Vector] = []
+    spins: list[Vector] = []  # angular velocities
+    turned: list[Vector] = []  # angular accelerations
+    pushes: list[Vector] = []  # accelerations of the frames' origins, less gravity
+    forces: list[tuple[Vector, Vector]] = []
     for j in range(J):
         p, axis = chain.parent[j], chain.axis[j]
         R, o = chain.rotation[j], chain.origin[j]

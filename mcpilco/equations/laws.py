@@ -19,9 +19,7 @@ def _asymmetric(q: Real, v: Real, a: Real, b: Real, c: Real, d: Real) -> Real:
 JOINT_LAWS: dict[int, Callable[..., Real]] = {
     laws.VISCOUS: lambda q, v, a, b, c, d: -a * v,
     laws.COULOMB: lambda q, v, a, b, c, d: -a * tanh(v / b),
-    laws.STRIBECK: lambda q, v, a, b, c, d: (
-        -(a + b * exp(-1.0 * (v / c) * (v / c))) * tanh(v / d)
-    ),
+    laws.STRIBECK: lambda q, v, a, b, c, d: -(a + b * exp(-1.0 * (v / c) * (v / c))) * tanh(v / d),
     laws.QUADRATIC: lambda q, v, a, b, c, d: -a * v * abs(v),
     laws.ASYMMETRIC: _asymmetric,
     laws.SPRING: lambda q, v, a, b, c, d: -a * q,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeVar
 
 INPUT, CONSTANT = -2, -1
 ADD, SUBTRACT, MULTIPLY, DIVIDE, MINIMUM, MAXIMUM, SINE, COSINE, TANH, EXP, SQRT, ABS = range(12)
@@ -98,7 +97,6 @@ class Number:
 
 
 Real = float | Number
-R = TypeVar("R", float, Number, Real)
 
 
 def _is(x: Real, value: float) -> bool:
@@ -122,22 +120,27 @@ def _unary(operation: int, x: Real) -> Real:
 
 
 def sin(x: Real) -> Real:
+    """Sine of an angle [rad]."""
     return _unary(SINE, x)
 
 
 def cos(x: Real) -> Real:
+    """Cosine of an angle [rad]."""
     return _unary(COSINE, x)
 
 
 def tanh(x: Real) -> Real:
+    """Hyperbolic tangent."""
     return _unary(TANH, x)
 
 
 def exp(x: Real) -> Real:
+    """e^x."""
     return _unary(EXP, x)
 
 
 def sqrt(x: Real) -> Real:
+    """Square root."""
     return _unary(SQRT, x)
 
 

@@ -103,9 +103,7 @@ class Program:
     def __call__(self, inputs: Float[Tensor, "*b I"]) -> Float[Tensor, "*b O"]:
         """The results, differentiable in the inputs."""
         registers: list[Tensor | float] = [*inputs.unbind(-1), *self.constants.tolist()]
-        rows = zip(
-            self.operations.tolist(), self.first.tolist(), self.second.tolist(), strict=True
-        )
+        rows = zip(self.operations.tolist(), self.first.tolist(), self.second.tolist(), strict=True)
         for operation, a, b in rows:
             operands = (registers[a], registers[b]) if operation < SINE else (registers[a],)
             registers.append(_TORCH[operation](*operands))

@@ -57,7 +57,7 @@ class Step:
 
 
 def free_parameters(plant: Plant) -> tuple[int, ...]:
-    """Which parameters of a plant are not exactly known, and have a size that they may differ by."""
+    """Which parameters are not exactly known, and have a size that they may differ by."""
     return tuple(i for i, p in enumerate(plant.parameters) if p.uncertain and p.value != 0.0)
 
 
@@ -66,7 +66,7 @@ def numbers_of(
 ) -> Float[np.ndarray, "S K"]:
     """What a program's slots hold, for values of the plant's parameters."""
     tables = plant.tables(np.asarray(parameters, dtype=float))
-    columns = [_field(tables, slot.field)[:, *slot.index] for slot in slots]
+    columns = [_field(tables, slot.field)[(slice(None), *slot.index)] for slot in slots]
     return np.stack(columns, 1) if columns else np.zeros((len(parameters), 0))
 
 
@@ -97,7 +97,7 @@ def step_of(plant: Plant, task: TaskSpec, longest: float, memory: int = 0) -> St
 
 
 def require_expressible(plant: Plant, task: TaskSpec, tables: Tables, memory: int) -> None:
-    """Raises InputError where a plant does not fit a task, or its step needs more than its state."""
+    """Raises InputError where a plant does not fit a task, or a step needs what is not known."""
     layout = plant.layout
     if set(layout.states) != set(task.state_names) or set(layout.inputs) != set(task.input_names):
         raise InputError(

@@ -50,7 +50,9 @@ def rollout(
 _model_arrays = functools.lru_cache(maxsize=4)(layout.model_arrays)
 
 
-def _physics(dynamics: GPDynamics | PhysicsDraw, dtype: np.dtype, padded: int) -> layout.PhysicsArrays:
+def _physics(
+    dynamics: GPDynamics | PhysicsDraw, dtype: np.dtype, padded: int
+) -> layout.PhysicsArrays:
     """What physics adds to a model, for particles that are padded with copies of the first."""
     drawn = dynamics if isinstance(dynamics, PhysicsDraw) else None
     model = dynamics if isinstance(dynamics, GPDynamics) else dynamics.model
