@@ -97,6 +97,14 @@ def test_values_and_gradients_are_those_of_the_plain_rollout(task, name):
         torch.testing.assert_close(a, b, rtol=1e-6, atol=1e-7 * float(b.abs().max()))
 
 
+def test_single_precision_errs_by_as_much_as_its_digits(task):
+    dynamics, policy = drawn(task, COMPONENTS["all"])
+    exact = outcome(fused.rollout, dynamics, policy, 4)
+    single = outcome(fused.rollout, dynamics, policy, 4, single=True)
+    first = 1e-4 * exact[0].states[:3].abs().max()
+    assert 0 < (single[0].states[:3] - exact[0].states[:3]).abs().max() < first
+
+
 def test_a_remembered_input_is_the_one_given_before(task):
     dynamics, policy = drawn(task, COMPONENTS["memory"])
     particles, _ = outcome(fused.rollout, dynamics, policy, 6)
