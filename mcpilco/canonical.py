@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mcpilco.dynamics import GPDynamics
 from mcpilco.kernels.base import NoCanonicalFormError
-from mcpilco.physics import PhysicsDraw, PhysicsDynamics
+from mcpilco.physics_dynamics import PhysicsDraw, PhysicsDynamics
 from mcpilco.policies import SumOfGaussians
 from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -12,15 +13,18 @@ from torch import Tensor
 from mcpilco.config import LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
-from mcpilco.equations import Program, features_of, friction_features, physics_features
+from mcpilco.equations import Program
 from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear
-from mcpilco.known_plants import plant_for
 from mcpilco.pathwise import PathwisePosterior
-from mcpilco.physics import PhysicsDynamics, PhysicsMean
+from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.sparse import subset_of_data
 from mcpilco.task import TaskSpec
+
+if TYPE_CHECKING:
+    from mcpilco.physics import PhysicsMean
+    from mcpilco.plant import Plant
 
 INTEGRATIONS = {"speed": speed_integration, "full": full_state}
 """what `ModelConfig.integration` names"""
@@ -93,21 +97,30 @@ class Model:
     def _features(self) -> tuple[Program | None, tuple[int, ...]]:
         """Further regressors, and how many each linear part of the kernel sees."""
         config, task = self.config, self.task
+        if not set(config.kernel.split("+")) & set(LINEAR_PARTS):
+            return None, ()
+        from mcpilco.equations.features import features_of, friction_features, physics_features
+
         rows = []
         for name in config.kernel.split("+"):
             if name == "features":
-                plant = plant_for(task, config.plant)
-                rows.append(physics_features(plant, task, config.memory))
+                rows.append(physics_features(self._plant(), task, config.memory))
             if name == "friction":
                 rows.append(friction_features(task, config.friction_gate))
-        if not rows:
-            return None, ()
         return features_of(self.width + len(task.input_names), rows)
 
+    def _plant(self) -> Plant:
+        """The plant that physics is of; plants need numba, which models without them do not."""
+        from mcpilco.known_plants import plant_for
+
+        return plant_for(self.task, self.config.plant)
+
     def _mean(self) -> PhysicsMean:
+        from mcpilco.physics import PhysicsMean
+
         config = self.config
         return PhysicsMean(
-            plant_for(self.task, config.plant),
+            self._plant(),
             self.task,
             self.increment,
             config.memory,

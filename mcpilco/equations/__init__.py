@@ -1,15 +1,8 @@
-"""Equations of motion of a plant, written once: evaluated in torch, or by the compiled loops."""
+"""Equations of motion of a plant, written once: evaluated in torch, or by the compiled loops.
 
-from mcpilco.equations.features import features_of, friction_features, physics_features
+`step` and `features` write them; they know plants, and so need numba, where a `Program` does not.
+"""
+
 from mcpilco.equations.program import Program
-from mcpilco.equations.step import Step, numbers_of, step_of
 
-__all__ = [
-    "Program",
-    "Step",
-    "features_of",
-    "friction_features",
-    "numbers_of",
-    "physics_features",
-    "step_of",
-]
+__all__ = ["Program"]

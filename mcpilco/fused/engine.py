@@ -16,7 +16,7 @@ from mcpilco.fused import layout
 from mcpilco.fused.backward import backward
 from mcpilco.fused.forward import forward
 from mcpilco.fused.policy import differentiate, prepare
-from mcpilco.physics import PhysicsDraw
+from mcpilco.physics_dynamics import PhysicsDraw
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles, Sensing
 

@@ -17,7 +17,8 @@ from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.model import Model
-from mcpilco.physics import PhysicsDynamics, PhysicsMean
+from mcpilco.physics import PhysicsMean
+from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.typing import InputError
 
 NOISE = 0.01

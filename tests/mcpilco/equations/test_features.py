@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from envs.plants import cart_pole
-from mcpilco.equations import features_of, friction_features, physics_features, step_of
-from mcpilco.equations.step import free_parameters, numbers_of
+from mcpilco.equations.features import features_of, friction_features, physics_features
+from mcpilco.equations.step import free_parameters, numbers_of, step_of
 from tests.mcpilco.equations.test_step import DT, task_of
 
 GIVEN = torch.tensor([[0.1, 0.5, 2.0, -1.0, 3.0], [0.0, -0.2, 1.0, 2.0, -4.0]]).double()

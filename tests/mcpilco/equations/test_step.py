@@ -10,7 +10,7 @@ import torch
 
 from envs.plants import cart_pole, double_pendulum
 from mcpilco.effects import CATALOGUE
-from mcpilco.equations import numbers_of, step_of
+from mcpilco.equations.step import numbers_of, step_of
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import simulate
 from mcpilco.task import TaskSpec
