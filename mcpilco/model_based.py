@@ -59,11 +59,6 @@ class ModelBasedAgent(TrialAgent):
         self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
         self.model = self.make_model(self.config, self.task)
         partly = self.task.measured is not None
-        if partly and self.model.memory:
-            raise InputError(
-                "model.memory must be 0 where states are measured in part, got "
-                f"{self.model.memory}."
-            )
         self.perception = Perception(self.config.estimator, self.task) if partly else None
         self.reference_cost = 1.0
 

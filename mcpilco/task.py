@@ -171,7 +171,16 @@ class TaskSpec:
 
         Args:
             memory: how many are remembered; 0 changes nothing.
+
+        Raises:
+            InputError: the states are measured in part.
         """
+        if memory == 0:
+            return self
+        if self.measured is not None:
+            raise InputError(
+                f"model.memory must be 0 where states are measured in part, got {memory}."
+            )
         ago = [(name, k) for k in range(1, memory + 1) for name in self.input_names]
         zeros = (0.0,) * len(ago)
         return replace(

@@ -250,12 +250,11 @@ def segments(system: Any, u: int, commands: Sequence[Real], dt: float) -> list[_
         for k in range(oldest - 1, whole, -1):
             acted = dt - part if k == whole + 1 else dt
             force = goals[k] + (force - goals[k]) * math.exp(-acted / lag)
-    segments = []
+    track = []
     if part > 0.0:
-        segments.append(_Segment(0.0, part, force, goals[whole + 1], lag))
-        force = segments[-1].force_at(part)
-    segments.append(_Segment(part, dt, force, goals[whole], lag))
-    return segments
+        track.append(_Segment(0.0, part, force, goals[whole + 1], lag))
+        force = track[-1].force_at(part)
+    return [*track, _Segment(part, dt, force, goals[whole], lag)]
 
 
 def _runge_kutta(

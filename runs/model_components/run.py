@@ -34,6 +34,12 @@ WRONG = 0.2
 MASSES = ("cart_mass", "pole_mass")
 
 
+USUAL = SearchConfig()
+MORE_STARTS = SearchConfig(restarts=(3,), failing=0.02)
+"""up to three further starts from trial 1 on, while the model predicts that the last second costs
+more than 2 % of a random rollout, not 5 %"""
+
+
 def described(parameters: Mapping[str, float], delay: float = 0.0) -> dict[str, Any]:
     """A correction of the cart-pole."""
     late = {"name": "actuator_delay", "target": "actuator", "parameters": {"d": delay}}
@@ -55,16 +61,11 @@ class Cell:
     """of the actuator [s]"""
     trials: int = 4
     """policies to learn"""
-    search: SearchConfig = SearchConfig()
+    search: SearchConfig = USUAL
     """how policies are searched"""
 
 
-MORE_STARTS = SearchConfig(restarts=(3,), failing=0.02)
-"""up to three further starts from trial 1 on, while the model predicts that the last second costs
-more than 2 % of a random rollout, not 5 %"""
-
-
-def physics(kernel: str, search: SearchConfig = SearchConfig()) -> Cell:
+def physics(kernel: str, search: SearchConfig = USUAL) -> Cell:
     """The plant's equations, whose nominal masses are wrong, and a residual."""
     return Cell(ModelConfig(kernel=kernel, mean="physics"), trials=2, search=search)
 

@@ -10,13 +10,14 @@ import pytest
 
 import envs  # noqa: F401  registers the cart-pole
 from mcpilco.agent import MCPILCO
-from mcpilco.archive import read_groups
+from mcpilco.archive import read_groups, write_groups
 from mcpilco.config import Config, ModelConfig
 from mcpilco.history import read_transitions
 from mcpilco.recorder import Recorder
 from mcpilco.run_folder import RunFolder
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.point import TINY
+from tests.mcpilco.test_run_folder import CONFIG
 
 STEPS = 8
 PLANT = {
@@ -77,8 +78,6 @@ def test_the_file_holds_numbers_only(tmp_path):
 
 def test_a_file_of_another_model_is_refused(tmp_path):
     saved = make_agent("physics").learn(2 * STEPS).save(tmp_path / "agent.npz")
-    from mcpilco.archive import write_groups
-
     about, groups = read_groups(saved)
     about["config"]["model"]["mean"] = "zero"
     write_groups(tmp_path / "other.npz", about, groups)
@@ -106,7 +105,7 @@ def test_an_agent_remembers_its_inputs_and_forgets_them_at_a_start():
 
 def test_a_run_folder_holds_the_rows_that_were_learned_from(tmp_path):
     agent = make_agent("memory")
-    run = RunFolder.create(tmp_path / "run", {"env": "mcpilco/CartPoleSwingUp-v0", "trials": 1})
+    run = RunFolder.create(tmp_path / "run", CONFIG)
     agent.learn(2 * STEPS, callback=Recorder(run))
     rows = read_transitions(run, 0) + read_transitions(run, 1)
     for name, array in vars(agent.transitions).items():
