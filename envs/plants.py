@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mcpilco import known_plants
 from mcpilco.effects import CATALOGUE
 from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
 from mcpilco.plant import Active, Base, Parameter, Plant
@@ -167,3 +168,6 @@ PLANTS = {
     "mcpilco/DoublePendulum-v0": double_pendulum,
 }
 """by the id of their env"""
+
+for _name, _make in PLANTS.items():
+    known_plants.register(_name, _make)

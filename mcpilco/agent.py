@@ -34,7 +34,7 @@ class MCPILCO(ModelBasedAgent):
 
     @staticmethod
     def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
-        return blank_policy(config.policy, task, low, high)
+        return blank_policy(config.policy, task.after_inputs(config.model.memory), low, high)
 
     @staticmethod
     def make_model(config: Config, task: TaskSpec) -> Model:
@@ -42,7 +42,8 @@ class MCPILCO(ModelBasedAgent):
 
     def _random_policy(self, generator: torch.Generator) -> SumOfGaussians:
         seen, numbers = self._data.states, self.config.policy
-        return random_policy(numbers, self.task, self.low, self.high, seen, generator)
+        task = self.task.after_inputs(self.model.memory)
+        return random_policy(numbers, task, self.low, self.high, seen, generator)
 
     def _request(
         self, trial: int, perception: Perception | None, events: Callback
@@ -50,16 +51,18 @@ class MCPILCO(ModelBasedAgent):
         dynamics = self.model.dynamics(self._data)
         modelled = self.config.estimator.modelled
         observer = perception.observer if perception is not None and modelled else None
+        task = self.task.after_inputs(self.model.memory)
         problem = Problem(
             dynamics=dynamics,
             cost=self._cost,
-            start_mean=torch.tensor(self.task.start_mean, dtype=torch.float64),
-            start_std=torch.tensor(self.task.start_std, dtype=torch.float64),
+            start_mean=torch.tensor(task.start_mean, dtype=torch.float64),
+            start_std=torch.tensor(task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
             rollout=rollout_of(self.config, dynamics, self.policy, observer),
             observer=observer,
             correlation=self.config.search.correlation_of(trial),
+            judged=len(self.task.state_names),
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1

@@ -68,14 +68,34 @@ class Checked:
             _require(known or value > 0, f"{name} must be positive, got {value}.")
 
 
+LINEAR_PARTS = ("features", "friction")
+"""parts of a kernel that are linear in features of their own"""
+KERNELS = ("rbf", "mpk", *LINEAR_PARTS)
+"""parts that the kernel of a model is a sum of"""
+
+
 @dataclass(frozen=True)
 class ModelConfig(Checked):
     """How the dynamics are learned."""
 
-    kernel: Literal["rbf+mpk", "rbf", "mpk"] = "rbf+mpk"
-    """kernel of each GP"""
+    kernel: str = "rbf+mpk"
+    """kernel of each GP, a sum of parts: rbf, mpk, and linear ones of `features`, what the plant's
+    equations say, and `friction`, functions of the velocities"""
     degree: int = 2
     """degree of the multiplicative polynomial kernel"""
+    mean: Literal["zero", "physics"] = "zero"
+    """of the GPs; physics: the plant's equations, whose parameters are learned"""
+    plant: dict | None = None
+    """the plant that physics and features are of, as a file of `mcpilco.correction` says it: name,
+    parameters, effects; None: the one with the task's states and inputs, as it is"""
+    uncertainty: float = 0.2
+    """prior standard deviation of the logarithms of the plant's uncertain parameters [-]"""
+    plant_step: float = 0.025
+    """longest Runge-Kutta step of the plant's equations [s]"""
+    memory: int = 0
+    """how many past inputs the state holds, for actuators that answer late"""
+    friction_gate: float = 0.05
+    """velocity over which the friction features turn over [m/s or rad/s]"""
     integration: Literal["speed", "full"] = "speed"
     """speed: GPs for the velocities, positions integrated (thesis eq. 5.9); full: for all states"""
     optimiser: Literal["lbfgs", "adam"] = "lbfgs"
@@ -96,8 +116,19 @@ class ModelConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(degree=1, path_features=2)
-        self._at_most(degree=20, path_features=100_000)
+        self._at_least(degree=1, path_features=2, memory=0, uncertainty=0)
+        self._at_most(degree=20, path_features=100_000, memory=100, uncertainty=3)
+        self._positive("plant_step", "friction_gate")
+        parts = self.kernel.split("+")
+        _require(
+            set(parts) <= set(KERNELS) and len(set(parts)) == len(parts),
+            f"kernel must be a sum of different parts out of {', '.join(KERNELS)}, such as "
+            f"rbf+mpk, got {self.kernel!r}.",
+        )
+        _require(
+            self.sampling == "step" or (self.mean == "zero" and not {*parts} & {*LINEAR_PARTS}),
+            "sampling path knows no physics and no features; choose sampling step.",
+        )
         features = self.path_features
         _require(
             features % 2 == 0,

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians
+from mcpilco.typing import InputError
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 """what acts for one episode, or a batch that begins together"""
@@ -24,6 +25,8 @@ class Controller:
     policy: SumOfGaussians
     perception: Perception | None
     """None where states are measured"""
+    memory: int = 0
+    """how many of the last inputs the policy sees behind the state, newest first"""
 
     def answer(
         self,
@@ -41,12 +44,33 @@ class Controller:
         Raises:
             InputError: the state belongs to other observations.
         """
+        if self.memory:
+            return self._answer_after_inputs(observation, state, restart)
         if self.perception is not None:
             memory = None if state is None else state[0]
             observation, memory = self.perception.see(observation, memory, restart)
             state = (memory,)
         with torch.no_grad():
             return self.policy(torch.as_tensor(observation, dtype=torch.float64)).numpy(), state
+
+    def _answer_after_inputs(
+        self, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The input of a policy that sees the last ones; before an episode they were 0."""
+        U = self.policy.input_dim
+        shape = (*states.shape[:-1], U * self.memory)
+        past = np.zeros(shape) if state is None else np.asarray(state[0], dtype=np.float64)
+        if past.shape != shape:
+            raise InputError(
+                f"predict expects the state that it returned for the observations before, of shape "
+                f"{shape}, got {past.shape}; pass None to begin an episode."
+            )
+        if restart is not None:
+            past = np.where(np.broadcast_to(restart, shape[:-1])[..., None], 0.0, past)
+        seen = np.concatenate([np.asarray(states, dtype=np.float64), past], -1)
+        with torch.no_grad():
+            inputs = self.policy(torch.from_numpy(seen)).numpy()
+        return inputs, (np.concatenate([inputs, past[..., : shape[-1] - U]], -1),)
 
 
 def remembering(answer: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]) -> Act:

@@ -54,6 +54,26 @@ class Transitions:
             np.concatenate([self.next_states, other.next_states]),
         )
 
+    def after_inputs(self, memory: int) -> Transitions:
+        """The rows of one episode, each state with the commands before it behind, newest first.
+
+        Before its start an episode's commands were 0.
+
+        Args:
+            memory: how many commands; 0 changes nothing.
+        """
+        if memory == 0:
+            return self
+        N, U = self.inputs.shape
+        commands = np.concatenate([np.zeros((memory, U)), self.inputs])
+        past = [commands[memory - k : memory - k + N] for k in range(memory + 1)]
+        before, after = np.concatenate(past[1:], 1), np.concatenate(past[:-1], 1)
+        return Transitions(
+            np.concatenate([self.states, before], 1),
+            self.inputs,
+            np.concatenate([self.next_states, after], 1),
+        )
+
     def __getitem__(self, rows: slice | np.ndarray) -> Transitions:
         """Some of the rows."""
         return Transitions(self.states[rows], self.inputs[rows], self.next_states[rows])
@@ -110,6 +130,10 @@ class Prediction:
     inputs: Float[np.ndarray, "T P U"]
     costs: Float[np.ndarray, "T P"]
     """cost of each particle at the end of each step [-]"""
+
+    def of_states(self, width: int) -> Prediction:
+        """The same without what stands behind the first entries of a state."""
+        return Prediction(self.states[..., :width], self.inputs, self.costs)
 
 
 @dataclass(frozen=True)

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.config import ModelConfig
+from mcpilco.config import LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.dynamics import GPDynamics, full_state, speed_integration
+from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
+from mcpilco.equations import Program
 from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
-from mcpilco.kernels import MPK, RBF, Kernel
+from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear
 from mcpilco.pathwise import PathwisePosterior
+from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.sparse import subset_of_data
 from mcpilco.task import TaskSpec
+
+if TYPE_CHECKING:
+    from mcpilco.physics import PhysicsMean
+    from mcpilco.plant import Plant
 
 INTEGRATIONS = {"speed": speed_integration, "full": full_state}
 """what `ModelConfig.integration` names"""
@@ -23,16 +32,33 @@ ITERATIONS = {"lbfgs": 200, "adam": 1500}
 """most steps of each optimiser of the marginal likelihood; the authors later give Adam 1501"""
 
 
-def make_kernel(config: ModelConfig, width: int, outputs: int) -> Kernel:
+def make_kernel(
+    config: ModelConfig, width: int, outputs: int, features: Sequence[int] = ()
+) -> Kernel:
     """The kernel that a configuration names, for all outputs at once.
+
+    Args:
+        config: names its parts.
+        width: of [z, u], which rbf and mpk see.
+        outputs: E.
+        features: how many further regressors each linear part sees, in the order of the parts.
 
     Reference: thesis eq. (5.10) for `rbf+mpk`.
     """
-    parts: dict[str, Kernel] = {
-        "rbf": RBF(width, batch=(outputs,)),
-        "mpk": MPK(width, config.degree, batch=(outputs,)),
-    }
-    first, *others = (parts[name] for name in config.kernel.split("+"))
+    total, batch = width + sum(features), (outputs,)
+    begin, counts, parts = width, iter(features), []
+    for name in config.kernel.split("+"):
+        dims = range(width)
+        if name in LINEAR_PARTS:
+            dims = range(begin, begin := begin + next(counts))
+        kernel: Kernel = {
+            "rbf": lambda dims: RBF(len(dims), batch),
+            "mpk": lambda dims: MPK(len(dims), config.degree, batch),
+            "features": lambda dims: Linear(len(dims), batch, bias=False),
+            "friction": lambda dims: Linear(len(dims), batch, bias=False),
+        }[name](dims)
+        parts.append(kernel if len(dims) == total else ActiveDims(kernel, dims, total))
+    first, *others = parts
     return sum(others, start=first)
 
 
@@ -43,23 +69,75 @@ class Model:
         """A model that has seen nothing yet.
 
         Args:
-            config: kernel, optimiser, what is predicted.
+            config: kernel, mean, optimiser, what is predicted.
             task: names, angles and velocities of the state.
+
+        Raises:
+            InputError: there is no plant for physics, or it does not fit the task.
         """
         self.config = config
         self.task = task
-        self.augmentation = AngleAugmentation(len(task.state_names), task.angles)
-        self.increment = INTEGRATIONS[config.integration](task)
+        U, memory = len(task.input_names), config.memory
+        self.width = len(task.state_names) + U * memory
+        """of a state, with the past inputs that it holds"""
+        self.augmentation = AngleAugmentation(self.width, task.angles)
+        self.increment = INTEGRATIONS[config.integration](task).remembering(U, memory)
         self.names = tuple(task.state_names[i] for i in self.increment.predicted)
-        width = self.augmentation.width + len(task.input_names)
-        kernel = make_kernel(config, width, len(self.names))
+        self.features, counts = self._features()
+        width = self.augmentation.width + U
+        kernel = make_kernel(config, width, len(self.names), counts)
         self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
+        self.physics = self._mean() if config.mean == "physics" else None
+
+    @property
+    def memory(self) -> int:
+        """How many past inputs a state holds."""
+        return self.config.memory
+
+    def _features(self) -> tuple[Program | None, tuple[int, ...]]:
+        """Further regressors, and how many each linear part of the kernel sees."""
+        config, task = self.config, self.task
+        if not set(config.kernel.split("+")) & set(LINEAR_PARTS):
+            return None, ()
+        from mcpilco.equations.features import features_of, friction_features, physics_features
+
+        rows = []
+        for name in config.kernel.split("+"):
+            if name == "features":
+                rows.append(physics_features(self._plant(), task, config.memory))
+            if name == "friction":
+                rows.append(friction_features(task, config.friction_gate))
+        return features_of(self.width + len(task.input_names), rows)
+
+    def _plant(self) -> Plant:
+        """The plant that physics is of; plants need numba, which models without them do not."""
+        from mcpilco.known_plants import plant_for
+
+        return plant_for(self.task, self.config.plant)
+
+    def _mean(self) -> PhysicsMean:
+        from mcpilco.physics import PhysicsMean
+
+        config = self.config
+        return PhysicsMean(
+            self._plant(),
+            self.task,
+            self.increment,
+            config.memory,
+            config.uncertainty,
+            config.plant_step,
+        )
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
-        """Regressors [z, u] and targets of the GPs."""
+        """Regressors [z, u, features] and targets of the GPs: what the mean leaves of the changes.
+
+        Args:
+            transitions: whose states hold their past inputs, see `Transitions.after_inputs`.
+        """
         states, inputs = torch.from_numpy(transitions.states), torch.from_numpy(transitions.inputs)
-        targets = torch.from_numpy(self.increment.targets(transitions))
-        return self.augmentation.regressors(states, inputs), targets
+        of = self.increment.targets if self.physics is None else self.physics.residuals
+        targets = torch.from_numpy(of(transitions))
+        return regressors(self.augmentation, self.features, states, inputs), targets
 
     def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
         """Learn the hyperparameters from these data; returns the numbers of the fit by name.
@@ -71,36 +149,63 @@ class Model:
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
         """
+        if self.physics is not None:
+            self.physics.identify(transitions, self.config.noise_floor)
         X, Y = self.rows(transitions)
         optimiser = self.config.optimiser
         limit = ITERATIONS[optimiser]
         self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
+        if self.physics is not None:
+            self.physics.refine(transitions, self.gp.condition(X, Y))
+            X, Y = self.rows(transitions)
         with torch.no_grad():
             nlml = self.gp.nlml(X, Y)
         values = {"model/samples": float(len(X))}
         for i, noise in enumerate(self.noise_std):
             values[f"model/nlml_{i}"] = float(nlml[i])
             values[f"model/noise_std_{i}"] = noise
-        return values
+        parameters = {} if self.physics is None else self.physics.values
+        return values | {f"model/{name}": value for name, value in parameters.items()}
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Everything learned, as named arrays: what `load_arrays` reads."""
+        known = {} if self.physics is None else self.physics.belief.to_arrays()
+        return self.gp.to_arrays() | known
+
+    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take what `to_arrays` gave.
+
+        Raises:
+            InputError: an array is missing or unknown, of another shape, or not finite.
+        """
+        ours = {} if self.physics is None else self.physics.belief.to_arrays()
+        self.gp.load_arrays({name: a for name, a in arrays.items() if name not in ours})
+        if self.physics is not None:
+            self.physics.load_arrays(arrays)
 
     @property
     def noise_std(self) -> tuple[float, ...]:
         """Learned noise of each GP, in its target's unit."""
         return tuple(self.gp.noise_std.detach().tolist())
 
-    def dynamics(self, transitions: Transitions) -> GPDynamics | PathwisePosterior:
+    def dynamics(
+        self, transitions: Transitions
+    ) -> GPDynamics | PathwisePosterior | PhysicsDynamics:
         """The posterior given these data, or the subset configured, as a model of the next state.
 
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
         """
         X, Y = self.rows(transitions)
+        bounds = self._bounds(transitions)
         if self.config.subset_threshold is not None:
             kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
-            X, Y = X[kept], Y[kept]
-        bounds = self._bounds(transitions)
+            X, Y, transitions = X[kept], Y[kept], transitions[kept.numpy()]
         posterior = self.gp.condition(X, Y)
-        dynamics = GPDynamics(posterior, self.augmentation, self.increment, bounds)
+        law = self.augmentation, self.increment, bounds
+        dynamics = GPDynamics(posterior, *law, self.features)
+        if self.physics is not None:
+            return PhysicsDynamics(self.physics, dynamics, transitions)
         if self.config.sampling == "step":
             return dynamics
         return PathwisePosterior(dynamics, self.config.path_features)
@@ -108,6 +213,7 @@ class Model:
     def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
         """Largest plausible magnitude of each predicted state; none for one that never moved."""
         recorded = np.concatenate([transitions.states, transitions.next_states])
+        recorded = recorded[:, : len(self.task.state_names)]
         largest = np.maximum(np.abs(recorded).max(0), self.task.start_std)
         bounds = np.where(largest > 0, self.config.plausible * largest, np.inf)
         return bounds[list(self.increment.predicted)]

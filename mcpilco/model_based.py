@@ -188,10 +188,12 @@ class ModelBasedAgent(TrialAgent):
         watch = Stopwatch()
         known = self.perception and self.perception.adapted(self._data)
         found, no_policy = yield from self._improve(trial, known, events, watch)
-        controller, prediction = Controller(self.policy, self.perception), None
+        controller, prediction = self._controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
-            controller = Controller(found.best.policy, known)
-            prediction = found.best.prediction(SHOWN_PARTICLES)
+            controller = self._controller(found.best.policy, known)
+            prediction = found.best.prediction(SHOWN_PARTICLES).of_states(
+                len(self.task.state_names)
+            )
         act = remembering(controller.answer)
         record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
         self._take(record)
@@ -221,7 +223,7 @@ class ModelBasedAgent(TrialAgent):
         self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
     ) -> Learning[tuple[Found | None, str | None]]:
         """What the search for a better policy found, or why there is none to try."""
-        found, model = None, self.model.gp.to_arrays()
+        found, model = None, self.model.to_arrays()
         try:
             events.on_model_fitted(self._fit_model(trial))
             self._learn_cost()
@@ -232,7 +234,7 @@ class ModelBasedAgent(TrialAgent):
             finally:
                 watch.resume(Spent() if found is None else found.spent)
         except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
-            self.model.gp.load_arrays(model)
+            self.model.load_arrays(model)
             return None, self._failed(trial, f"No policy could be learned: {error}")
         if math.isfinite(found.best.cost):
             return found, None
@@ -255,8 +257,11 @@ class ModelBasedAgent(TrialAgent):
         """The rollout joins the data."""
         if isinstance(self.task.cost, RewardCost):
             self.task.cost.add(record)
-        rows = record.transitions()
+        rows = record.transitions().after_inputs(self.model.memory)
         self.transitions = rows if self.transitions is None else self.transitions + rows
+
+    def _controller(self, policy: Any, perception: Perception | None) -> Controller:
+        return Controller(policy, perception, self.model.memory)
 
     def _failed(self, trial: int, reason: str) -> str:
         """The reason on one line, which is also logged."""
@@ -292,7 +297,8 @@ class ModelBasedAgent(TrialAgent):
 
         Where states are measured in part, the agent estimates them from the measurements so far:
         pass the state that the last call returned, as with recurrent policies. Else there is no
-        memory, and the state is returned as it came.
+        memory, and the state is returned as it came. With `model.memory` it holds the last inputs,
+        and is to be passed likewise.
 
         Args:
             observation: in the env's units.
@@ -304,7 +310,7 @@ class ModelBasedAgent(TrialAgent):
             InputError: the observation has another width, or is not finite; or the state belongs to
                 other observations.
         """
-        controller = Controller(self.policy, self.perception)
+        controller = self._controller(self.policy, self.perception)
         known = state_of(self.task, self._observation(observation))
         action, state = controller.answer(known, state, episode_start)
         return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state

@@ -38,7 +38,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
         about = {"cost": _told(agent.task.cost), "reference_cost": agent.reference_cost}
         groups = {
             "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
-            "gp": agent.model.gp.to_arrays(),
+            "gp": agent.model.to_arrays(),
             "cost": agent.task.cost.to_arrays() if isinstance(agent.task.cost, RewardCost) else {},
             "transitions": {} if agent.transitions is None else vars(agent.transitions),
         }
@@ -67,7 +67,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
         if not math.isfinite(reference_cost):
             raise ValueError(f"its reference_cost is {reference_cost}")
         load_policy(agent.policy, self.arrays["policy"])
-        agent.model.gp.load_arrays(self.arrays["gp"])
+        agent.model.load_arrays(self.arrays["gp"])
         if agent.perception is not None:
             agent.perception.load_arrays(self.arrays["perception"])
         if isinstance(agent.task.cost, RewardCost) and "cost" in self.arrays:
@@ -75,7 +75,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
         agent.trials, agent.reference_cost = trials, reference_cost
         if "transitions" in self.arrays:
             rows = Transitions(**self.arrays["transitions"])
-            widths = len(agent.task.state_names), len(agent.task.input_names)
+            widths = agent.model.width, len(agent.task.input_names)
             if (rows.states.shape[1], rows.inputs.shape[1]) != widths:
                 raise ValueError(f"its transitions have shapes {rows.states.shape}")
             agent.transitions = rows

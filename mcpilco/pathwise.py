@@ -144,8 +144,8 @@ class PathwiseDynamics:
         noise: Float[Tensor, "P 0"],
     ) -> Float[Tensor, "P X"]:
         """The next state of each particle."""
-        regressors = self.model.augmentation.regressors(states, inputs)
-        return self.model.advance(states, self.paths(regressors))
+        regressors = self.model.regressors(states, inputs)
+        return self.model.advance(states, inputs, self.paths(regressors))
 
 
 # Parts of a kernel, and functions drawn from the prior of each ------------------------------------

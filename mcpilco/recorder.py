@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mcpilco.callbacks.base import Agent, Callback
-from mcpilco.data import Prediction, Rollout, TrialResult
+from mcpilco.data import Prediction, Rollout, Transitions, TrialResult
 from mcpilco.metrics import values_of
 from mcpilco.reward_cost import costs_of
 from mcpilco.run_folder import RunFolder, write_json
@@ -44,7 +44,7 @@ class Recorder(Callback):
         self._exploration.append(rollout)
         number = len(self._exploration)
         suffix = "" if number == 1 else f"-{number}"
-        rows = functools.reduce(operator.add, (past.transitions() for past in self._exploration))
+        rows = functools.reduce(operator.add, map(self._rows, self._exploration))
         self.run.write_arrays(0, "transitions", vars(rows))
         self.run.write_arrays(0, f"rollout{suffix}", _rollout_arrays(rollout, self._agent.task))
         path = self.run.recording_path(0)
@@ -57,11 +57,11 @@ class Recorder(Callback):
         """Writes all that the trial brought."""
         policy, perception = self._agent.policy.state_dict(), self._agent.perception
         arrays = {
-            "transitions": vars(result.rollout.transitions()),
+            "transitions": vars(self._rows(result.rollout)),
             "rollout": _rollout_arrays(result.rollout, self._agent.task),
             "particles": {} if result.prediction is None else vars(result.prediction),
             "policy": {name: value.numpy() for name, value in policy.items()},
-            "gp": {} if self._agent.model is None else self._agent.model.gp.to_arrays(),
+            "gp": {} if self._agent.model is None else self._agent.model.to_arrays(),
             "perception": {} if perception is None else perception.to_arrays(),
         }
         for name, content in arrays.items():
@@ -84,6 +84,11 @@ class Recorder(Callback):
             "cpu_s": time.process_time() - self._cpu,
         }
         self.run.write_summary({**last, **seconds})
+
+    def _rows(self, rollout: Rollout) -> Transitions:
+        """What the model learns from, past inputs included where its states hold them."""
+        model = self._agent.model
+        return rollout.transitions().after_inputs(0 if model is None else model.memory)
 
     def _record(
         self,

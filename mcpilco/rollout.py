@@ -111,6 +111,8 @@ class Problem:
     """what the policy acts behind; None: it sees the states"""
     correlation: float = 0.0
     """of a particle's noise in successive steps, in [0, 1) [-]"""
+    judged: int | None = None
+    """how many entries of a particle's state are the system's; past inputs are behind them"""
 
     def particles(
         self,
@@ -152,7 +154,7 @@ class Problem:
 
     def costs(self, particles: Particles) -> Float[Tensor, "T P"]:
         """Cost of each particle at the end of each step [-]; no policy can change the start's."""
-        return self.cost(particles.states[1:], particles.inputs)
+        return self.cost(particles.states[1:, :, : self.judged], particles.inputs)
 
 
 def _correlated(white: Float[Tensor, "T P E"], correlation: float) -> Float[Tensor, "T P E"]:

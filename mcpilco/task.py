@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -165,6 +165,31 @@ class TaskSpec:
                 f"TaskSpec.observed makes angles of cosines and sines, {plain}, which "
                 f"TaskSpec.angles must name too, got {self.angles}."
             )
+
+    def after_inputs(self, memory: int) -> TaskSpec:
+        """The same of states behind which the last inputs stand, newest first; they start at 0.
+
+        Args:
+            memory: how many are remembered; 0 changes nothing.
+
+        Raises:
+            InputError: the states are measured in part.
+        """
+        if memory == 0:
+            return self
+        if self.measured is not None:
+            raise InputError(
+                f"model.memory must be 0 where states are measured in part, got {memory}."
+            )
+        ago = [(name, k) for k in range(1, memory + 1) for name in self.input_names]
+        zeros = (0.0,) * len(ago)
+        return replace(
+            self,
+            state_names=self.state_names + tuple(f"{name}_{k}_ago" for name, k in ago),
+            state_units=self.state_units + self.input_units * memory,
+            start_mean=self.start_mean + zeros,
+            start_std=self.start_std + zeros,
+        )
 
     @property
     def observation_width(self) -> int | None:

@@ -92,6 +92,11 @@ class Imagination:
                 "A warm start needs a model of states that are all measured, got an agent that "
                 "estimates some of them."
             )
+        if source.model.memory:
+            raise InputError(
+                "A warm start needs a model whose states hold no past inputs, got model.memory "
+                f"{source.model.memory}."
+            )
         self._cost = task.cost
         self._problem = Problem(
             dynamics=source.model.dynamics(data),

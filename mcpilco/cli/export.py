@@ -42,6 +42,11 @@ class Export:
                 f"export writes policies of the class SumOfGaussians, got {self.run} with a "
                 f"{type(agent.policy).__name__} of the algorithm {agent.algo}."
             )
+        if agent.model is not None and agent.model.memory:
+            raise InputError(
+                f"export writes policies that see the state alone, that of {self.run} sees the "
+                f"last {agent.model.memory} inputs too; use `agent.predict` with its state."
+            )
         path = write_policy(self.file, agent.policy, agent.task, agent.perception)
         print(f"Policy of trial {trial}: {path}")
         return 0

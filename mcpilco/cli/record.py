@@ -175,7 +175,8 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
             f"the inputs {', '.join(agent.task.input_names)}, got an env with "
             f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
         )
-    controller = Controller(agent.policy, agent.perception)
+    memory = 0 if agent.model is None else agent.model.memory
+    controller = Controller(agent.policy, agent.perception, memory)
     return lambda rng: remembering(controller.answer)
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from mcpilco.cli.model import Memory, ModelName, PlantPath, with_model
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
@@ -59,6 +60,13 @@ class Sweep:
     """steps of a fresh rollout"""
     exploration: Annotated[int | None, optional("INT", "one rollout")] = None
     """steps of random inputs at first; several rollouts, where they end early"""
+    model: ModelName = None
+    """of mcpilco: rbf, mpk, features, friction, joined by +; physics+ before them makes the plant's
+    equations the mean"""
+    prior: PlantPath = None
+    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
+    memory: Memory = None
+    """of mcpilco: past inputs that model and policy see, for actuators that answer late"""
     quiet: bool = False
     """show no progress"""
 
@@ -72,6 +80,7 @@ class Sweep:
         self._check_engine()
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        config = with_model(config, self.model, self.prior, self.memory)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         self._check(kind, config, env_kwargs)
 

@@ -17,6 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from mcpilco.cli.model import Memory, ModelName, PlantPath, with_model
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
@@ -63,6 +64,13 @@ class Train:
     warm_start: Annotated[Path | None, optional("RUN", "none")] = None
     """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
     it"""
+    model: ModelName = None
+    """of mcpilco: rbf, mpk, features, friction, joined by +; physics+ before them makes the plant's
+    equations the mean"""
+    prior: PlantPath = None
+    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
+    memory: Memory = None
+    """of mcpilco: past inputs that model and policy see, for actuators that answer late"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -91,6 +99,7 @@ class Train:
 
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        config = with_model(config, self.model, self.prior, self.memory)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):

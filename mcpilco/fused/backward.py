@@ -7,6 +7,7 @@ from numba import njit
 from mcpilco.fused.arithmetic import ONCE, OUTERMOST, PLAIN
 from mcpilco.fused.observer import clear, through_estimate
 from mcpilco.fused.policy import activate, augment
+from mcpilco.fused.program import clear_adjoints, load, prepare, run, run_back
 from mcpilco.fused.tiles import add_product
 from mcpilco.sources import digest
 
@@ -20,15 +21,66 @@ def _copy(source, out):
 
 
 @njit(**ONCE)
-def _through_model(jacobian, frozen, model, adjoint):
-    """From the next state to z, and added to what is there, to the state and the inputs."""
-    following, current, z, mu = adjoint.following, adjoint.current, adjoint.z, adjoint.mu
-    A, B, delta = model.A, model.B, adjoint.delta
+def _through_flow(frozen, model, adjoint):
+    """From the next state to the state and the inputs of A x + C u, which are added to."""
+    following, current, mu = adjoint.following, adjoint.current, adjoint.mu
+    A, C = model.A, model.C
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             same = 1.0 if i == j else 0.0
             for p in range(frozen.size):
                 current[j, p] += (same if frozen[p] else A[i, j]) * following[i, p]
+        for j in range(C.shape[1]):
+            for p in range(frozen.size):
+                mu[j, p] += 0.0 if frozen[p] else C[i, j] * following[i, p]
+
+
+@njit(**PLAIN)
+def _through_program(state, inputs, program, memory, adjoint):
+    """From the results, whose adjoints are set, to the state and the inputs, which are added to."""
+    load(program, state, inputs, memory)
+    run(program, memory)
+    run_back(program, memory)
+    current, mu = adjoint.current, adjoint.mu
+    for j in range(current.shape[0]):
+        for p in range(current.shape[1]):
+            current[j, p] += memory.adjoints[j, p]
+    for j in range(mu.shape[0]):
+        for p in range(mu.shape[1]):
+            mu[j, p] += memory.adjoints[current.shape[0] + j, p]
+
+
+@njit(**ONCE)
+def _through_drift(state, inputs, frozen, drift, memory, adjoint):
+    """From the next state to the state and the inputs of a program, which are added to."""
+    following, current = adjoint.following, adjoint.current
+    clear_adjoints(memory)
+    for i in range(drift.outputs.size):
+        result = memory.adjoints[drift.outputs[i]]
+        for p in range(frozen.size):
+            result[p] += 0.0 if frozen[p] else following[i, p]
+            current[i, p] += following[i, p] if frozen[p] else 0.0
+    _through_program(state, inputs, drift, memory, adjoint)
+
+
+@njit(**ONCE)
+def _through_features(state, inputs, jacobian, frozen, features, memory, adjoint):
+    """From the changes through the further regressors to the state and the inputs."""
+    delta, at = adjoint.delta, adjoint.z.shape[0] + adjoint.mu.shape[0]
+    clear_adjoints(memory)
+    for i in range(features.outputs.size):
+        result = memory.adjoints[features.outputs[i]]
+        for e in range(delta.shape[0]):
+            for p in range(frozen.size):
+                result[p] += 0.0 if frozen[p] else jacobian[e, at + i, p] * delta[e, p]
+    _through_program(state, inputs, features, memory, adjoint)
+
+
+@njit(**ONCE)
+def _through_changes(jacobian, frozen, model, adjoint):
+    """From the next state through the changes to z, and, added to what is there, to the inputs."""
+    following, z, mu = adjoint.following, adjoint.z, adjoint.mu
+    B, delta = model.B, adjoint.delta
     for d in range(z.shape[0]):
         for p in range(frozen.size):
             z[d, p] = 0.0
@@ -90,10 +142,15 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
+        drift,
+        features,
+        weights,
         observer,
         trace,
         memory,
         adjoint,
+        drift_memory,
+        features_memory,
         observer_memory,
         moments,
     ):
@@ -122,13 +179,27 @@ def _compiled(sources: str):
             _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
             if observer is not None:
                 clear(observer_memory.expected)
+            if drift is not None:
+                prepare(drift, first, drift_memory)
+            if features is not None:
+                prepare(features, first, features_memory)
             for t in range(len(gradient_inputs) - 1, -1, -1):
                 _copy(adjoint.current, adjoint.following)
                 _copy(gradient_states[t, :, first:last], adjoint.current)
                 _copy(gradient_inputs[t, :, first:last], adjoint.mu)
                 activate(trace.seen[t, :, first:last], first, t, mask, policy, memory)
                 jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
-                _through_model(jacobian[:, :, first:last], frozen, model, adjoint)
+                jacobian = jacobian[:, :, first:last]
+                state, u = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
+                _through_changes(jacobian, frozen, model, adjoint)
+                if drift is not None:
+                    _through_drift(state, u, frozen, drift, drift_memory, adjoint)
+                else:
+                    _through_flow(frozen, model, adjoint)
+                if features is not None:
+                    _through_features(
+                        state, u, jacobian, frozen, features, features_memory, adjoint
+                    )
                 if observer is not None:
                     augment(trace.states[t, :, first:last], policy, observer_memory.z)
                     z, current = adjoint.z, adjoint.current

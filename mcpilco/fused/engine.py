@@ -16,12 +16,13 @@ from mcpilco.fused import layout
 from mcpilco.fused.backward import backward
 from mcpilco.fused.forward import forward
 from mcpilco.fused.policy import differentiate, prepare
+from mcpilco.physics_dynamics import PhysicsDraw
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles, Sensing
 
 
 def rollout(
-    dynamics: GPDynamics,
+    dynamics: GPDynamics | PhysicsDraw,
     policy: SumOfGaussians,
     start: Float[Tensor, "P X"],
     noise: Float[Tensor, "T P E"],
@@ -47,6 +48,28 @@ def rollout(
 
 
 _model_arrays = functools.lru_cache(maxsize=4)(layout.model_arrays)
+
+
+def _physics(
+    dynamics: GPDynamics | PhysicsDraw, dtype: np.dtype, padded: int
+) -> layout.PhysicsArrays:
+    """What physics adds to a model, for particles that are padded with copies of the first."""
+    model = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
+    features = None
+    if model.features is not None:
+        features = layout.program_arrays(model.features, None, dtype)
+    if not isinstance(dynamics, PhysicsDraw):
+        none: np.ndarray = np.zeros((len(model.predicted), 0, padded), dtype)
+        return layout.PhysicsArrays(None, features, none)
+    numbers, weights = (_padded(a.numpy(), padded) for a in (dynamics.numbers.mT, dynamics.weights))
+    drift = layout.program_arrays(dynamics.program, numbers, dtype)
+    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype))
+
+
+def _padded(array: np.ndarray, padded: int) -> np.ndarray:
+    """The array with its first particle repeated behind the last."""
+    missing = np.repeat(array[..., :1], padded - array.shape[-1], axis=-1)
+    return np.concatenate([array, missing], axis=-1)
 
 
 def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layout.Mask:
@@ -82,18 +105,21 @@ class _Rollout(torch.autograd.Function):
     def forward(
         ctx, dynamics, policy, dropout, sensing, dtype, start, noise, centres, log_scale, weights
     ):
-        model, controller = _model_arrays(dynamics, dtype), layout.policy_arrays(policy, dtype)
+        known = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
+        model, controller = _model_arrays(known, dtype), layout.policy_arrays(policy, dtype)
         prepare(centres.numpy(), log_scale.numpy(), weights.numpy(), controller)
         steps, particles, outputs = noise.shape
         _, count = weights.shape
         z_width = centres.shape[1]
         padded = layout.padded(particles, dtype)
         observer = _observer(sensing, padded, dtype)
+        physics = _physics(dynamics, dtype, padded)
+        regressors = len(model.middle)
         path = np.empty((steps + 1, start.shape[1], padded), dtype)
         trace = layout.Trace(
             states=path,
             inputs=np.empty((steps, count, padded), dtype),
-            delta_jacobians=np.empty((steps, outputs, z_width + count, padded), dtype),
+            delta_jacobians=np.empty((steps, outputs, regressors, padded), dtype),
             input_jacobians=np.empty((steps, count, z_width, padded), dtype),
             frozen=np.empty((steps, padded), dtype=np.uint8),
             seen=path if sensing is None else np.empty_like(path[1:]),
@@ -101,10 +127,14 @@ class _Rollout(torch.autograd.Function):
         trace.states[0] = _particles_last(start, padded, dtype)
         mask, noise = _mask(dropout, steps, dtype), _particles_last(noise, padded, dtype)
         for first, last, width in layout.blocks(particles, dtype):
-            memory = layout.policy_memory(controller, width), layout.model_memory(model, width)
-            seeing = layout.observer_memory(observer, z_width, width)
-            forward(first, last, noise, mask, controller, model, observer, trace, *memory, seeing)
-        ctx.arrays = mask, controller, model, observer, trace
+            memory = (
+                layout.policy_memory(controller, width),
+                layout.model_memory(model, width),
+                *layout.physics_memory(physics, width),
+                layout.observer_memory(observer, z_width, width),
+            )
+            forward(first, last, noise, mask, controller, model, *physics, observer, trace, *memory)
+        ctx.arrays = mask, controller, model, physics, observer, trace
         ctx.particles = particles
         ctx.save_for_backward(centres, log_scale, weights)
         states, inputs = (
@@ -115,7 +145,8 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, gradient_states, gradient_inputs):
-        _, controller, model, observer, trace = ctx.arrays
+        mask, controller, model, physics, observer, trace = ctx.arrays
+        arrays = mask, controller, model, *physics, observer, trace
         dtype, padded = trace.states.dtype, trace.states.shape[-1]
         count, z_width = trace.input_jacobians.shape[1:3]
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
@@ -124,8 +155,10 @@ class _Rollout(torch.autograd.Function):
         for first, last, width in layout.blocks(ctx.particles, dtype):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
+            further = layout.physics_memory(physics, width)
             seeing = layout.observer_memory(observer, z_width, width)
-            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, seeing, moments)
+            memories = memory, adjoint, *further, seeing
+            backward(first, last, *gradients, *arrays, *memories, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]
         differentiate(*learned, moments, *slopes)

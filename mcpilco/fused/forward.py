@@ -12,12 +12,13 @@ from mcpilco.fused.arithmetic import ONCE, OUTERMOST
 from mcpilco.fused.observer import estimate, expect_start
 from mcpilco.fused.policy import act, activate, augment
 from mcpilco.fused.posterior import change
+from mcpilco.fused.program import load, prepare, run
 from mcpilco.sources import digest
 
 
 @njit(**ONCE)
-def _regress(inputs, z, x):
-    """The rows [z, u, 1] of x."""
+def _regress(inputs, z, ones, x):
+    """The rows z and u of x, and the one of ones."""
     for d in range(z.shape[0]):
         for p in range(z.shape[1]):
             x[d, p] = z[d, p]
@@ -25,21 +26,52 @@ def _regress(inputs, z, x):
         row = x[z.shape[0] + i]
         for p in range(z.shape[1]):
             row[p] = inputs[i, p]
-    ones = x[z.shape[0] + inputs.shape[0]]
     for p in range(z.shape[1]):
-        ones[p] = 1.0
+        x[ones, p] = 1.0
+
+
+@njit(**ONCE)
+def _regress_features(features, memory, state, inputs, end, x):
+    """The rows of the further regressors, which end before `end`."""
+    load(features, state, inputs, memory)
+    run(features, memory)
+    for i in range(features.outputs.size):
+        row, value = x[end - features.outputs.size + i], memory.registers[features.outputs[i]]
+        for p in range(value.size):
+            row[p] = value[p]
+
+
+@njit(**ONCE)
+def _flow(model, state, inputs, following):
+    """A x + C u of a block."""
+    A, C = model.A, model.C
+    for i in range(A.shape[0]):
+        for p in range(state.shape[1]):
+            following[i, p] = 0.0
+        for j in range(A.shape[1]):
+            for p in range(state.shape[1]):
+                following[i, p] += A[i, j] * state[j, p]
+        for j in range(C.shape[1]):
+            for p in range(state.shape[1]):
+                following[i, p] += C[i, j] * inputs[j, p]
+
+
+@njit(**ONCE)
+def _drift(drift, memory, state, inputs, following):
+    """The next states of a block by the program."""
+    load(drift, state, inputs, memory)
+    run(drift, memory)
+    for i in range(drift.outputs.size):
+        value = memory.registers[drift.outputs[i]]
+        for p in range(value.size):
+            following[i, p] = value[p]
 
 
 @njit(**ONCE)
 def _advance(model, delta, state, following, frozen):
-    """x' = A x + B delta of a block, or x where that is implausible; frozen tells which."""
+    """Adds B delta to a block, which becomes x where that is implausible; frozen tells which."""
     A, B, predicted, bounds = model.A, model.B, model.predicted, model.bounds
     for i in range(A.shape[0]):
-        for p in range(frozen.size):
-            following[i, p] = 0.0
-        for j in range(A.shape[1]):
-            for p in range(frozen.size):
-                following[i, p] += A[i, j] * state[j, p]
         for e in range(B.shape[1]):
             for p in range(frozen.size):
                 following[i, p] += B[i, e] * delta[e, p]
@@ -62,10 +94,15 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
+        drift,
+        features,
+        weights,
         observer,
         trace,
         policy_memory,
         model_memory,
+        drift_memory,
+        features_memory,
         observer_memory,
     ):
         """Roll particles out, block by block, and fill the trace behind its first states.
@@ -79,6 +116,10 @@ def _compiled(sources: str):
             last = first + width
             if observer is not None:
                 expect_start(observer, observer_memory)
+            if drift is not None:
+                prepare(drift, first, drift_memory)
+            if features is not None:
+                prepare(features, first, features_memory)
             for t in range(steps):
                 state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen = trace.seen[t, :, first:last]
@@ -87,15 +128,23 @@ def _compiled(sources: str):
                     estimate(observer, t, errors, state, observer_memory, seen)
                 activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
+                x, ones = model_memory.x, model.middle.size
                 if observer is not None:
                     augment(state, policy, observer_memory.z)
-                    _regress(inputs, observer_memory.z, model_memory.x)
+                    _regress(inputs, observer_memory.z, ones, x)
                 else:
-                    _regress(inputs, policy_memory.z, model_memory.x)
+                    _regress(inputs, policy_memory.z, ones, x)
+                if features is not None:
+                    _regress_features(features, features_memory, state, inputs, ones, x)
                 for e in range(outputs):
                     jacobian = trace.delta_jacobians[t, e, :, first:last]
-                    change(e, noise[t, e, first:last], model, model_memory, jacobian)
+                    eps, own = noise[t, e, first:last], weights[e, :, first:last]
+                    change(e, eps, own, model, model_memory, jacobian)
                 following, frozen = trace.states[t + 1, :, first:last], trace.frozen[t, first:last]
+                if drift is not None:
+                    _drift(drift, drift_memory, state, inputs, following)
+                else:
+                    _flow(model, state, inputs, following)
                 _advance(model, model_memory.delta, state, following, frozen)
 
     return forward

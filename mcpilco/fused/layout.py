@@ -14,7 +14,9 @@ import torch
 from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics
+from mcpilco.equations import Program
 from mcpilco.estimator import LinearObserver
+from mcpilco.fused.program import live_registers
 from mcpilco.fused.tiles import TALL, pack, strip
 from mcpilco.kernels.base import Term
 from mcpilco.policies import SumOfGaussians
@@ -73,10 +75,44 @@ class ModelArrays(NamedTuple):
     """(X, X), from the state to the next one"""
     B: np.ndarray
     """(X, E), from the changes to the next state"""
+    C: np.ndarray
+    """(X, U), from the inputs to the next state: what is remembered of them"""
     predicted: np.ndarray
     """(E,), which states the changes belong to"""
     bounds: np.ndarray
     """(E,), largest plausible magnitude of those states"""
+
+
+class ProgramArrays(NamedTuple):
+    """A program of `mcpilco.equations`."""
+
+    given: int
+    """inputs: state, inputs of the model, and numbers of each particle"""
+    constants: np.ndarray
+    """(C,), the registers behind the inputs"""
+    operations: np.ndarray
+    """(L,)"""
+    first: np.ndarray
+    """(L,), register of an operand"""
+    second: np.ndarray
+    """(L,), register of the other"""
+    outputs: np.ndarray
+    """(O,), registers of the results"""
+    live: np.ndarray
+    """(registers,), 1 where it depends on state or inputs"""
+    numbers: np.ndarray
+    """(K, P), each particle's own"""
+
+
+class PhysicsArrays(NamedTuple):
+    """What physics adds to a model; what is None is not even compiled."""
+
+    drift: ProgramArrays | None
+    """the next state without the GPs' changes, in place of A x + C u"""
+    features: ProgramArrays | None
+    """further regressors"""
+    weights: np.ndarray
+    """(E, N, P), of the samples in each particle's posterior beyond alpha; N is 0 where equal"""
 
 
 class PolicyArrays(NamedTuple):
@@ -198,6 +234,22 @@ class ModelMemory(NamedTuple):
     """(P,), eps / sd"""
 
 
+class ProgramMemory(NamedTuple):
+    """What a program needs for one block of particles."""
+
+    registers: np.ndarray
+    """(registers, P)"""
+    adjoints: np.ndarray
+    """(registers, P), the derivatives by them"""
+
+
+class PhysicsMemory(NamedTuple):
+    """What physics needs for one block of particles."""
+
+    drift: ProgramMemory | None
+    features: ProgramMemory | None
+
+
 class ObserverMemory(NamedTuple):
     """What the estimator needs for one block of particles, on the way forward or back."""
 
@@ -265,9 +317,43 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
         floor=real(posterior.smallest_variance),
         A=real(dynamics.increment.A),
         B=real(dynamics.increment.B),
+        C=real(dynamics.increment.C),
         predicted=np.array(dynamics.predicted, dtype=np.int64),
         bounds=real(dynamics.bounds),
     )
+
+
+def program_arrays(program: Program, numbers: np.ndarray | None, dtype: np.dtype) -> ProgramArrays:
+    """The arrays of a program.
+
+    Args:
+        program: of [state, inputs, each particle's own numbers].
+        numbers: the last, (K, P).
+        dtype: precision.
+    """
+    own: np.ndarray = np.zeros((0, 0), dtype) if numbers is None else numbers.astype(dtype)
+    return ProgramArrays(
+        program.inputs,
+        program.constants.astype(dtype),
+        program.operations,
+        program.first,
+        program.second,
+        program.outputs,
+        live_registers(program, program.inputs - len(own)),
+        np.ascontiguousarray(own),
+    )
+
+
+def physics_memory(physics: PhysicsArrays, width: int) -> PhysicsMemory:
+    """Fresh memory for blocks of this width."""
+
+    def memory(program: ProgramArrays | None) -> ProgramMemory | None:
+        if program is None:
+            return None
+        shape, dtype = (len(program.live), width), program.constants.dtype
+        return ProgramMemory(np.empty(shape, dtype), np.empty(shape, dtype))
+
+    return PhysicsMemory(memory(physics.drift), memory(physics.features))
 
 
 def _has_exponent(term: Term) -> bool:

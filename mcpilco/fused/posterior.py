@@ -197,6 +197,16 @@ def _sample(e, eps, model, memory):
             solved[j, p] = alpha[j] - ratio[p] * solved[j, p]
 
 
+@njit(**ONCE)
+def _reweigh(weights, delta, memory):
+    """Adds what each particle's own posterior has beyond alpha: to its change, and to g."""
+    kernel, solved = memory.kernel, memory.solved
+    for j in range(weights.shape[0]):
+        for p in range(delta.size):
+            delta[p] += weights[j, p] * kernel[j, p]
+            solved[j, p] += weights[j, p]
+
+
 @njit(**PLAIN)
 def _differentiate(e, model, memory, jacobian):
     """d delta / dx of one output, from the sums over the samples and the prior's slope."""
@@ -213,7 +223,7 @@ def _differentiate(e, model, memory, jacobian):
 
 
 @njit(**ONCE)
-def change(e, eps, model, memory, jacobian):
+def change(e, eps, weights, model, memory, jacobian):
     """Sampled changes of one output for a block of particles, and their derivatives."""
     _shift(e, model, memory)
     multiply(model.expand[e], memory.x, memory.groups)
@@ -222,6 +232,7 @@ def change(e, eps, model, memory, jacobian):
     multiply_upper(model.unwhiten[e], memory.white, memory.solved)
     _prior(e, model, memory)
     _sample(e, eps, model, memory)
+    _reweigh(weights, memory.delta[e], memory)
     _weigh(e, model, memory)
     multiply(model.collect[e], memory.groups, memory.moments)
     _differentiate(e, model, memory, jacobian)

@@ -65,7 +65,7 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
     model = kind.make_model(config, history.task)
     arrays = history.run.read_arrays(trial.number, "gp")
     try:
-        model.gp.load_arrays(arrays)
+        model.load_arrays(arrays)
     except InputError as error:
         path = history.run.arrays_path(trial.number, "gp")
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error

@@ -76,6 +76,8 @@ def _policy_map(
     x, y = (_values(states[:, state]) for state in pair)
     grid = np.tile(states[-1], (len(y), len(x), 1))
     grid[..., pair[0]], grid[..., pair[1]] = np.meshgrid(x, y)
+    past = policy.augmentation.state_dim - grid.shape[-1]  # inputs that it sees too: none before
+    grid = np.pad(grid, ((0, 0), (0, 0), (0, past)))
     with torch.no_grad():
         answers = policy(torch.from_numpy(grid))[..., index].numpy()
         centre, half = policy.squash.centre[index], policy.squash.half_range[index]

@@ -150,8 +150,10 @@ def _each_step(part):
     """A sweep of a part of the policy; its arguments are those of the forward sweep."""
 
     @_loop
-    def sweep(start, stop, noise, mask, policy, model, observer, trace, *memories):
-        policy_memory, _, _ = memories
+    def sweep(
+        start, stop, noise, mask, policy, model, drift, features, own, seen, trace, *memories
+    ):
+        policy_memory = memories[0]
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             for t in range(noise.shape[0]):
@@ -164,8 +166,10 @@ def _each_output(part):
     """The same for a part of the posterior."""
 
     @_loop
-    def sweep(start, stop, noise, mask, policy, model, observer, trace, *memories):
-        policy_memory, model_memory, _ = memories
+    def sweep(
+        start, stop, noise, mask, policy, model, drift, features, own, seen, trace, *memories
+    ):
+        policy_memory, model_memory = memories[:2]
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width

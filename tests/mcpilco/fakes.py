@@ -81,7 +81,7 @@ class FakeAgent:
         self.random = np.random.default_rng(seed)
         self.policy = torch.nn.Linear(len(self.task.state_names), 1, dtype=torch.float64)
         torch.nn.init.constant_(self.policy.weight, 0.1 * (seed + 1))
-        self.model = SimpleNamespace(gp=SimpleNamespace(to_arrays=lambda: {"noise": np.ones(2)}))
+        self.model = SimpleNamespace(to_arrays=lambda: {"noise": np.ones(2)}, memory=0)
         self.perception = None
         self.results = []
         self.transitions = None

@@ -1,0 +1,65 @@
+"""The options that say which model an agent learns, of several commands."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from mcpilco.cli.options import optional
+from mcpilco.config import KERNELS
+from mcpilco.typing import InputError
+
+PHYSICS = "physics"
+"""what a model's name says of its mean"""
+
+ModelName = Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")]
+"""a sum of parts"""
+PlantPath = Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")]
+"""a correction"""
+Memory = Annotated[int | None, optional("INT", "that of the preset, 0")]
+"""past inputs"""
+
+
+def with_model(
+    config: Any, name: str | None = None, prior: Path | None = None, memory: int | None = None
+) -> Any:
+    """The agent's numbers with another model.
+
+    Args:
+        config: those of the preset.
+        name: a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the plant's equations
+            are the mean.
+        prior: file of the plant that the model knows, as `mcpilco gap` writes it.
+        memory: how many past inputs a state holds.
+
+    Raises:
+        InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
+    """
+    if name is None and prior is None and memory is None:
+        return config
+    if not hasattr(config, "model"):
+        raise InputError("--model, --prior and --memory are options of the algorithm mcpilco.")
+    changes: dict[str, Any] = {} if memory is None else {"memory": memory}
+    if name is not None:
+        parts = name.split("+")
+        kernel = [part for part in parts if part != PHYSICS]
+        if not kernel or not set(kernel) <= set(KERNELS):
+            raise InputError(
+                f"--model must be a sum of parts out of {', '.join(KERNELS)}, with {PHYSICS}+ "
+                f"before it where the mean is the plant's, such as physics+rbf, got {name!r}."
+            )
+        mean = PHYSICS if PHYSICS in parts else "zero"
+        changes |= {"kernel": "+".join(kernel), "mean": mean}
+    if prior is not None:
+        changes["plant"] = _described(prior)
+    return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """What a file says of a plant, after a check that it does."""
+    from mcpilco.correction import read_correction
+
+    read_correction(path)
+    return json.loads(path.read_text(encoding="utf-8"))

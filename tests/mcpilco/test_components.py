@@ -1,0 +1,134 @@
+"""An agent with any component of the model learns, acts, and comes back from its file the same."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  registers the cart-pole
+from mcpilco.agent import MCPILCO
+from mcpilco.archive import read_groups, write_groups
+from mcpilco.config import Config, ModelConfig
+from mcpilco.history import read_transitions
+from mcpilco.recorder import Recorder
+from mcpilco.run_folder import RunFolder
+from mcpilco.typing import InputError, RunFolderError
+from tests.mcpilco.point import TINY
+from tests.mcpilco.test_run_folder import CONFIG
+
+STEPS = 8
+PLANT = {
+    "format": 1,
+    "plant": "mcpilco/CartPoleSwingUp-v0",
+    "parameters": {"cart_mass": 0.6, "pole_mass": 0.42},
+    "effects": [],
+}
+COMPONENTS = {
+    "physics": ModelConfig(kernel="rbf", mean="physics", plant=PLANT),
+    "features": ModelConfig(kernel="features+rbf", plant=PLANT),
+    "friction": ModelConfig(kernel="friction+mpk"),
+    "memory": ModelConfig(kernel="rbf", memory=2),
+    "physics, memory": ModelConfig(kernel="rbf", mean="physics", memory=1),
+}
+
+
+def numbers(name: str) -> Config:
+    return dataclasses.replace(TINY, model=COMPONENTS[name], horizon=STEPS, engine="fused")
+
+
+def env() -> gymnasium.Env:
+    return gymnasium.make("mcpilco/CartPoleSwingUp-v0", max_episode_steps=STEPS)
+
+
+def make_agent(name: str) -> MCPILCO:
+    return MCPILCO("SumOfGaussians", env(), config=numbers(name), seed=4)
+
+
+def actions(agent: MCPILCO) -> np.ndarray:
+    """What it answers in an episode, in which it may remember."""
+    act = agent.controller()
+    return np.array([act(x) for x in np.random.default_rng(0).normal(size=(5, 4))])
+
+
+@pytest.mark.parametrize("name", COMPONENTS)
+def test_a_loaded_agent_acts_and_learns_as_the_saved_one(name, tmp_path):
+    learned = make_agent(name).learn(2 * STEPS)
+    saved = learned.save(tmp_path / "agent.npz")
+    loaded = MCPILCO.load(saved, env())
+    assert loaded.config == learned.config
+    np.testing.assert_array_equal(actions(loaded), actions(learned))
+    loaded.learn(STEPS), learned.learn(STEPS)
+    first, second = (agent.save(tmp_path / "a").read_bytes() for agent in (loaded, learned))
+    assert first == second
+    assert loaded.results[-1].failure is None
+    assert loaded.results[-1].prediction.states.shape[-1] == 4
+
+
+def test_the_file_holds_numbers_only(tmp_path):
+    saved = make_agent("physics").learn(2 * STEPS).save(tmp_path / "agent.npz")
+    with np.load(saved, allow_pickle=False) as arrays:
+        assert all(arrays[name].dtype.kind in "fiuSU" for name in arrays)
+    about, groups = read_groups(saved)
+    assert about["config"]["model"]["plant"] == PLANT
+    assert groups["gp"]["physics.mean"].shape == (5,)
+
+
+def test_a_file_of_another_model_is_refused(tmp_path):
+    saved = make_agent("physics").learn(2 * STEPS).save(tmp_path / "agent.npz")
+    about, groups = read_groups(saved)
+    about["config"]["model"]["mean"] = "zero"
+    write_groups(tmp_path / "other.npz", about, groups)
+    with pytest.raises(RunFolderError, match="Saved GP does not fit"):
+        MCPILCO.load(tmp_path / "other.npz", env())
+
+
+def test_an_agent_remembers_its_inputs_and_forgets_them_at_a_start():
+    agent = make_agent("memory").learn(2 * STEPS)
+    x = np.array([0.1, 0.2, 0.3, 0.4])
+    first, state = agent.predict(x)
+    second, state = agent.predict(x, state)
+    np.testing.assert_allclose(state[0], [*second, *first], rtol=1e-6)
+    assert not np.allclose(first, second)
+    again, _ = agent.predict(x[None], (state[0][None],), episode_start=np.array([True]))
+    np.testing.assert_array_equal(again[0], first)
+    with pytest.raises(InputError, match="pass None to begin"):
+        agent.predict(x, (np.zeros(3),))
+    states = agent.transitions.states
+    np.testing.assert_array_equal(states[0, 4:], 0.0)
+    np.testing.assert_array_equal(states[STEPS, 4:], 0.0)  # another episode
+    np.testing.assert_array_equal(states[2, 4:], agent.transitions.inputs[[1, 0], 0])
+    np.testing.assert_array_equal(agent.transitions.next_states[:-1][:7], states[1:8])
+
+
+def test_a_run_folder_holds_the_rows_that_were_learned_from(tmp_path):
+    agent = make_agent("memory")
+    run = RunFolder.create(tmp_path / "run", CONFIG)
+    agent.learn(2 * STEPS, callback=Recorder(run))
+    rows = read_transitions(run, 0) + read_transitions(run, 1)
+    for name, array in vars(agent.transitions).items():
+        np.testing.assert_array_equal(getattr(rows, name), array)
+
+
+def test_states_that_are_measured_in_part_hold_no_inputs():
+    positions = gymnasium.make("mcpilco/CartPoleSwingUpPositions-v0")
+    with pytest.raises(InputError, match="memory must be 0"):
+        MCPILCO("SumOfGaussians", positions, config=numbers("memory"))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"kernel": "rbf+rbf"}, "different parts"),
+        ({"kernel": "cubic"}, "different parts"),
+        ({"memory": -1}, "memory must be at least 0"),
+        ({"plant_step": 0.0}, "plant_step must be positive"),
+        ({"mean": "physics", "sampling": "path"}, "sampling path"),
+        ({"kernel": "friction+rbf", "sampling": "path"}, "sampling path"),
+    ],
+)
+def test_a_model_that_cannot_be_is_refused(wrong, words):
+    with pytest.raises(InputError, match=words):
+        ModelConfig(**wrong)

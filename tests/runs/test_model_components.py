@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+
+import numpy as np
+
+from mcpilco.config import CART_POLE
+from mcpilco.sweep import Settings
+from mcpilco.sweep.page import BEGIN, END
+from tests.mcpilco.test_sweep import HereEngine
+
+
+def test_masses_are_wrong_by_up_to_a_fifth_and_only_where_a_plant_is_known(run):
+    masses = np.array([list(run.wrong_masses(seed).values()) for seed in range(30)])
+    errors = masses / 0.5 - 1.0
+    assert np.abs(errors).max() <= run.WRONG
+    assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
+    for name, cell in run.CELLS.items():
+        config = dataclasses.replace(run.Config(), model=cell.model)
+        told = run.job_of(Settings(CART_POLE, config=config), 3).settings.config.model.plant
+        knows = name.startswith(("physics", "features"))
+        assert (told is not None) == knows
+        assert not knows or told["parameters"] == run.wrong_masses(3)
+
+
+def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "LocalEngine", lambda workers: HereEngine())
+    cells = ["physics+rbf", "delay-1-memory"]
+    arguments = ["run.py", "--quick", "--cells", *cells, "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", arguments)
+    texts = []
+    for _ in range(2):
+        assert run.main() == 0
+        texts.append((tmp_path / "README.md").read_text())
+    assert texts[0] == texts[1]
+    assert "| `physics+rbf` | 1 |" in texts[0]
+    about = json.loads((tmp_path / "results/analytic/delay-1-memory/sweep.json").read_text())
+    assert about["env_kwargs"]["effects"]["effects"][0]["parameters"] == {"d": 0.1}
+    assert about["config"]["model"]["memory"] == 1
+    assert not (tmp_path / "results/mujoco/delay-1-memory").exists()
+
+
+def test_page_names_every_cell_and_has_its_marked_lines(run, home):
+    text = (home / "README.md").read_text()
+    assert text.count(BEGIN) == text.count(END) == 1
+    assert all(f"`{name}`" in text.split(BEGIN)[0] for name in run.CELLS)
