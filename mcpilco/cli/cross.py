@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -24,8 +25,14 @@ from mcpilco.typing import InputError, McPilcoError, RunFolderError
 if TYPE_CHECKING:
     from mcpilco.crossing import Crossing, Place
 
-TRIALS = 6
+TRIALS = 4
 """of an algorithm that learns by trials"""
+PHYSICS_MODEL = "physics+rbf"
+"""the equations of the simulation, and what they leave"""
+LAG_TOLD = 3.0
+"""time constants of a lag after which an input no longer matters"""
+UNWRITTEN = ("backlash", "sensor_offset", "sensor_scale", "sensor_delay")
+"""effects that the equations of a model do not hold"""
 LEGS = ("nominal", "corrected")
 """the policies that are compared, by the simulation that they are trained in"""
 
@@ -160,6 +167,7 @@ class Cross:
             trials=self._trials,
             out=path,
             quiet=self.quiet,
+            **(self._model(leg) if self.algo == "mcpilco" else {}),
         )()
 
     def _try(self, leg: str) -> int:
@@ -261,6 +269,31 @@ class Cross:
         if leg == "nominal":
             return self.sim_kwargs
         return (*self.sim_kwargs, f"effects={self._gap / 'corrected.json'}")
+
+    def _model(self, leg: str) -> dict[str, Any]:
+        """What MC-PILCO knows of a simulation: its equations, and the inputs that it remembers."""
+        from mcpilco.correction import read_correction
+
+        if leg == "nominal":
+            return {"model": PHYSICS_MODEL}
+        path = self._gap / "corrected.json"
+        correction = read_correction(path)
+        slow = [
+            parameters.get("d", 0.0) + LAG_TOLD * parameters.get("T", 0.0)
+            for name, parameters in ((e.name, e.parameters) for e in correction.effects)
+            if name in ("actuator_delay", "actuator_lag")
+        ]
+        known: dict[str, Any] = {"memory": self._steps(sum(slow))} if slow else {}
+        if correction.learned or any(e.name in UNWRITTEN for e in correction.effects):
+            return known
+        return {**known, "model": PHYSICS_MODEL, "prior": path}
+
+    def _steps(self, seconds: float) -> int:
+        """Samples of the simulation that a time spans."""
+        from mcpilco.contract import task_of
+
+        with contextlib.closing(open_env(self.sim, keywords("", self.sim_kwargs))) as env:
+            return math.ceil(seconds / task_of(env, None, quiet=True).dt)
 
     def _told(self) -> str:
         return f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
