@@ -9,12 +9,17 @@ from mcpilco.kernels.base import (
     Sum,
     Term,
 )
+from mcpilco.kernels.decaying import SEDMPK
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.stationary import RBF
+from mcpilco.kernels.volterra import IPK, PK, VolterraKernel, VolterraMPK
 
 __all__ = [
+    "IPK",
     "MPK",
+    "PK",
     "RBF",
+    "SEDMPK",
     "ActiveDims",
     "Kernel",
     "Linear",
@@ -23,4 +28,6 @@ __all__ = [
     "Scaled",
     "Sum",
     "Term",
+    "VolterraKernel",
+    "VolterraMPK",
 ]
