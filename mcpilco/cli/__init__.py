@@ -23,6 +23,7 @@ from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
+from mcpilco.cli.volterra import Volterra
 from mcpilco.typing import McPilcoError
 
 __all__ = ["main"]
@@ -48,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 | Record
                 | Gap
                 | View
+                | Volterra
                 | Report
                 | CheckEnv
                 | Doctor
