@@ -62,8 +62,10 @@ class VolterraConfig:
     """as many, likewise, determine the series"""
     restarts: int = 0
     """further starts of the optimiser"""
-    max_iterations: int = 200
+    max_iterations: int = 500
     """of each start"""
+    tolerance: float = 1e-7
+    """stop once a step improves the evidence by less than this part of it [-]"""
     seed: int = 0
     """of what is drawn"""
 
@@ -210,12 +212,15 @@ class VolterraModel:
         return h * self.scaling.outputs.reshape(-1, *[1] * degree)
 
 
-def fit_volterra(series: Series, config: VolterraConfig | None = None) -> VolterraModel:
+def fit_volterra(
+    series: Series, config: VolterraConfig | None = None, gp: GP | None = None
+) -> VolterraModel:
     """The series that explains the outputs, with the hyperparameters of the highest evidence.
 
     Args:
         series: what was measured.
         config: which series and prior.
+        gp: of scaled numbers, in place of the config's prior; its kernel is a `VolterraKernel`.
 
     Raises:
         InputError: there are too few samples, or an input or output stands still.
@@ -227,7 +232,7 @@ def fit_volterra(series: Series, config: VolterraConfig | None = None) -> Volter
     repeats = config.lags + 1
     X = (X - np.repeat(scaling.center, repeats)) / np.repeat(scaling.inputs, repeats)
     Y = Y / scaling.outputs
-    gp = prior(config, series.output_names, len(series.input_names), len(X))
+    gp = gp or prior(config, series.output_names, len(series.input_names), len(X))
     fitted = used = np.arange(len(X))
     if not isinstance(gp, WeightSpaceGP):
         order = np.random.default_rng(config.seed).permutation(len(X))
@@ -237,6 +242,7 @@ def fit_volterra(series: Series, config: VolterraConfig | None = None) -> Volter
         torch.as_tensor(Y[fitted]),
         restarts=config.restarts,
         max_iterations=config.max_iterations,
+        tolerance=config.tolerance,
         seed=config.seed,
     )
     posterior = gp.condition(torch.as_tensor(X[used]), torch.as_tensor(Y[used]))

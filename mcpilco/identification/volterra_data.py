@@ -62,7 +62,7 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 
 def lagged(inputs: Float[np.ndarray, "T U"], lags: int) -> Float[np.ndarray, "N D"]:
-    """The regressors of times lags, ..., T - 1: u_k, u_{k-1}, ..., u_{k-lags} of each input in turn.
+    """Regressors of times lags, ..., T - 1: u_k, u_{k-1}, ..., u_{k-lags} of each input in turn.
 
     Args:
         inputs: of consecutive times.
@@ -111,9 +111,7 @@ def _require_even(table: Table) -> None:
         )
 
 
-def usable(
-    series: Series, lags: int
-) -> tuple[Float[np.ndarray, "N D"], Float[np.ndarray, "N E"]]:
+def usable(series: Series, lags: int) -> tuple[Float[np.ndarray, "N D"], Float[np.ndarray, "N E"]]:
     """The regressors and outputs of all times whose lags and outputs are all known.
 
     Raises:

@@ -16,9 +16,7 @@ _INTERVAL = 1.96
 """95 % of a normal distribution lie within so many standard deviations"""
 
 
-def plot_lags(
-    values: Float[np.ndarray, "D D"], title: str = "", ax: Axes | None = None
-) -> Axes:
+def plot_lags(values: Float[np.ndarray, "D D"], title: str = "", ax: Axes | None = None) -> Axes:
     """Magnitudes over two lags, the largest black, as figure 6.2 of the thesis has them.
 
     Args:
