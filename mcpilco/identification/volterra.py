@@ -121,7 +121,7 @@ class VolterraModel:
         return self.gp.noise_std.detach().numpy() * self.scaling.outputs
 
     def predict(
-        self, inputs: Float[np.ndarray, "T U"]
+        self, inputs: Float[np.ndarray, "T U"] | Float[np.ndarray, " T"]
     ) -> tuple[Float[np.ndarray, "T E"], Float[np.ndarray, "T E"]]:
         """Mean and standard deviation of the outputs without noise; NaN where a lag is missing.
 

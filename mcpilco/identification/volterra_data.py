@@ -12,6 +12,8 @@ from jaxtyping import Float
 from mcpilco.recordings.table import Table, read_table
 from mcpilco.typing import InputError, RecordingError
 
+_FEWEST = 20
+"""samples of which anything can be told"""
 _UNEVEN = 0.2
 """a step of time that differs from the median by more than this part of it is another step [-]"""
 _REPEATED, _TOO_OFTEN = 0.01, 0.2
@@ -123,7 +125,7 @@ def usable(series: Series, lags: int) -> tuple[Float[np.ndarray, "N D"], Float[n
     X, Y = lagged(series.inputs, lags), series.outputs[lags:]
     known = np.isfinite(X).all(1) & np.isfinite(Y).all(1)
     X, Y = X[known], Y[known]
-    if len(X) <= width:
+    if len(X) < max(width + 1, _FEWEST):
         raise _too_few(series, lags, len(X), width)
     _require_variation(series.input_names, series.inputs, "input")
     _require_variation(series.output_names, series.outputs, "output")
@@ -137,9 +139,9 @@ def usable(series: Series, lags: int) -> tuple[Float[np.ndarray, "N D"], Float[n
 
 def _too_few(series: Series, lags: int, found: int, width: int) -> InputError:
     return InputError(
-        f"Of {len(series)} rows {found} have an output and all {lags} lags of each input; more "
-        f"than {width} are needed, as many as linear coefficients. Record for longer without "
-        "gaps, or take fewer lags."
+        f"Of {len(series)} rows {found} have an output and all {lags} lags of each input, and "
+        f"{max(width + 1, _FEWEST)} are needed: more than the {width} linear coefficients. Record "
+        "for longer without gaps, or take fewer lags."
     )
 
 
