@@ -189,5 +189,7 @@ def _picture(
     if model.config.degree > 1:
         plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
         plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
+    figure = axes[0].get_figure(root=True)
+    assert figure is not None
     with replacing(path) as temporary:
-        axes[0].figure.savefig(temporary, format="png", dpi=110)
+        figure.savefig(temporary, format="png", dpi=110)

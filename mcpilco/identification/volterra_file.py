@@ -61,7 +61,10 @@ def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) ->
     X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
     gp = prior(config, names[1], len(names[0]), len(X))
     gp.load_arrays(groups["prior"])
-    report = {k: tuple(v) if isinstance(v, list) else v for k, v in about["report"].items()}
+    told: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in about["report"].items()
+    }
     return VolterraModel(
         config=config,
         input_names=names[0],
@@ -71,5 +74,5 @@ def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) ->
         X=X,
         Y=Y,
         posterior=gp.condition(X, Y),
-        report=Report(**report),
+        report=Report(**told),
     )

@@ -31,7 +31,9 @@ def test_a_missing_value_costs_the_samples_that_need_it() -> None:
 
 
 def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(InputError, match="Of 7 rows 4 have an output and all 3 lags .* 20 are needed"):
+    with pytest.raises(
+        InputError, match="Of 7 rows 4 have an output and all 3 lags .* 20 are needed"
+    ):
         usable(Series.of(noise(7), noise(7)), lags=3)
     with pytest.raises(InputError, match="Record for longer"):
         usable(Series.of(noise(3), noise(3)), lags=5)
