@@ -97,7 +97,8 @@ class Volterra:
 
     def _best(self, train: Series, test: Series) -> VolterraModel:
         """Of the fits with each kernel, all of which are told, that with the highest evidence."""
-        from mcpilco.identification.volterra import VolterraConfig, fit_volterra
+        from mcpilco.identification.volterra import fit_volterra
+        from mcpilco.identification.volterra_prior import VolterraConfig
 
         models = []
         for kernel in self.kernel:

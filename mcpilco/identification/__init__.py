@@ -16,9 +16,10 @@ from mcpilco.identification.moments import Moments
 from mcpilco.identification.projection import Projection, project
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
-from mcpilco.identification.volterra import VolterraConfig, VolterraModel, fit_volterra
+from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_data import Series, read_series
 from mcpilco.identification.volterra_file import load_volterra, save_volterra
+from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import fit_percent, third_order, wiener
 
 __all__ = [

@@ -5,7 +5,6 @@ Reference: thesis chapter 6.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,66 +16,13 @@ from mcpilco.evidence import JITTERS
 from mcpilco.gp import GP, Posterior
 from mcpilco.identification.report import Report
 from mcpilco.identification.volterra_data import Series, lagged, suspicions, usable
-from mcpilco.kernels.decaying import SEDMPK
-from mcpilco.kernels.monomials import MonomialBasis
-from mcpilco.kernels.volterra import IPK, PK, VolterraKernel, VolterraMPK, symmetric
+from mcpilco.identification.volterra_prior import MANY_ORDERS, VolterraConfig, prior
+from mcpilco.kernels.volterra import VolterraKernel, symmetric
 from mcpilco.typing import InputError
 from mcpilco.weight_space import WeightPosterior, WeightSpaceGP
 
-KERNELS: Mapping[str, Callable[[int, int, Sequence[int], int], VolterraKernel]] = {
-    "pk": lambda width, degree, batch, channels: PK(width, degree, batch),
-    "ipk": lambda width, degree, batch, channels: IPK(width, degree, batch),
-    "mpk": lambda width, degree, batch, channels: VolterraMPK(width, degree, batch),
-    "sed-mpk": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels
-    ),
-    "sed-mpk-hierarchical": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels, hierarchical=True
-    ),
-}
-"""priors by name: of width, degree, batch and channels"""
-
-_MANY_ORDERS = 10**6
-"""entries of a covariance over all orders of the lags, beyond which it is not written out"""
 _CHUNK = 1000
 """rows that are predicted together"""
-
-
-@dataclass(frozen=True)
-class VolterraConfig:
-    """What series, with which prior, and how it is fitted."""
-
-    lags: int = 20
-    """m: outputs depend on the inputs of so many samples before, and of now"""
-    degree: int = 3
-    """r: of the polynomials"""
-    kernel: str = "sed-mpk"
-    """a key of `KERNELS`"""
-    center: bool = False
-    """develop the series about the inputs' means, in place of zero"""
-    noise_floor: float = 1e-3
-    """least standard deviation of the noise, in parts of the output's root mean square [-]"""
-    fit_samples: int = 1000
-    """as many samples, drawn at random, determine the hyperparameters where all would take long"""
-    samples: int = 4000
-    """as many, likewise, determine the series"""
-    restarts: int = 0
-    """further starts of the optimiser"""
-    max_iterations: int = 500
-    """of each start"""
-    tolerance: float = 1e-7
-    """stop once a step improves the evidence by less than this part of it [-]"""
-    seed: int = 0
-    """of what is drawn"""
-
-    def __post_init__(self) -> None:
-        if self.kernel not in KERNELS:
-            raise InputError(f"kernel must be one of {', '.join(KERNELS)}, got {self.kernel!r}.")
-        for name, least in (("lags", 0), ("degree", 1), ("fit_samples", 1), ("samples", 1)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} must be at least {least}, got {getattr(self, name)}.")
-        if not 0.0 < self.noise_floor < 1.0:
-            raise InputError(f"noise_floor must lie between 0 and 1, got {self.noise_floor}.")
 
 
 @dataclass(frozen=True)
@@ -199,10 +145,10 @@ class VolterraModel:
             raise InputError(
                 f"degree must be within {least}..{self.config.degree}, as the series, got {degree}."
             )
-        if self.gp.kernel.width**degree > _MANY_ORDERS:
+        if self.gp.kernel.width**degree > MANY_ORDERS:
             raise InputError(
                 f"h_{degree} has {self.gp.kernel.width}^{degree} entries, more than "
-                f"{_MANY_ORDERS}; ask for a map of lower degree, or fit fewer lags."
+                f"{MANY_ORDERS}; ask for a map of lower degree, or fit fewer lags."
             )
 
     def _in_units(self, h: np.ndarray, degree: int) -> np.ndarray:
@@ -257,25 +203,6 @@ def fit_volterra(
         posterior=posterior,
         report=_report(gp, posterior, series, config, scaling, len(fitted)),
     )
-
-
-def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples: int) -> GP:
-    """A GP of the config's kernel, in weight space where that is the smaller one.
-
-    Args:
-        config: which series and prior.
-        outputs: their names.
-        channels: how many inputs.
-        samples: how many there are to fit to.
-    """
-    width = channels * (config.lags + 1)
-    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), channels)
-    full = isinstance(kernel, SEDMPK)
-    orders = width ** (config.degree * (2 if full else 1))
-    features = MonomialBasis.size(width, config.degree)
-    small = features < samples and orders <= _MANY_ORDERS
-    kind = WeightSpaceGP if small else GP
-    return kind(kernel, noise_floor=config.noise_floor, names=outputs)
 
 
 def _report(

@@ -12,7 +12,8 @@ import torch
 
 from mcpilco.archive import damaged, read_groups, write_groups
 from mcpilco.identification.report import Report
-from mcpilco.identification.volterra import Scaling, VolterraConfig, VolterraModel, prior
+from mcpilco.identification.volterra import Scaling, VolterraModel
+from mcpilco.identification.volterra_prior import VolterraConfig, prior
 from mcpilco.typing import McPilcoError
 
 FORMAT = 1

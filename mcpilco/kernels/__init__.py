@@ -9,10 +9,11 @@ from mcpilco.kernels.base import (
     Sum,
     Term,
 )
-from mcpilco.kernels.decaying import SEDMPK
+from mcpilco.kernels.decaying_lags import SEDMPK
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.stationary import RBF
-from mcpilco.kernels.volterra import IPK, PK, VolterraKernel, VolterraMPK
+from mcpilco.kernels.volterra import VolterraKernel
+from mcpilco.kernels.weighted_lags import IPK, PK, VolterraMPK
 
 __all__ = [
     "IPK",

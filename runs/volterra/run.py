@@ -29,12 +29,9 @@ from threadpoolctl import threadpool_limits
 
 from mcpilco.archive import replacing, write_bytes
 from mcpilco.gp import GP
-from mcpilco.identification.volterra import (
-    VolterraConfig,
-    VolterraModel,
-    fit_volterra,
-)
+from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_data import Series
+from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import (
     MEMORY,
     fit_percent,
@@ -58,6 +55,8 @@ BURN_IN = 300
 """after which its filter has forgotten the start [samples]"""
 EARLY = 1e-5
 """part of the evidence that a step must win to go on, where more would take long [-]"""
+MOST = 60
+"""iterations of a fit of the Wiener system"""
 SHOWN = {
     "ipk-1": "IPK, offset 1",
     "ipk": "IPK",
@@ -124,17 +123,22 @@ def main() -> int:
     wanted = {name: CELLS[name] for name in arguments.cells}
     most = 1 if arguments.quick else max(cell.seeds for cell in wanted.values())
     for seed in range(most if arguments.seeds is None else arguments.seeds):
-        for name, cell in wanted.items():
-            path = out / "results" / name / f"{seed:04d}.json"
-            if path.exists() or (arguments.seeds is None and seed >= cell.seeds):
-                continue
+        missing = {
+            path: cell
+            for name, cell in wanted.items()
+            if arguments.seeds is not None or seed < cell.seeds
+            if not (path := out / "results" / name / f"{seed:04d}.json").exists()
+        }
+        for path, cell in missing.items():
             with threadpool_limits(1):
                 found = trial(cell, seed, 200 if arguments.quick else cell.samples)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_bytes(path, json.dumps(found, indent=1).encode())
             fits = ", ".join(f"{k} {v['fit']:.1f}" for k, v in found["kernels"].items())
-            print(f"{name}, seed {seed}: Fit % {fits}", flush=True)
-        write_readme(out)  # a stop loses no table
+            print(f"{path.parent.name}, seed {seed}: Fit % {fits}", flush=True)
+        if missing:
+            write_readme(out)  # a stop loses no table
+    write_readme(out)
     print(f"Tables: {out / 'README.md'}")
     return 0
 
@@ -209,8 +213,10 @@ def fitted(name: str, train: Series, cell: ThirdOrder | Wiener) -> VolterraModel
     """The model of one row of the table."""
     lags, degree = (MEMORY, 3) if isinstance(cell, ThirdOrder) else (LAGS, cell.degree)
     config = VolterraConfig(lags=lags, degree=degree, kernel=name.removesuffix("-early"))
-    if name.endswith("-early") or lags == LAGS:
+    if name.endswith("-early"):
         config = replace(config, tolerance=EARLY)
+    if isinstance(cell, Wiener):
+        config = replace(config, tolerance=EARLY, max_iterations=MOST)
     return fit_volterra(train, config)
 
 
@@ -292,6 +298,7 @@ def fits_table(found: Trials) -> str:
             spread(values(trials, kernel, "fit"), 1),
             f"{np.median(values(trials, kernel, 'evidence')):.1f}",
             f"{np.median(values(trials, kernel, 'iterations')):.0f}",
+            str(int(values(trials, kernel, "converged").sum())),
             f"{np.median(values(trials, kernel, 'cpu_s')):.2f}",
         )
         for name, trials in found.items()
@@ -304,6 +311,7 @@ def fits_table(found: Trials) -> str:
         "Fit [%]",
         "log evidence",
         "iterations",
+        "converged",
         "CPU of a fit [s]",
     )
     return (
@@ -397,7 +405,8 @@ def write_fits(path: Path, found: Trials) -> None:
             fits = values(trials, kernel, "fit")
             ax.plot(np.full(len(fits), place), fits, "o", color=MODEL, alpha=0.4, markersize=4)
             ax.plot(place, np.median(fits), "_", color=SYSTEM, markersize=20)
-        ax.set_xticks(range(len(kernels)), [SHOWN[k].replace(", ", "\n") for k in kernels])
+        names = [SHOWN[k].replace("stopped ", "").replace(", ", "\n") for k in kernels]
+        ax.set_xticks(range(len(kernels)), names)
         ax.tick_params(axis="x", labelsize="x-small")
         ax.set(title=title(name), ylabel="Fit [%]", xlim=(-0.5, len(kernels) - 0.5))
     _write(path, axes[0])

@@ -15,11 +15,12 @@ from mcpilco.identification import (
     load_volterra,
     save_volterra,
     third_order,
-    volterra,
+    volterra_prior,
     wiener,
 )
 from mcpilco.identification.volterra_systems import MEMORY, third_order_h2
 from mcpilco.typing import InputError, RunFolderError
+from mcpilco.weight_space import WeightSpaceGP
 
 NOISE = 0.05
 SHORT = VolterraConfig(lags=2, degree=2, kernel="mpk")
@@ -66,16 +67,16 @@ def test_maps_give_the_predictions(model) -> None:
     assert np.isnan(mean[:2]).all()
 
 
-@pytest.mark.parametrize("kernel", volterra.KERNELS)
+@pytest.mark.parametrize("kernel", volterra_prior.KERNELS)
 def test_weight_space_and_kernel_agree(kernel: str, monkeypatch) -> None:
     """The same hyperparameters, conditioned in both ways."""
     config = replace(SHORT, kernel=kernel, max_iterations=10)
     series, u = recorded(), np.random.default_rng(2).normal(size=40)
     small = fit_volterra(series, config)
-    assert isinstance(small.gp, volterra.WeightSpaceGP)
-    monkeypatch.setattr(volterra, "_MANY_ORDERS", 0)
-    dense = volterra.prior(config, ("y",), 1, 298)
-    assert not isinstance(dense, volterra.WeightSpaceGP)
+    assert isinstance(small.gp, WeightSpaceGP)
+    monkeypatch.setattr(volterra_prior, "MANY_ORDERS", 0)
+    dense = volterra_prior.prior(config, ("y",), 1, 298)
+    assert not isinstance(dense, WeightSpaceGP)
     dense.load_arrays(small.gp.to_arrays())
     again = replace(small, gp=dense, posterior=dense.condition(small.X, small.Y))
     for one, other in zip(small.predict(u), again.predict(u), strict=True):

@@ -121,7 +121,7 @@ class SEDMPK(VolterraKernel):
             )
             power = torch.where(power > 0, power, torch.ones_like(power))
             self.channel_weights = self.spread(power.mean() / power, self.channels)
-        self.constant, shares = self._shares(X, Y)
+        self.constant, shares = self.shares(X, Y)
         self.scales = torch.stack(shares, -1)
 
     def terms(self) -> list[Term]:
