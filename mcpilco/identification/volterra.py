@@ -179,10 +179,9 @@ def fit_volterra(
     X = (X - np.repeat(scaling.center, repeats)) / np.repeat(scaling.inputs, repeats)
     Y = Y / scaling.outputs
     gp = gp or prior(config, series.output_names, len(series.input_names), len(X))
-    fitted = used = np.arange(len(X))
-    if not isinstance(gp, WeightSpaceGP):
-        order = np.random.default_rng(config.seed).permutation(len(X))
-        fitted, used = order[: config.fit_samples], np.sort(order[: config.samples])
+    order = np.random.default_rng(config.seed).permutation(len(X))
+    most = len(X) if isinstance(gp, WeightSpaceGP) else config.samples
+    fitted, used = np.sort(order[: config.fit_samples]), np.sort(order[:most])
     gp.fit(
         torch.as_tensor(X[fitted]),
         torch.as_tensor(Y[fitted]),

@@ -45,9 +45,9 @@ class VolterraConfig:
     noise_floor: float = 1e-3
     """least standard deviation of the noise, in parts of the output's root mean square [-]"""
     fit_samples: int = 1000
-    """as many samples, drawn at random, determine the hyperparameters where all would take long"""
+    """as many samples, drawn at random, determine the hyperparameters; the evidence is theirs"""
     samples: int = 4000
-    """as many, likewise, determine the series"""
+    """as many determine the series where matrices of the monomials would be larger"""
     restarts: int = 0
     """further starts of the optimiser"""
     max_iterations: int = 500
