@@ -81,6 +81,6 @@ def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples
     full = isinstance(kernel, SEDMPK)
     orders = width ** (config.degree * (2 if full else 1))
     features = MonomialBasis.size(width, config.degree)
-    small = features < samples and orders <= MANY_ORDERS
+    small = features < min(samples, config.fit_samples) and orders <= MANY_ORDERS
     kind = WeightSpaceGP if small else GP
     return kind(kernel, noise_floor=config.noise_floor, names=outputs)
