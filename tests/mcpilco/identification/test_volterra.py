@@ -137,10 +137,20 @@ def test_smooth_decay_is_worth_more_than_a_weight_a_lag() -> None:
 def test_many_samples_are_fitted_in_parts() -> None:
     u = np.random.default_rng(7).normal(size=300)
     y = wiener(u, 1) + 0.1 * np.random.default_rng(8).normal(size=300)
-    config = VolterraConfig(lags=30, degree=2, tolerance=1e-4, fit_samples=80, samples=150)
+    config = VolterraConfig(lags=20, degree=2, tolerance=1e-4, fit_samples=80, samples=150)
     found = fit_volterra(Series.of(u, y), config)
     assert len(found.X) == 150
     assert found.report.jitter == (0.0,)
+
+
+def test_evidence_is_of_the_same_samples_in_weight_space_and_with_the_kernel(monkeypatch) -> None:
+    config = VolterraConfig(lags=1, degree=1, kernel="pk", fit_samples=60)
+    small = fit_volterra(recorded(), config)
+    monkeypatch.setattr(volterra_prior, "MANY_ORDERS", 0)
+    dense = fit_volterra(recorded(), config)
+    assert not isinstance(dense.gp, WeightSpaceGP)
+    assert small.report.evidence == pytest.approx(dense.report.evidence, abs=1e-3)
+    assert len(small.X) == len(dense.X) == 298
 
 
 def test_a_model_is_read_as_it_was_written(model, tmp_path) -> None:
