@@ -1,6 +1,6 @@
 """Volterra series by four priors: does the more flexible one, and the smooth one, predict better?
 
-python runs/volterra/run.py --quick       # does it run at all? (about 20 CPU seconds)
+python runs/volterra/run.py --quick       # does it run at all? (about 12 CPU seconds)
 python runs/volterra/run.py               # all cells; CPU time: see README.md
 python runs/volterra/run.py --cells third-order-1 third-order-2
 
