@@ -190,7 +190,10 @@ def _picture(
     if model.config.degree > 1:
         plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
         plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
+    from matplotlib import pyplot
+
     figure = axes[0].get_figure(root=True)
     assert figure is not None
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
+    pyplot.close(figure)

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import torch
 import tyro
+from matplotlib import pyplot
 from matplotlib.axes import Axes
 from threadpoolctl import threadpool_limits
 
@@ -429,6 +430,7 @@ def write_penalties(path: Path, found: Trials) -> None:
 def _write(path: Path, ax: Axes) -> None:
     with replacing(path) as temporary:
         ax.figure.savefig(temporary, format="png", dpi=80, metadata={"Software": None})
+    pyplot.close(ax.figure)
 
 
 if __name__ == "__main__":

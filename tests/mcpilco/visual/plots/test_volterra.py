@@ -5,7 +5,16 @@ import pytest
 
 from mcpilco.visual.plots.volterra import plot_lags, plot_prediction, plot_response
 
-pytest.importorskip("matplotlib")
+matplotlib = pytest.importorskip("matplotlib")
+matplotlib.use("Agg")
+
+from matplotlib import pyplot as plt  # noqa: E402
+
+
+@pytest.fixture(autouse=True)
+def _closed_figures():
+    yield
+    plt.close("all")
 
 
 def test_the_largest_magnitude_is_black_and_zero_is_white() -> None:
