@@ -6,7 +6,8 @@ from math import comb
 import pytest
 import torch
 
-from mcpilco.kernels import IPK, PK, SEDMPK, VolterraKernel, VolterraMPK
+from mcpilco.gp import GP
+from mcpilco.kernels import IPK, PK, RBF, SEDMPK, ActiveDims, VolterraKernel, VolterraMPK
 from mcpilco.kernels.monomials import MonomialBasis
 from mcpilco.typing import InputError
 from tests.mcpilco.kernels.test_kernels import points, shake
@@ -144,3 +145,30 @@ def test_degree_below_one_is_refused(kernel) -> None:
 def test_channels_of_unequal_length_are_refused() -> None:
     with pytest.raises(InputError, match="2 channels, got a width of 5"):
         SEDMPK(5, 2, channels=2)
+
+
+def test_sed_of_past_inputs_beside_an_rbf_of_the_state_learns_a_slow_actuator() -> None:
+    """As in a dynamics model: the buffer of inputs are regressors beside the state."""
+
+    def data(seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+        state, u = points(120, 1, seed=seed), points(129, 1, seed=seed + 1)[:, 0]
+        buffer = u.unfold(0, 10, 1).flip(-1)
+        decay = 0.7 ** torch.arange(10).double()
+        return torch.cat([state, buffer], 1), state.sin() + 0.5 * (buffer @ decay)[:, None]
+
+    (X, Y), (queries, truth) = data(3), data(7)
+    state = ActiveDims(RBF(1, (1,)), (0,), 11)
+    kernels = {
+        "buffer": state + ActiveDims(SEDMPK(10, 2, (1,)), range(1, 11), 11),
+        "present input": ActiveDims(RBF(2, (1,)), (0, 1), 11),
+    }
+    errors = {}
+    for name, kernel in kernels.items():
+        posterior = GP(kernel, noise_floor=0.01).fit(X, Y, tolerance=1e-4).condition(X, Y)
+        mean, _ = posterior.mean_and_variance(queries.requires_grad_())
+        errors[name] = (mean - truth).square().mean().sqrt().item()
+    assert errors["buffer"] < 0.1 < 0.3 < errors["present input"]
+    (gradient,) = torch.autograd.grad(
+        GP(kernels["buffer"]).condition(X, Y).mean_and_variance(queries)[0].sum(), queries
+    )
+    assert (gradient[:, 1:].abs().mean(0) > 0).all()
