@@ -30,6 +30,7 @@ from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
+from mcpilco.cli.volterra import Volterra
 from mcpilco.typing import McPilcoError
 
 __all__ = ["COMMANDS", "main"]
@@ -46,6 +47,7 @@ COMMANDS = (
     InverseDynamics,
     Kinematics,
     Collisions,
+    Volterra,
     View,
     Report,
     CheckEnv,

@@ -16,6 +16,11 @@ from mcpilco.identification.moments import Moments
 from mcpilco.identification.projection import Projection, project
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
+from mcpilco.identification.volterra import VolterraModel, fit_volterra
+from mcpilco.identification.volterra_data import Series, read_series
+from mcpilco.identification.volterra_file import load_volterra, save_volterra
+from mcpilco.identification.volterra_prior import VolterraConfig
+from mcpilco.identification.volterra_systems import fit_percent, third_order, wiener
 
 __all__ = [
     "METHODS",
@@ -28,19 +33,29 @@ __all__ = [
     "NoisyInputFit",
     "Projection",
     "RigidBody",
+    "Series",
     "UnidentifiedWarning",
+    "VolterraConfig",
+    "VolterraModel",
     "base_parameters",
     "check",
     "errors_in_variables",
     "fit_noisy_inputs",
+    "fit_percent",
+    "fit_volterra",
     "from_virtual",
     "instrumental_variables",
+    "load_volterra",
     "motions",
     "noise_above",
     "noise_of_repetitions",
     "project",
     "project_virtual",
+    "read_series",
     "refine",
     "rigid_body",
+    "save_volterra",
+    "third_order",
     "to_virtual",
+    "wiener",
 ]

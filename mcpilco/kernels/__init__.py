@@ -9,14 +9,20 @@ from mcpilco.kernels.base import (
     Sum,
     Term,
 )
+from mcpilco.kernels.decaying_lags import SEDMPK
 from mcpilco.kernels.kinematic import Kinematic, NestedKinematic
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.rescaled import Gate, HardGate, Rescaled, SmoothGate
 from mcpilco.kernels.stationary import RBF
+from mcpilco.kernels.volterra import VolterraKernel
+from mcpilco.kernels.weighted_lags import IPK, PK, VolterraMPK
 
 __all__ = [
+    "IPK",
     "MPK",
+    "PK",
     "RBF",
+    "SEDMPK",
     "ActiveDims",
     "Gate",
     "HardGate",
@@ -31,4 +37,6 @@ __all__ = [
     "SmoothGate",
     "Sum",
     "Term",
+    "VolterraKernel",
+    "VolterraMPK",
 ]

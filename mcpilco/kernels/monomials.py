@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import comb
 from operator import mul
 
 import torch
@@ -63,3 +64,35 @@ def _expand(term: Term) -> dict[tuple[int, ...], Float[Tensor, " E"]]:
 def _accumulate(total: dict[tuple[int, ...], Tensor], more: dict[tuple[int, ...], Tensor]) -> None:
     for dims, a in more.items():
         total[dims] = total[dims] + a if dims in total else a
+
+
+class MonomialBasis:
+    """All monomials of D regressors up to degree r, each once, without factors before them.
+
+    Args:
+        width: D.
+        degree: r.
+    """
+
+    def __init__(self, width: int, degree: int) -> None:
+        self.width, self.degree = width, degree
+        blocks, self.places = [torch.zeros(1, degree, dtype=torch.int64)], []
+        for i in range(1, degree + 1):
+            ordered = torch.cartesian_prod(*[torch.arange(1, width + 1)] * i).reshape(-1, i)
+            unique, places = ordered.sort(-1).values.unique(dim=0, return_inverse=True)
+            blocks.append(torch.nn.functional.pad(unique, (0, degree - i)))
+            self.places.append(places)
+        self.counts = [len(block) for block in blocks]
+        """how many monomials there are of degree 0, 1, ..., r"""
+        self.entries = torch.cat(blocks).T.contiguous()
+        """which entries of [1, x] each monomial multiplies, (r, F)"""
+
+    def __call__(self, X: Float[Tensor, "*b N D"]) -> Float[Tensor, "*b N F"]:
+        """phi(x)."""
+        extended = torch.cat([torch.ones_like(X[..., :1]), X], -1)
+        return reduce(mul, (extended.index_select(-1, entries) for entries in self.entries))
+
+    @staticmethod
+    def size(width: int, degree: int) -> int:
+        """F, how many monomials there are."""
+        return comb(width + degree, degree)

@@ -1,0 +1,199 @@
+"""`mcpilco volterra`: the Volterra series from the inputs to the outputs of a recording."""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mcpilco.identification.volterra import VolterraModel
+    from mcpilco.identification.volterra_data import Series
+
+_SHOWN = 300
+"""samples of the test that are drawn"""
+
+
+@dataclass(frozen=True)
+class Volterra:
+    """Find the Volterra series from inputs to outputs, and say how well it predicts."""
+
+    recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """CSV, npz or parquet: a column for each input and output, a row a sample"""
+    inputs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN...")]
+    """what was commanded"""
+    outputs: Annotated[tuple[str, ...], tyro.conf.arg(metavar="COLUMN...")]
+    """what was measured"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for model.npz, prediction.csv and volterra.png"""
+    lags: int = 20
+    """memory: outputs depend on the inputs of so many samples before [samples]"""
+    degree: int = 3
+    """of the polynomials"""
+    kernel: Annotated[tuple[str, ...], tyro.conf.arg(metavar="KERNEL...")] = ("sed-mpk",)
+    """pk, ipk, mpk, sed-mpk, sed-mpk-hierarchical; of several that with the highest evidence"""
+    test: Annotated[Path | None, optional("FILE", "the last rows of the recording")] = None
+    """another recording with these columns, on which the series is judged"""
+    held_out: float = 0.3
+    """part of the recording, its end, that is not fitted to without --test [-]"""
+    center: bool = False
+    """develop the series about the inputs' means, in place of zero"""
+    restarts: int = 0
+    """further starts of the optimiser"""
+    seed: int = 0
+    """of what is drawn"""
+
+    def __call__(self) -> int:
+        """Fit, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.volterra_file import save_volterra
+
+        train, test = self._data()
+        model = self._best(train, test)
+        for warning in model.report.warnings:
+            print(f"mcpilco: warning: {warning}", file=sys.stderr)
+        _make(self.out)
+        mean, std = model.predict(test.inputs)
+        save_volterra(model, self.out / "model.npz")
+        _write_prediction(self.out / "prediction.csv", model, test, mean, std)
+        written = ["model.npz", "prediction.csv", *self._draw(model, test, mean, std)]
+        print(f"In {self.out}: {', '.join(written)}.")
+        return 0
+
+    def _data(self) -> tuple[Series, Series]:
+        from mcpilco.identification.volterra_data import read_series
+
+        if not self.inputs or not self.outputs:
+            raise InputError("--inputs and --outputs must name at least one column each.")
+        if not self.kernel:
+            raise InputError("--kernel must name at least one kernel.")
+        series = read_series(self.recording, self.inputs, self.outputs)
+        if self.test is not None:
+            return series, read_series(self.test, self.inputs, self.outputs)
+        if not 0.0 < self.held_out < 1.0:
+            raise InputError(f"--held-out must lie between 0 and 1, got {self.held_out}.")
+        last = len(series) - round(self.held_out * len(series))
+        if len(series) - last <= self.lags:
+            raise InputError(
+                f"--held-out leaves {len(series) - last} of {len(series)} rows to judge on, and "
+                f"the first {self.lags} have no prediction; record for longer, or give --test."
+            )
+        return series[:last], series[last:]
+
+    def _best(self, train: Series, test: Series) -> VolterraModel:
+        """Of the fits with each kernel, all of which are told, that with the highest evidence."""
+        from mcpilco.identification.volterra import fit_volterra
+        from mcpilco.identification.volterra_prior import VolterraConfig
+
+        models = []
+        for kernel in self.kernel:
+            config = VolterraConfig(
+                lags=self.lags,
+                degree=self.degree,
+                kernel=kernel,
+                center=self.center,
+                restarts=self.restarts,
+                seed=self.seed,
+            )
+            models.append(fit_volterra(train, config))
+            _tell(models[-1], train, test)
+        best = max(models, key=lambda model: sum(model.report.evidence))
+        if len(models) > 1:
+            print(f"Highest evidence: {best.config.kernel}")
+        return best
+
+    def _draw(
+        self, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
+    ) -> list[str]:
+        """The picture, if it can be drawn: prediction and maps of the first input and output."""
+        try:
+            _picture(self.out / "volterra.png", model, test, mean, std)
+        except McPilcoError as error:
+            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
+            return []
+        return ["volterra.png"]
+
+
+def _tell(model: VolterraModel, train: Series, test: Series) -> None:
+    """A line for each output."""
+    from mcpilco.identification.volterra_systems import fit_percent
+
+    fitted, judged = model.predict(train.inputs)[0], model.predict(test.inputs)[0]
+    for e, name in enumerate(model.output_names):
+        print(
+            f"{model.config.kernel}, {name}: "
+            f"Fit {fit_percent(test.outputs[:, e], judged[:, e]):.1f} % on {len(test)} samples "
+            f"not seen, {fit_percent(train.outputs[:, e], fitted[:, e]):.1f} % on those fitted; "
+            f"noise {model.noise_std[e]:.4g}; log evidence {model.report.evidence[e]:.1f}"
+        )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {folder} cannot be made ({error.strerror}).") from None
+
+
+def _write_prediction(
+    path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
+) -> None:
+    """Measured and predicted outputs, and the predictions' standard deviations with the noise."""
+    import numpy as np
+
+    from mcpilco.archive import write_bytes
+
+    columns: dict[str, np.ndarray] = {"sample": np.arange(len(test))}
+    for e, name in enumerate(model.output_names):
+        columns[name] = test.outputs[:, e]
+        columns[f"{name}_predicted"] = mean[:, e]
+        columns[f"{name}_std"] = np.hypot(std[:, e], model.noise_std[e])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    cells = ([f"{value:.10g}" for value in column] for column in columns.values())
+    writer.writerows(zip(*cells, strict=True))
+    write_bytes(path, text.getvalue().replace("nan", "").encode())
+
+
+def _picture(
+    path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
+) -> None:
+    import numpy as np
+
+    from mcpilco.archive import replacing
+    from mcpilco.visual.plots.style import new_axes
+    from mcpilco.visual.plots.volterra import plot_lags, plot_prediction, plot_response
+
+    one = slice(0, model.config.lags + 1)
+    rows = slice(model.config.lags, model.config.lags + _SHOWN)
+    axes = new_axes(4 if model.config.degree > 1 else 2)
+    noisy = np.hypot(std, model.noise_std)
+    name = model.output_names[0]
+    plot_prediction(test.outputs[rows, 0], mean[rows, 0], noisy[rows, 0], name, axes[0])
+    plot_response(model.coefficients(1)[0, one], ax=axes[1])
+    if model.config.degree > 1:
+        plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
+        plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
+    from matplotlib import pyplot
+
+    figure = axes[0].get_figure(root=True)
+    assert figure is not None
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=110)
+    pyplot.close(figure)

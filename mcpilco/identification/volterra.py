@@ -1,0 +1,238 @@
+"""Volterra series from recordings: which polynomial of past inputs an output is.
+
+Reference: thesis chapter 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.evidence import JITTERS
+from mcpilco.gp import GP, Posterior
+from mcpilco.identification.report import Report
+from mcpilco.identification.volterra_data import Series, lagged, suspicions, usable
+from mcpilco.identification.volterra_prior import MANY_ORDERS, VolterraConfig, prior
+from mcpilco.kernels.volterra import VolterraKernel, symmetric
+from mcpilco.typing import InputError
+from mcpilco.weight_space import WeightPosterior, WeightSpaceGP
+
+_CHUNK = 1000
+"""rows that are predicted together"""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """What numbers the GP sees of measured ones."""
+
+    center: Float[np.ndarray, " U"]
+    """of the inputs, in their units"""
+    inputs: Float[np.ndarray, " U"]
+    """one of the GP's inputs is so much"""
+    outputs: Float[np.ndarray, " E"]
+
+    @classmethod
+    def of(cls, series: Series, center: bool) -> Scaling:
+        """Inputs become of standard deviation 1, outputs of mean square 1."""
+        means = np.nanmean(series.inputs, 0) if center else np.zeros(series.inputs.shape[1])
+        sizes = np.sqrt(np.nanmean((series.inputs - means) ** 2, 0))
+        return cls(means, sizes, np.sqrt(np.nanmean(series.outputs**2, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class VolterraModel:
+    """Volterra series of E outputs, with what is uncertain of them."""
+
+    config: VolterraConfig
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    scaling: Scaling
+    gp: GP
+    """prior and noise, in scaled numbers"""
+    X: Float[Tensor, "N D"]
+    """regressors of the samples that determine the series, scaled"""
+    Y: Float[Tensor, "N E"]
+    """their outputs, scaled"""
+    posterior: Posterior | WeightPosterior
+    """of X and Y"""
+    report: Report
+
+    @property
+    def noise_std(self) -> Float[np.ndarray, " E"]:
+        """Standard deviation of the noise, in the unit of each output."""
+        return self.gp.noise_std.detach().numpy() * self.scaling.outputs
+
+    def predict(
+        self, inputs: Float[np.ndarray, "T U"] | Float[np.ndarray, " T"]
+    ) -> tuple[Float[np.ndarray, "T E"], Float[np.ndarray, "T E"]]:
+        """Mean and standard deviation of the outputs without noise; NaN where a lag is missing.
+
+        Args:
+            inputs: of consecutive times; the first `lags` rows have no prediction.
+
+        Raises:
+            InputError: they have not as many columns as those that the model was fitted to.
+        """
+        inputs = np.asarray(inputs, dtype=float)
+        inputs = inputs[:, None] if inputs.ndim == 1 else inputs
+        if inputs.ndim != 2 or inputs.shape[1] != len(self.input_names):
+            raise InputError(
+                f"The model has the inputs {', '.join(self.input_names)}: expected shape "
+                f"(T, {len(self.input_names)}), got {inputs.shape}."
+            )
+        found = np.full((2, len(inputs), len(self.output_names)), np.nan)
+        if len(inputs) <= self.config.lags:
+            return found[0], found[1]
+        X = lagged((inputs - self.scaling.center) / self.scaling.inputs, self.config.lags)
+        known = np.flatnonzero(np.isfinite(X).all(1))
+        for rows in np.split(known, range(_CHUNK, len(known), _CHUNK)):
+            mean, variance = self.posterior.mean_and_variance(torch.as_tensor(X[rows]))
+            found[0, rows + self.config.lags] = mean.numpy()
+            found[1, rows + self.config.lags] = variance.sqrt().numpy()
+        return found[0] * self.scaling.outputs, found[1] * self.scaling.outputs
+
+    @torch.no_grad()
+    def coefficients(self, degree: int) -> Float[np.ndarray, "E ..."]:
+        """h_i: for each output an axis for each lag, symmetric; of several inputs as in `lagged`.
+
+        Of centred inputs it is the map of what they differ from their means.
+
+        Args:
+            degree: i; (E,) for 0, (E, D) for 1, (E, D, D) for 2, ...
+
+        Raises:
+            InputError: the series has no such map, or it has too many entries to write down.
+        """
+        self._require(degree)
+        # K^-1 y, of the residuals: they are what the noise explains
+        residuals = self.Y - self.posterior.mean_and_variance(self.X)[0]
+        alpha = (residuals / self.gp.noise_std.square()).mT
+        kernel: VolterraKernel = self.gp.kernel  # type: ignore[assignment]
+        if degree == 0:
+            h = kernel.offset_variance() * alpha.sum(-1)
+        else:
+            scale, metrics = kernel.maps()[degree - 1]
+            *others, last = (kernel.times(self.X, S) for S in metrics)
+            terms = alpha[..., None]
+            for factor in others:
+                terms = (terms[..., None] * factor[..., None, :]).flatten(-2)
+            h = scale[:, None, None] * (terms.mT @ last)
+            h = symmetric(h.reshape(len(h), *[kernel.width] * degree), degree)
+        return self._in_units(h.numpy(), degree)
+
+    @torch.no_grad()
+    def penalties(self, degree: int) -> Float[np.ndarray, "E ..."]:
+        """lambda_h of h_i in scaled numbers, axes as of `coefficients`; what is small is penalised.
+
+        Args:
+            degree: i, from 1.
+
+        Raises:
+            InputError: as `coefficients`.
+
+        Reference: thesis eq. (6.37), figure 6.2.
+        """
+        self._require(degree, least=1)
+        kernel: VolterraKernel = self.gp.kernel  # type: ignore[assignment]
+        return kernel.penalties(degree).numpy()
+
+    def _require(self, degree: int, least: int = 0) -> None:
+        if not least <= degree <= self.config.degree:
+            raise InputError(
+                f"degree must be within {least}..{self.config.degree}, as the series, got {degree}."
+            )
+        if self.gp.kernel.width**degree > MANY_ORDERS:
+            raise InputError(
+                f"h_{degree} has {self.gp.kernel.width}^{degree} entries, more than "
+                f"{MANY_ORDERS}; ask for a map of lower degree, or fit fewer lags."
+            )
+
+    def _in_units(self, h: np.ndarray, degree: int) -> np.ndarray:
+        each = 1.0 / np.repeat(self.scaling.inputs, self.config.lags + 1)
+        for axis in range(1, degree + 1):
+            h = h * each.reshape(-1, *[1] * (degree - axis))
+        return h * self.scaling.outputs.reshape(-1, *[1] * degree)
+
+
+def fit_volterra(
+    series: Series, config: VolterraConfig | None = None, gp: GP | None = None
+) -> VolterraModel:
+    """The series that explains the outputs, with the hyperparameters of the highest evidence.
+
+    Args:
+        series: what was measured.
+        config: which series and prior.
+        gp: of scaled numbers, in place of the config's prior; its kernel is a `VolterraKernel`.
+
+    Raises:
+        InputError: there are too few samples, or an input or output stands still.
+        NotPositiveDefiniteError: a covariance matrix has no Cholesky factor.
+    """
+    config = config or VolterraConfig()
+    X, Y = usable(series, config.lags)
+    scaling = Scaling.of(series, config.center)
+    repeats = config.lags + 1
+    X = (X - np.repeat(scaling.center, repeats)) / np.repeat(scaling.inputs, repeats)
+    Y = Y / scaling.outputs
+    gp = gp or prior(config, series.output_names, len(series.input_names), len(X))
+    order = np.random.default_rng(config.seed).permutation(len(X))
+    most = len(X) if isinstance(gp, WeightSpaceGP) else config.samples
+    fitted, used = np.sort(order[: config.fit_samples]), np.sort(order[:most])
+    gp.fit(
+        torch.as_tensor(X[fitted]),
+        torch.as_tensor(Y[fitted]),
+        restarts=config.restarts,
+        max_iterations=config.max_iterations,
+        tolerance=config.tolerance,
+        seed=config.seed,
+    )
+    posterior = gp.condition(torch.as_tensor(X[used]), torch.as_tensor(Y[used]))
+    return VolterraModel(
+        config=config,
+        input_names=series.input_names,
+        output_names=series.output_names,
+        scaling=scaling,
+        gp=gp,
+        X=torch.as_tensor(X[used]),
+        Y=torch.as_tensor(Y[used]),
+        posterior=posterior,
+        report=_report(gp, posterior, series, config, scaling, len(fitted)),
+    )
+
+
+def _report(
+    gp: GP,
+    posterior: Posterior | WeightPosterior,
+    series: Series,
+    config: VolterraConfig,
+    scaling: Scaling,
+    fitted: int,
+) -> Report:
+    assert gp.report is not None
+    unidentified, warnings = suspicions(series, config.lags, config.degree, config.center)
+    if not gp.report.converged:
+        warnings += (
+            f"The optimiser stopped after {gp.report.iterations} iterations before it converged; "
+            "raise max_iterations.",
+        )
+    return Report(
+        converged=gp.report.converged,
+        iterations=gp.report.iterations,
+        evidence=tuple((-np.array(gp.report.nlml) - fitted * np.log(scaling.outputs)).tolist()),
+        jitter=_jitter(posterior),
+        unidentified=unidentified,
+        warnings=warnings,
+    )
+
+
+def _jitter(posterior: Posterior | WeightPosterior) -> tuple[float, ...]:
+    """What the factor L has on its diagonal beyond the covariance; none in weight space."""
+    if isinstance(posterior, WeightPosterior):
+        return (0.0,) * len(posterior.noise_std)
+    mean = (posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]).mean(-1)
+    added = posterior.L.square().sum(-1).mean(-1) / mean - 1.0
+    return tuple(max(JITTERS, key=lambda j: -abs(j - float(share))) for share in added)
