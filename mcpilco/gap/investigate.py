@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
+from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import UNCERTAINTY, Given
@@ -110,7 +111,8 @@ def investigate(
     model = given.model(everything)
     everything, masked = _without_events(model, everything)
     windows = everything[everything.of(given.train)]
-    found = search(model, _some(windows), given.candidates(windows))
+    candidates = given.candidates(windows)
+    found = exchanged(search(model, _some(windows), candidates), candidates)
     found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     best, windows, masked = _best(given, found, windows, masked)
     null, named = _refit(found.null, windows), weigh(found, best, windows)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, residual, run
-from mcpilco.gap.learn import places
+from mcpilco.gap.places import places
 from mcpilco.gap.windows import Windows
 
 LAGS = 8

@@ -17,8 +17,9 @@ from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.grid_force import Prior
-from mcpilco.gap.learn import SHORT_S, learn, learned_of, places
+from mcpilco.gap.learn import SHORT_S, learn, learned_of
 from mcpilco.gap.model import Model, scales
+from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.show import shrunk
 from mcpilco.gap.windows import Windows, cut
