@@ -9,6 +9,10 @@ import numpy as np
 from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
 from mcpilco.simulation import Layout, Tables
 
+SMALL = 2e-3
+"""part of a mass, a length or an inertia of a probe: a motion bends in them, and what of a larger
+change other parameters could not have done would be this curvature"""
+
 
 class BodyMass(Effect):
     """A body is m_d heavier, its shape and density distribution the same: its inertia scales."""
@@ -31,7 +35,7 @@ class BodyMass(Effect):
         chains.inertia[system, at] *= factor
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.mass)] if scale.mass > 0.0 else []
+        return [sizes(SMALL * scale.mass)] if scale.mass > 0.0 else []
 
 
 class CenterOfMass(Effect):
@@ -52,7 +56,7 @@ class CenterOfMass(Effect):
             center *= 1.0 + values[0] / length
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.length)] if scale.length > 0.0 else []
+        return [sizes(SMALL * scale.length)] if scale.length > 0.0 else []
 
 
 class BodyInertia(Effect):
@@ -71,7 +75,7 @@ class BodyInertia(Effect):
         tables.chains.inertia[system, at] += values[0] * np.outer(axis, axis)
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.inertia)]
+        return [sizes(SMALL * scale.inertia)]
 
 
 class Armature(Effect):
@@ -88,4 +92,4 @@ class Armature(Effect):
         tables.chains.armature[system, at] += values[0]
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.inertia)]
+        return [sizes(SMALL * scale.inertia)]

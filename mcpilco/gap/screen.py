@@ -15,10 +15,9 @@ from mcpilco.plant import Active
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""
-
-
-SEPARABLE = 1e-4
-"""least part of a signature that no parameter of the fitted model could have made"""
+SEPARABLE = 1e-6
+"""least part of a signature that the parameters of the fitted model, held by their priors, could
+not have made"""
 
 
 @dataclass(frozen=True)
