@@ -123,6 +123,8 @@ def investigate(
         named = named if _explains_most(best, null, windows) else ()
         spans, final = learned.spans, learned.fit
         where = (*located(final, windows), *where)
+    elif unknown and not _worth(best, (null,), given, spans):
+        named, final = (), null
     models = Models(model, null, final, path(found, best) if named else ())
     train, held_out = given.names
     return Gap(
@@ -179,9 +181,13 @@ def _learned(
     short = given.windows(given.train, seconds=SHORT_S)
     found = learn(base, _usable(base, every), _usable(base, short))
     spans = events(_explained(moved(found, windows), windows, masked)[0], given.recordings)
+    return _Learned(found, spans) if _worth(found, (null, best), given, spans) else None
+
+
+def _worth(found: Fit, others: Sequence[Fit], given: Given, spans: Sequence[Event]) -> bool:
+    """Whether a model's error on held-out windows without events is surely less than others'."""
     clear = outside(spans, _unseen(given), given.names[1])
-    worth = all(shrunk(known, found, clear).low > 0.0 for known in (null, best))
-    return _Learned(found, spans) if worth else None
+    return all(shrunk(known, found, clear).low > 0.0 for known in others)
 
 
 def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:

@@ -117,8 +117,21 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         best = leaner
         if level == MOST - 1 or (level and best.chi2 > HOPELESS * null.chi2):
             break
-        beam = [best, *[f for f in grown if f is not worth[0]][: BEAM[level] - 1]]
+        beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
     return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
+
+
+def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
+    """Models to carry on beside the best: those of the smallest BIC, and the one that fits best.
+
+    What still misses an effect may bend the nominal parameters far beyond their priors to imitate
+    it. That costs it its rank, but it is one effect away from what is there.
+    """
+    followed = list(grown[:count])
+    closest = min(grown, key=lambda found: found.chi2, default=None)
+    if closest is not None and all(closest is not found for found in followed):
+        followed.append(closest)
+    return followed
 
 
 def grow(known: Fit, score: Score, windows: Windows) -> Fit:

@@ -26,9 +26,21 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [naming(found), numbers(found), places(found), pictures(found, out), missed(found)]
+    parts = [origin(found), naming(found), numbers(found), places(found)]
+    parts += [pictures(found, out), missed(found)]
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """How many cases there are, which code they are from, and where it ran."""
+    cases = [case for tier in found.values() for case in tier]
+    counts = Counter((case["method"], *case["machine"].values()) for case in cases)
+    told = [
+        f"{count} with `mcpilco.gap` of digest `{method}` on {cpu}, {cores} cores"
+        for (method, cpu, cores), count in counts.most_common()
+    ]
+    return f"{len(cases)} cases of at least 300 that are wanted: {'; '.join(told)}."
 
 
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from systems import SYSTEMS, Hidden
+
+from mcpilco.effects import CATALOGUE
 
 CONFIDENT = 0.9
 """probability above which a name is meant"""
@@ -70,7 +73,10 @@ def mended(case: Mapping[str, Any]) -> bool:
 
 
 def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool]]:
-    """Relative errors of the parameters, and whether their intervals hold the truth."""
+    """Errors of the parameters, and whether their intervals hold the truth.
+
+    An error is relative to how far the parameter is from where it changes nothing.
+    """
     errors, covered = [], []
     for case in cases:
         told = {(e["name"], e["target"]): e["parameters"] for e in case["found"]}
@@ -79,6 +85,14 @@ def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool
             for symbol, truth in effect.get("parameters", {}).items():
                 if symbol in estimates:
                     estimate = estimates[symbol]
-                    errors.append(abs(estimate["value"] - truth) / max(abs(truth), 1e-12))
+                    errors.append(
+                        abs(estimate["value"] - truth) / size(effect["name"], symbol, truth)
+                    )
                     covered.append(estimate["low"] <= truth <= estimate["high"])
     return errors, covered
+
+
+def size(effect: str, symbol: str, value: float) -> float:
+    """How far a parameter of an effect is from where it changes nothing."""
+    neutral = next(known.neutral for known in CATALOGUE[effect].symbols if known.name == symbol)
+    return max(abs(value - neutral) if math.isfinite(neutral) else abs(value), 1e-12)
