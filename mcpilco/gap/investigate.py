@@ -251,6 +251,8 @@ def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
         return False
     if left.excess > LEFT * gap.excess and (left.excess > LARGE or left.unevenness > UNEVEN):
         return True
+    if left.usual > max(LARGE, LEFT * gap.usual):  # few windows can make the whole gap seem closed
+        return True
     return explain(respond(best, windows)).share > PREDICTED
 
 

@@ -52,8 +52,8 @@ METHOD = digest("gap", "effects", "simulation", "mechanics", "recordings")[:12]
 class Arguments:
     """Hide effects, look for them, and write the tables."""
 
-    seeds: str = "1100:1140"
-    """`1100:1140` are 1100 to 1139"""
+    seeds: str = "1200:1240"
+    """`1200:1240` are 1200 to 1239"""
     tiers: tuple[Literal[*TIERS], ...] = tuple(TIERS)
     """kinds of cases"""
     peers: bool = True
