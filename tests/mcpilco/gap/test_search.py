@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,11 +11,13 @@ import pytest
 
 import envs
 from mcpilco.effects import CATALOGUE
+from mcpilco.gap import where
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
 from mcpilco.gap.name import PROMISING, Found, Yardstick
+from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.screen import screen
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
@@ -122,3 +125,18 @@ def test_an_effect_must_explain_a_part_of_what_is_left_over(
     yardstick = Yardstick(many, cap=9.0, inflation=3.0, samples=samples.sum())
     assert yardstick.bic(smaller) - yardstick.bic(larger) > 100.0
     assert yardstick.prefers(larger, smaller, smaller) == worth
+
+
+@pytest.mark.parametrize(("usual", "unknown"), [(0.5, False), (50.0, True)])
+def test_a_gap_that_is_closed_in_few_windows_alone_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, usual: float, unknown: bool
+) -> None:
+    """Few windows make nearly all of the misfit: they are explained, the usual ones are not."""
+    left = where.Structure(whiteness=1e4, excess=60.0, usual=usual, unevenness=1.5)
+    gap = where.Structure(whiteness=1e4, excess=1e5, usual=60.0, unevenness=900.0)
+    told = iter((left, gap))
+    module = importlib.import_module("mcpilco.gap.investigate")
+    monkeypatch.setattr(module, "structure", lambda found, windows: next(told))
+    monkeypatch.setattr(module, "respond", lambda found, windows: None)
+    monkeypatch.setattr(module, "explain", lambda response: Explained(0.0, np.zeros(1)))
+    assert module._something_else(None, None, None) == unknown
