@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Int
 
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.windows import Windows
@@ -48,7 +49,7 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
     return chosen
 
 
-def _price(found: Fit, windows: Windows, recordings: Sequence[int], least: float) -> float:
+def _price(found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"], least: float) -> float:
     """Mean log misfit of recordings that were not seen, and what effects must be worth.
 
     A model that costs more than `least` is not followed to its end: no recording costs less than 0.
