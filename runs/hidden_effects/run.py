@@ -2,6 +2,7 @@
 
 python runs/hidden_effects/run.py                            # all tiers, 40 cases each
 python runs/hidden_effects/run.py --quick                    # one case of each tier, no peers
+python runs/hidden_effects/run.py --only-tables              # of the results that are there
 python runs/hidden_effects/run.py --tiers one --seeds 0:100 --no-peers
 
 Each case is simulated by other means than ours (truth.py), written as CSV files, and investigated
@@ -60,6 +61,8 @@ class Arguments:
     """whether the peers are tried too; mujoco.sysid takes longer than all else"""
     quick: bool = False
     """the first seed alone, without the peers"""
+    only_tables: bool = False
+    """run nothing: write the tables and pictures of the results that are there"""
     workers: int = 2
     """processes at a time"""
     out: Path = HERE
@@ -68,6 +71,15 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.only_tables:
+        run(arguments)
+    write_readme(arguments.out)
+    print(f"Tables: {arguments.out / 'README.md'}")
+    return 0
+
+
+def run(arguments: Arguments) -> None:
+    """Solves the cases that have no result yet, and stores each as soon as it is there."""
     with_peers = arguments.peers and not arguments.quick
     if with_peers and missing():
         print(missing())
@@ -92,9 +104,6 @@ def main() -> int:
             truth = [(e.get("kind", e["name"]), e["target"]) for e in found["truth"]]
             mark = "right" if right(found) else "wrong"
             print(f"{path.parent.name} {found['seed']}: {mark}, {truth}: {found['verdict']} {told}")
-    write_readme(arguments.out)
-    print(f"Tables: {arguments.out / 'README.md'}")
-    return 0
 
 
 def finished(known: dict[str, Any], with_peers: bool) -> bool:
