@@ -65,6 +65,8 @@ class Probe:
     """n sizes, whose signatures may be mixed"""
     proportional: bool = True
     """whether a mix of signatures is that of the mixed values"""
+    bent: bool = False
+    """whether signatures are to be those of endlessly small sizes, which half the sizes tell"""
 
 
 class Effect(ABC):

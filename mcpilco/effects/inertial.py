@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
+from mcpilco.effects.base import Effect, Probe, Scale, Symbol
 from mcpilco.simulation import Layout, Tables
 
 
@@ -31,7 +31,7 @@ class BodyMass(Effect):
         chains.inertia[system, at] *= factor
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.mass)] if scale.mass > 0.0 else []
+        return [_bent(0.002 * scale.mass)] if scale.mass > 0.0 else []
 
 
 class CenterOfMass(Effect):
@@ -52,7 +52,7 @@ class CenterOfMass(Effect):
             center *= 1.0 + values[0] / length
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.length)] if scale.length > 0.0 else []
+        return [_bent(0.002 * scale.length)] if scale.length > 0.0 else []
 
 
 class BodyInertia(Effect):
@@ -71,7 +71,7 @@ class BodyInertia(Effect):
         tables.chains.inertia[system, at] += values[0] * np.outer(axis, axis)
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.inertia)]
+        return [_bent(0.002 * scale.inertia)]
 
 
 class Armature(Effect):
@@ -88,4 +88,9 @@ class Armature(Effect):
         tables.chains.armature[system, at] += values[0]
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.inertia)]
+        return [_bent(0.002 * scale.inertia)]
+
+
+def _bent(value: float) -> Probe:
+    """A size that is small and yet bent too much to be compared with other masses and lengths."""
+    return Probe(np.array([[value]]), bent=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
+from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import UNCERTAINTY, Given
@@ -110,7 +111,8 @@ def investigate(
     model = given.model(everything)
     everything, masked = _without_events(model, everything)
     windows = everything[everything.of(given.train)]
-    found = search(model, _some(windows), given.candidates(windows))
+    candidates = given.candidates(windows)
+    found = exchanged(search(model, _some(windows), candidates), candidates)
     found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     best, windows, masked = _best(given, found, windows, masked)
     null, named = _refit(found.null, windows), weigh(found, best, windows)
@@ -121,6 +123,8 @@ def investigate(
         named = named if _explains_most(best, null, windows) else ()
         spans, final = learned.spans, learned.fit
         where = (*located(final, windows), *where)
+    elif unknown and not _worth(best, (null,), given, spans):
+        named, final = (), null
     models = Models(model, null, final, path(found, best) if named else ())
     train, held_out = given.names
     return Gap(
@@ -177,9 +181,13 @@ def _learned(
     short = given.windows(given.train, seconds=SHORT_S)
     found = learn(base, _usable(base, every), _usable(base, short))
     spans = events(_explained(moved(found, windows), windows, masked)[0], given.recordings)
+    return _Learned(found, spans) if _worth(found, (null, best), given, spans) else None
+
+
+def _worth(found: Fit, others: Sequence[Fit], given: Given, spans: Sequence[Event]) -> bool:
+    """Whether a model's error on held-out windows without events is surely less than others'."""
     clear = outside(spans, _unseen(given), given.names[1])
-    worth = all(shrunk(known, found, clear).low > 0.0 for known in (null, best))
-    return _Learned(found, spans) if worth else None
+    return all(shrunk(known, found, clear).low > 0.0 for known in others)
 
 
 def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
@@ -242,6 +250,8 @@ def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
     if left.whiteness < STRUCTURED:
         return False
     if left.excess > LEFT * gap.excess and (left.excess > LARGE or left.unevenness > UNEVEN):
+        return True
+    if left.usual > max(LARGE, LEFT * gap.usual):  # few windows can make the whole gap seem closed
         return True
     return explain(respond(best, windows)).share > PREDICTED
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,6 +21,7 @@ from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.grid_force import GridForce, Prior
 from mcpilco.gap.residual_force import FOLDS, Response, motion, respond
 from mcpilco.gap.windows import Windows
+from mcpilco.simulation import Layout
 from mcpilco.simulation.tables import GAIN
 
 SHORT_S = 0.36
@@ -33,10 +34,8 @@ FITS = 0.05
 """mean log misfit below which nothing is left to explain"""
 WORTH_A_PAIR = 0.06
 """part of the log misfit that a force over two coordinates must predict beyond one over one"""
-FINE, MEDIUM, COARSE = 0.05, 0.1, 0.25
-"""lengthscales that are tried, relative to half the extent of a grid"""
 MOST_TURNED = 8.0
-"""extent of a grid over an angle, at most [rad]"""
+"""extent of a grid over an angle that is not wound, at most [rad]"""
 KNOTS = 0.6
 """from knot to knot, in lengthscales"""
 SLOW = 0.03
@@ -49,10 +48,21 @@ LEAST = 0.03
 """prior variance of a direction of a grid below which it is left out"""
 FELT = 0.1
 """what data tell of a direction, over what the prior does, below which it is left out"""
-BINS, SEEN, MOST = 80, 3, 0.85
-"""of an axis, samples that one needs to count, and part of the squared force, to tell a region"""
 ROUGHLY, WELL = 6, 8
 """iterations of a fit to short windows, and to all of them"""
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine the grid over a coordinate is."""
+
+    lengthscale: float
+    """relative to half its extent; of an angle that is not wound to a quarter turn at most"""
+    wound: bool = False
+    """whether all that an angle has turned counts, as of a spring that winds up"""
+
+
+FINE, MEDIUM, COARSE, WOUND = Fineness(0.05), Fineness(0.1), Fineness(0.25), Fineness(0.25, True)
 
 
 def learn(found: Fit, windows: Windows, short: Windows) -> Fit:
@@ -83,6 +93,15 @@ def moved(found: Fit, windows: Windows) -> Fit:
     starts = settle(found.model, windows, found.theta, windows.guess)
     by_window = misfits(found.model, windows, found.theta, starts)
     return Fit(found.model, found.theta, starts, float(by_window.sum()), by_window)
+
+
+def learned_of(found: Fit) -> tuple[LearnedForce, ...]:
+    """The learned forces of a fit."""
+    weights = found.model.weights(found.theta[None])
+    return tuple(
+        LearnedForce(grid.joint, grid.axes, tuple(map(float, own[0])))
+        for grid, own in zip(found.model.learned, weights, strict=True)
+    )
 
 
 def seek(found: Fit, short: Windows) -> GridForce | None:
@@ -129,11 +148,16 @@ def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
     """Forces in each joint over all that they could depend on, each at its best strength."""
     response = respond(found, windows, hold_s=windows.dt)
     layout = found.model.plant.layout
-    moves = _moves(found, windows)
+    moves = moves_of(found, windows)
+    turned = [
+        c
+        for c in range(moves.shape[2])
+        if _is_angle(layout, c) and np.ptp(moves[:, :, c]) > MOST_TURNED
+    ]
     for j, joint in enumerate(layout.joints):
         G = response.G[:, :, response.joint == j]
         usual = found.model.scales[joint].force
-        for over, shape in _forms(j, moves.shape[2]):
+        for over, shape in _forms(j, moves.shape[2], turned):
             grids = [_axis(found, c, moves[:, :, c], s) for c, s in zip(over, shape, strict=True)]
             axes, lengthscales = zip(*grids, strict=True)
             prior = Prior.of(axes, lengthscales, LEAST)
@@ -142,7 +166,7 @@ def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
             yield _judged(joint, prior, usual, columns, response)
 
 
-def _moves(found: Fit, windows: Windows) -> Float[np.ndarray, "W m D"]:
+def moves_of(found: Fit, windows: Windows) -> Float[np.ndarray, "W m D"]:
     """What a force may depend on, in the middle of each interval: states and actuator forces."""
     moves = motion(windows)
     U = windows.commands.shape[2]
@@ -152,8 +176,27 @@ def _moves(found: Fit, windows: Windows) -> Float[np.ndarray, "W m D"]:
     return middle
 
 
-def _forms(j: int, D: int) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]]:
-    """What a force at joint j may depend on, and how finely; of two coordinates one is its own."""
+Form = tuple[tuple[int, ...], tuple[Fineness, ...]]
+"""the coordinates of a force, and how fine its grid is over each"""
+
+
+def _forms(j: int, D: int, turned: Sequence[int]) -> Iterator[Form]:
+    """What a force at joint j may depend on, and how finely; of two coordinates one is its own.
+
+    Args:
+        j: number of the joint.
+        D: how many coordinates there are.
+        turned: angles that turn too far for a grid that is not wound.
+    """
+    for over, shape in _plain_forms(j, D):
+        either = [
+            (part, WOUND) if c in turned and part is COARSE else (part,)
+            for c, part in zip(over, shape, strict=True)
+        ]
+        yield from ((over, wound) for wound in product(*either))
+
+
+def _plain_forms(j: int, D: int) -> Iterator[Form]:
     for c in range(D):
         yield from (((c,), (shape,)) for shape in (FINE, COARSE))
     for c, d in combinations(range(D), 2):
@@ -162,21 +205,22 @@ def _forms(j: int, D: int) -> Iterator[tuple[tuple[int, ...], tuple[float, ...]]
     yield from (((2 * j, d), (MEDIUM, COARSE)) for d in range(D) if d != 2 * j)
 
 
-def _axis(found: Fit, c: int, x: Float[np.ndarray, "W m"], shape: float) -> tuple[Axis, float]:
-    """A grid over the range of a coordinate, and the lengthscale that it is fine enough for.
+def _is_angle(layout: Layout, c: int) -> bool:
+    """Whether a coordinate is the position of a hinge."""
+    return c < len(layout.states) and c % 2 == 0 and not layout.slides[c // 2]
 
-    Lengthscales are relative to half the extent of a grid, of an angle to a quarter turn at most.
-    """
+
+def _axis(found: Fit, c: int, x: Float[np.ndarray, "W m"], shape: Fineness) -> tuple[Axis, float]:
+    """A grid over the range of a coordinate, and the lengthscale that it is fine enough for."""
     layout = found.model.plant.layout
     name = (*layout.states, *layout.inputs)[c]
-    state = c < len(layout.states)
-    turns = state and c % 2 == 0 and not layout.slides[c // 2]
+    state, turns = c < len(layout.states), _is_angle(layout, c) and not shape.wound
     low, high = _densest(x.ravel(), MOST_TURNED if turns else np.inf)
     slow = SLOW * float(np.sqrt(np.mean(x**2))) if state and c % 2 == 1 else 0.0
     room = 1e-6 + 1e-3 * (high - low)
     axis = Axis(name, low - room, high + room, 4, slow)
     extent = float(axis.places[-1] - axis.places[0])
-    lengthscale = shape * (min(0.5 * extent, 0.5 * np.pi) if turns else 0.5 * extent)
+    lengthscale = shape.lengthscale * (min(0.5 * extent, 0.5 * np.pi) if turns else 0.5 * extent)
     knots = 1 + int(np.ceil(extent / (KNOTS * lengthscale)))
     return replace(axis, knots=max(axis.knots, knots)), lengthscale
 
@@ -236,57 +280,3 @@ def _unpredicted(
         missed = response.r[fold == k] - columns[fold == k] @ mean
         left[fold == k] = np.square(missed).sum(axis=1)
     return left / response.samples
-
-
-# Where it acts ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a part of a learned force acts."""
-
-    force: LearnedForce
-    largest: float
-    """in the recordings, but for one sample in two hundred [N or N m]"""
-    share: float
-    """of the squared learned force, in usual forces of the joints [-]"""
-    within: tuple[tuple[float, float], ...]
-    """for each axis, the shortest interval with most of the squared force over what was visited"""
-
-
-def places(found: Fit, windows: Windows) -> tuple[Place, ...]:
-    """The joints and regions of a fit's learned force, the part that does most first."""
-    layout = found.model.plant.layout
-    names = (*layout.states, *layout.inputs)
-    moves = _moves(found, windows).reshape(-1, len(names))
-    parts = []
-    for force in learned_of(found):
-        x = [moves[:, names.index(axis.of)] for axis in force.axes]
-        size = np.abs(force.at(*x))
-        work = np.mean(np.square(size / found.model.scales[force.joint].force))
-        within = tuple(_shortest(places, size**2) for places in x)
-        parts.append((force, float(np.percentile(size, 99.5)), float(work), within))
-    total = sum(work for _, _, work, _ in parts) or 1.0
-    told = [Place(force, most, work / total, within) for force, most, work, within in parts]
-    return tuple(sorted(told, key=lambda place: -place.share))
-
-
-def learned_of(found: Fit) -> tuple[LearnedForce, ...]:
-    """The learned forces of a fit."""
-    weights = found.model.weights(found.theta[None])
-    return tuple(
-        LearnedForce(grid.joint, grid.axes, tuple(map(float, own[0])))
-        for grid, own in zip(found.model.learned, weights, strict=True)
-    )
-
-
-def _shortest(x: Float[np.ndarray, " N"], squares: Float[np.ndarray, " N"]) -> tuple[float, float]:
-    """The shortest interval with `MOST` of the squares, every part that was visited alike."""
-    count, edges = np.histogram(x, BINS)
-    total, _ = np.histogram(x, edges, weights=squares)
-    mean = np.where(count >= SEEN, total / np.maximum(count, 1), 0.0)
-    sums = np.append(0.0, np.cumsum(mean))
-    last = np.searchsorted(sums, sums[:-1] + MOST * sums[-1])
-    length = np.where(last < len(sums), last - np.arange(BINS), BINS + 1)
-    first = int(np.argmin(length))
-    return float(edges[first]), float(edges[min(last[first], BINS)])

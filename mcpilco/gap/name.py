@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,8 +20,10 @@ ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""
 PROMISING = 25.0
 """least score for which an effect is tried"""
-FRACTION = 5e-4
+FRACTION = 3e-5
 """least part of the nominal misfit that a further effect must explain"""
+PART = 0.05
+"""least part of what is left over beyond the noise that a further effect must explain"""
 SHORTLIST = 8, 5, 4
 """effects that are tried on a model that has none, one, two"""
 BEAM = 3, 2
@@ -54,6 +56,13 @@ class Found:
         rest = tuple(pair for pair in self.ranked if pair[0] is not best)
         own = next(pair for pair in self.ranked if pair[0] is best)
         return replace(self, best=best, ranked=(own, *rest))
+
+    def with_best(self, best: Fit, seen: Iterable[Fit]) -> Found:
+        """This search with its best fit, and all that were seen, judged by what that leaves."""
+        yardstick = Yardstick.of(best, self.windows)
+        judged = [(found, yardstick.bic(found)) for found in seen if found is not best]
+        rest = sorted(judged, key=lambda pair: pair[1])
+        return replace(self, best=best, ranked=((best, yardstick.bic(best)), *rest))
 
 
 def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Found:
@@ -89,7 +98,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
                     continue
                 if key not in tried and len(tried) == SHORTLIST[level]:
                     continue
-                fitted = _grow(known, score, windows)
+                fitted = grow(known, score, windows)
                 if key not in tried or fitted.chi2 < tried[key].chi2:
                     tried[key] = fitted
             seen |= tried
@@ -101,28 +110,37 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         worth = [f for f in grown if yardstick.prefers(f, best, null)]
         if not worth:
             break
-        leaner = _without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
+        leaner = without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
         if leaner is best or set(leaner.model.named) == set(best.model.named):
             best = leaner
             break
         best = leaner
         if level == MOST - 1 or (level and best.chi2 > HOPELESS * null.chi2):
             break
-        beam = [best, *[f for f in grown if f is not worth[0]][: BEAM[level] - 1]]
-    yardstick = Yardstick.of(best, windows)
-    order = {id(f): yardstick.bic(f) for f in seen.values()}
-    rest = sorted((f for f in seen.values() if f is not best), key=lambda f: order[id(f)])
-    ranked = tuple((f, order[id(f)]) for f in (best, *rest))
-    return Found(best, null, ranked, tuple(scores), windows)
+        beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
+    return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
 
 
-def _grow(known: Fit, score: Score, windows: Windows) -> Fit:
+def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
+    """Models to carry on beside the best: those of the smallest BIC, and the one that fits best.
+
+    What still misses an effect may bend the nominal parameters far beyond their priors to imitate
+    it. That costs it its rank, but it is one effect away from what is there.
+    """
+    followed = list(grown[:count])
+    closest = min(grown, key=lambda found: found.chi2, default=None)
+    if closest is not None and all(closest is not found for found in followed):
+        followed.append(closest)
+    return followed
+
+
+def grow(known: Fit, score: Score, windows: Windows) -> Fit:
     """The fit of a model with one effect more, from where the score would begin."""
     model, theta = known.model.grown(known.theta, score.active, score.start)
     return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
 
 
-def _without_superfluous(
+def without_superfluous(
     best: Fit,
     windows: Windows,
     seen: dict[frozenset[Active], Fit],
@@ -175,23 +193,27 @@ class Yardstick:
 
         Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
         """
-        samples = self.windows.samples
-        misfit = float(np.minimum(found.by_window, self.cap * samples).sum())
         prior = float((found.model.precision * found.theta**2).sum())
         parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
-        return misfit / self.inflation + prior + parameters * math.log(self.samples)
+        return self.misfit(found) / self.inflation + prior + parameters * math.log(self.samples)
+
+    def misfit(self, found: Fit) -> float:
+        """Squared residuals; no window weighs more than some times the median."""
+        return float(np.minimum(found.by_window, self.cap * self.windows.samples).sum())
 
     def prefers(self, larger: Fit, smaller: Fit, null: Fit) -> bool:
         """Whether a model with more effects is worth them; `null` has none.
 
         An effect must explain a part of the whole gap, so that none is named for what two
-        integrators do differently. One that comes down to an uncertain parameter need not: its
-        prior says what is small.
+        integrators do differently, and a part of what the smaller model leaves over, so that none
+        is named for what is far too small beside noise that nobody told of. One that comes down to
+        an uncertain parameter need not: its prior says what is small.
         """
-        gap = null.chi2 - float(self.windows.measured.sum())
-        freed = len(larger.model.freed) > len(smaller.model.freed)
-        needed = ENOUGH if freed else max(ENOUGH, FRACTION * gap / self.inflation)
-        return self.bic(smaller) - self.bic(larger) >= needed
+        if len(larger.model.freed) > len(smaller.model.freed):
+            return self.bic(smaller) - self.bic(larger) >= ENOUGH
+        noise = float(self.windows.measured.sum())
+        small = max(FRACTION * (null.chi2 - noise), PART * (self.misfit(smaller) - noise))
+        return self.bic(smaller) - self.bic(larger) >= max(ENOUGH, small / self.inflation)
 
 
 # What is told -------------------------------------------------------------------------------------

@@ -15,10 +15,9 @@ from mcpilco.plant import Active
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""
-
-
-SEPARABLE = 1e-4
-"""least part of a signature that no parameter of the fitted model could have made"""
+SEPARABLE = 1e-6
+"""least part of a signature that the parameters of the fitted model, held by their priors, could
+not have made"""
 
 
 @dataclass(frozen=True)
@@ -136,14 +135,35 @@ def signatures(
         return []
     fit, windows = view.fit, view.windows
     model = fit.model.having(active)
-    sizes = np.concatenate([probe.values for probe in probes])
+    by_probe = [_sizes(active, probe) for probe in probes]
+    sizes = np.concatenate(by_probe)
     thetas = np.stack([fit.model.grown(fit.theta, active, size)[1] for size in sizes])
     starts = np.tile(fit.starts, (len(thetas), 1, 1))
     y = run(model, windows, thetas, starts)
     change = view.lin.r - residual(windows, y)
     change[~np.isfinite(change) | (np.abs(change) > 500.0)] = 0.0
-    ends = np.cumsum([len(probe.values) for probe in probes])
-    return [part.transpose(1, 2, 0) for part in np.split(change, ends[:-1])]
+    parts = np.split(change, np.cumsum([len(own) for own in by_probe])[:-1])
+    straight = [_straight(probe, part) for probe, part in zip(probes, parts, strict=True)]
+    return [part.transpose(1, 2, 0) for part in straight]
+
+
+def _sizes(active: Active, probe: Probe) -> Float[np.ndarray, "n symbols"]:
+    """Those at which a probe is simulated."""
+    if not probe.bent:
+        return probe.values
+    neutral = active.effect.neutral
+    return np.concatenate([probe.values, neutral + 0.5 * (probe.values - neutral)])
+
+
+def _straight(probe: Probe, change: Float[np.ndarray, "n W N"]) -> Float[np.ndarray, "m W N"]:
+    """What the sizes of a probe change; where it bends, in proportion to endlessly small ones.
+
+    Reference: Richardson, Philosophical Transactions A 210 (1911), the first step.
+    """
+    if not probe.bent:
+        return change
+    whole, half = np.split(change, 2)
+    return 4.0 * half - whole
 
 
 def _one_sided(active: Active, probe: Probe) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Int
 
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.windows import Windows
@@ -33,20 +34,32 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
     recordings = np.unique(windows.recording)
     if np.median(best.by_window / windows.samples) < ROUGH or len(recordings) < 2:
         return best
-    sizes = sorted({len(found.model.named) for found in ranked})
+    sizes = sorted({len(found.model.named) for found in ranked}, reverse=True)
     near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
-    compared = [
+    compared = [  # the largest first: they cost little, which ends the others early
         found
         for size in sizes
         for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
-    return min(
-        compared,
-        key=lambda found: (
-            float(np.mean([_unseen(found, windows, r) for r in recordings]))
-            + WORTH * len(found.model.named)
-        ),
-    )
+    chosen, least = best, np.inf
+    for found in compared:
+        price = _price(found, windows, recordings, least)
+        if price < least:
+            chosen, least = found, price
+    return chosen
+
+
+def _price(found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"], least: float) -> float:
+    """Mean log misfit of recordings that were not seen, and what effects must be worth.
+
+    A model that costs more than `least` is not followed to its end: no recording costs less than 0.
+    """
+    price = WORTH * len(found.model.named)
+    for recording in recordings:
+        if price >= least:
+            break
+        price += _unseen(found, windows, recording) / len(recordings)
+    return price
 
 
 def _unseen(found: Fit, windows: Windows, recording: int) -> float:
@@ -59,6 +72,6 @@ def _unseen(found: Fit, windows: Windows, recording: int) -> float:
         found.model, windows[others], found.theta, found.starts[others], iterations=4, hasty=True
     )
     some = windows[told]
-    starts = settle(found.model, some, refitted.theta, some.guess)
+    starts = settle(found.model, some, refitted.theta, found.starts[told])
     misfit = misfits(found.model, some, refitted.theta, starts)
     return float(np.mean(np.log(np.maximum(misfit / some.samples, 1.0))))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, residual, run
-from mcpilco.gap.learn import places
+from mcpilco.gap.places import places
 from mcpilco.gap.windows import Windows
 
 LAGS = 8
@@ -37,6 +37,8 @@ class Structure:
     """about 1 where the residuals are noise, see `whiteness`"""
     excess: float
     """misfit over noise: chi^2 of a sample, less 1"""
+    usual: float
+    """likewise, in the median over windows"""
     unevenness: float
     """misfit of a window that is missed much over that of a usual one; about 1.5 for noise"""
 
@@ -53,7 +55,8 @@ def structure(found: Fit, windows: Windows) -> Structure:
     excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
     by_window = (r**2).sum(axis=(1, 2)) / windows.samples
     usual, much = np.percentile(by_window, [50.0, 95.0])
-    return Structure(whiteness(r), excess, float(much / max(usual, 1e-300)))
+    uneven = float(much / max(usual, 1e-300))
+    return Structure(whiteness(r), excess, float(usual) - 1.0, uneven)
 
 
 def whiteness(r: Float[np.ndarray, "W X T"]) -> float:

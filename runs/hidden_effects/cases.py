@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
+from systems import SYSTEMS, System
 from truth import (
     ARMATURE,
-    CART_POLE,
     CONSTANT,
     COS,
     COULOMB,
     COUPLING,
     CUBIC,
     DETENT,
-    DOUBLE_PENDULUM,
     DRAG,
     EXTRA,
     FEED,
     MINUS,
     NUMBERS,
     PATCH,
-    PENDULUM,
     PLUS,
     ROTARY_PENDULUM,
     SIN,
@@ -39,93 +39,8 @@ from truth import (
 RECORDINGS, SECONDS, DT = 6, 10.0, 0.02
 NOISE = {"m": 1e-3, "rad": 2e-3}
 GRAVITY = 9.82
-
-
-@dataclass(frozen=True)
-class System:
-    """A nominal plant of ours, in the terms of the other simulator."""
-
-    kind: int
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    joints: tuple[str, ...]
-    bodies: tuple[str, ...]
-    drives: tuple[int, ...]
-    limit: tuple[float, ...]
-    """largest command of each input"""
-    body: tuple[tuple[float, ...], ...]
-    """mass, first moment, inertia about the joint, length"""
-    viscous: tuple[float, ...]
-    force: tuple[float, ...]
-    """usual at each joint"""
-    speed: tuple[float, ...]
-    slides: tuple[bool, ...]
-    swings: tuple[bool, ...]
-    """whether gravity pulls at the joint: elsewhere its zero and its center cannot be seen"""
-
-
-SYSTEMS = {
-    "mcpilco/CartPoleSwingUp-v0": System(
-        CART_POLE,
-        ("cart_position", "cart_velocity", "pole_angle", "pole_velocity"),
-        ("force",),
-        ("cart", "pole"),
-        ("cart", "pole"),
-        (0,),
-        (6.0,),
-        ((0.5, 0.0, 0.0, 0.0), (0.5, 0.125, 0.5 * 0.25 / 3, 0.5)),
-        (0.1, 0.0),
-        (3.0, 0.6),
-        (0.8, 4.0),
-        (True, False),
-        (False, True),
-    ),
-    "mcpilco/Pendulum-v0": System(
-        PENDULUM,
-        ("angle", "velocity"),
-        ("torque",),
-        ("pendulum",),
-        ("pendulum",),
-        (0,),
-        (1.5,),
-        ((0.6, 0.3, 0.15, 0.5),),
-        (0.05,),
-        (1.2,),
-        (4.0,),
-        (False,),
-        (True,),
-    ),
-    "mcpilco/DoublePendulum-v0": System(
-        DOUBLE_PENDULUM,
-        ("shoulder_angle", "shoulder_velocity", "elbow_angle", "elbow_velocity"),
-        ("shoulder_torque", "elbow_torque"),
-        ("shoulder", "elbow"),
-        ("upper", "lower"),
-        (0, 1),
-        (1.5, 0.5),
-        ((0.6, 0.09, 0.6 * 0.09 / 3, 0.3), (0.4, 0.06, 0.4 * 0.09 / 3, 0.3)),
-        (0.01, 0.01),
-        (1.2, 0.35),
-        (4.0, 5.0),
-        (False, False),
-        (True, True),
-    ),
-    "rotary_pendulum.xml": System(
-        ROTARY_PENDULUM,
-        ("arm_position", "arm_velocity", "rod_position", "rod_velocity"),
-        ("torque",),
-        ("arm", "rod"),
-        ("arm", "rod"),
-        (0,),
-        (0.2,),
-        ((0.3, 0.03, 0.004, 0.2), (0.2, 0.04, 0.011, 0.4)),
-        (0.02, 0.0005),
-        (0.1, 0.25),
-        (4.0, 5.0),
-        (False, False),
-        (False, True),
-    ),
-}
+AGAIN = 1_000_000
+"""from one seed to the next that is drawn in its place"""
 
 
 @dataclass(frozen=True)
@@ -184,6 +99,8 @@ JOINT = (
     "armature",
 )
 BODY = ("body_mass", "center_of_mass", "body_inertia")
+DRY = ("coulomb_friction", "stribeck_friction", "asymmetric_friction", "constant_force")
+"""forces that depend on the direction of a motion at most: two of them add up to a third"""
 ACTUATOR = (
     "actuator_gain",
     "actuator_dead_zone",
@@ -222,27 +139,29 @@ class Tier:
     """whether one is hidden that is not in the catalogue"""
     laboratory: bool = False
     """parameters off by 1 to 3 %, noise correlated, stamps that jitter, outliers, feedback"""
+    uncertainty: float = 0.01
+    """relative std of masses, lengths, frictions and gains, as the workflow is told"""
 
 
 TIERS = {
     "one": Tier(1),
-    "weak": Tier(1, (1 / 30, 1 / 10)),
+    "weak": Tier(1, (1 / 30, 1 / 10), uncertainty=0.001),
     "two": Tier(2),
     "three": Tier(3),
     "none": Tier(0),
     "outside": Tier(0, outside=True),
-    "laboratory-one": Tier(1, laboratory=True),
-    "laboratory-none": Tier(0, laboratory=True),
+    "laboratory-one": Tier(1, laboratory=True, uncertainty=0.03),
+    "laboratory-none": Tier(0, laboratory=True, uncertainty=0.03),
 }
 
 
 def draw(seed: int, tier: Tier, plant: str | None = None) -> Case:
-    """The case of a seed; one whose motion runs away is drawn anew."""
-    while True:
-        case = attempt(np.random.default_rng(seed), seed, tier, plant)
+    """The case of a seed; drawn anew where a motion runs away, or effects would act as others."""
+    for anew in itertools.count():
+        case = attempt(np.random.default_rng(seed + AGAIN * anew), seed, tier, plant)
         if case is not None:
             return case
-        seed += 1_000_000
+    raise AssertionError
 
 
 def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) -> Case | None:
@@ -256,13 +175,15 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
         body[:, :3] *= part
         joint[:, VISCOUS] *= part[:, 0]
     actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
-    sensor: dict[int, tuple[str, float]] = {}
+    sensor: dict[int, dict[str, float]] = {}
     pool = (*JOINT, *BODY, *ACTUATOR, *SENSOR)
     size = float(np.exp(rng.uniform(*np.log(tier.size))))
     chosen = [
         hide(str(name), system, rng, size, body, joint, actuator, sensor)
         for name in rng.choice(pool, size=tier.effects, replace=False)
     ]
+    if not tellable(chosen, system):
+        return None
     if tier.outside:
         kinds = [kind for kind in OUTSIDE if not (kind == "coupling" and J == 1)]
         kind = str(rng.choice(kinds))
@@ -297,6 +218,19 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
         columns = measure(system, states, commands, sensor, velocities, rng, tier.laboratory)
         recordings.append(columns)
     return Case(seed, plant, tuple(chosen), velocities, tuple(recordings))
+
+
+def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
+    """Whether no two effects act in one place as others would, alone or together."""
+    places = [
+        (kind, system.bodies.index(place) if place in system.bodies else system.joints.index(place))
+        for effect in chosen
+        for kind, names in (("dry", DRY), ("inertial", (*BODY, "armature")))
+        if effect["name"] in names
+        for place in [effect["target"]]
+    ]
+    delays = {effect["name"] for effect in chosen} >= {"actuator_delay", "sensor_delay"}
+    return len(set(places)) == len(places) and not (delays and len(system.joints) == 1)
 
 
 def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, Any]:
@@ -359,7 +293,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         "sensor_scale": 1.0 + rng.uniform(0.03, 0.1) * size * rng.choice([-1, 1]),
         "sensor_delay": rng.uniform(0.01, 0.05) * size,
     }[name]
-    sensor[k] = (name, value)
+    sensor.setdefault(k, {})[name] = float(value)
     return {"name": name, "target": system.states[k], "parameters": {SYMBOL[name]: float(value)}}
 
 
@@ -367,7 +301,7 @@ def measure(
     system: System,
     states: np.ndarray,
     commands: np.ndarray,
-    sensor: dict[int, tuple[str, float]],
+    sensor: dict[int, dict[str, float]],
     velocities: bool,
     rng: np.random.Generator,
     laboratory: bool,
@@ -380,10 +314,10 @@ def measure(
     for k, name in enumerate(system.states):
         if k % 2 and not velocities:
             continue
-        kind, value = sensor.get(k, ("", 0.0))
-        late = stamps - value if kind == "sensor_delay" else stamps
+        hidden = sensor.get(k, {})
+        late = stamps - hidden.get("sensor_delay", 0.0)
         y = at(states, k, np.maximum(late, 0.0))
-        y = y + value if kind == "sensor_offset" else y * value if kind == "sensor_scale" else y
+        y = hidden.get("sensor_scale", 1.0) * y + hidden.get("sensor_offset", 0.0)
         noise = rng.standard_normal(T)
         if laboratory:  # correlated over two samples, and now and then far off
             noise = lfilter([math.sqrt(1.0 - 0.5**2)], [1.0, -0.5], noise)

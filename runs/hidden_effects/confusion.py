@@ -16,6 +16,8 @@ from mcpilco.effects import CATALOGUE
 OUTSIDE = ("detent", "feed", "patch", "coupling")
 HIDDEN = (*CATALOGUE, "none", *OUTSIDE)
 NAMED = (*CATALOGUE, "none", "unknown", "too_poor")
+ALWAYS = {"none", "unknown"}
+"""verdicts that have a column, whether or not a case got them"""
 
 
 def confusions(cases: Sequence[Mapping[str, Any]]) -> Counter[tuple[str, str]]:
@@ -41,7 +43,7 @@ def confusions(cases: Sequence[Mapping[str, Any]]) -> Counter[tuple[str, str]]:
 def plot_confusions(counts: Mapping[tuple[str, str], float], ax: Axes) -> Axes:
     """A square a pair: its shade is the part of a row, the number that of cases."""
     rows = [name for name in HIDDEN if any(hidden == name for hidden, _ in counts)]
-    told = {named for _, named in counts} | {name for name in rows if name in NAMED}
+    told = {named for _, named in counts} | {name for name in rows if name in NAMED} | ALWAYS
     columns = [name for name in NAMED if name in told]
     table = np.array([[counts.get((row, column), 0.0) for column in columns] for row in rows])
     parts = table / np.maximum(table.sum(axis=1, keepdims=True), 1e-12)
@@ -63,7 +65,8 @@ def plot_confusions(counts: Mapping[tuple[str, str], float], ax: Axes) -> Axes:
 def write_picture(tier: str, cases: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """The path of the picture written."""
     counts = confusions(cases)
-    rows, columns = len({hidden for hidden, _ in counts}), len({told for _, told in counts})
+    rows = len({hidden for hidden, _ in counts})
+    columns = len({told for _, told in counts} | ALWAYS)
     figure = Figure(figsize=(3.2 + 0.34 * columns, 2.4 + 0.34 * rows), layout="constrained")
     ax = plot_confusions(counts, figure.add_subplot())
     ax.set_title(f"{tier}, {len(cases)} cases", fontsize="medium")

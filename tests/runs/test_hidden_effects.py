@@ -18,13 +18,27 @@ from mcpilco.plant import Active
 from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
+NAMES = ("truth", "systems", "cases", "verdicts", "confusion", "page", "peers", "freed")
+NAMES += ("identified", "run")
+"""of its modules, each after those that it imports"""
+
+
+every_plant = pytest.mark.parametrize(
+    "name",
+    [
+        "mcpilco/CartPoleSwingUp-v0",
+        "mcpilco/Pendulum-v0",
+        "mcpilco/DoublePendulum-v0",
+        "rotary_pendulum.xml",
+    ],
+)
 
 
 @pytest.fixture(scope="module")
 def modules() -> Iterator[dict[str, ModuleType]]:
     """The modules of the run, under the names by which they import one another."""
     loaded = {}
-    for name in ("truth", "cases", "confusion", "peers", "freed", "identified", "run"):
+    for name in NAMES:
         spec = importlib.util.spec_from_file_location(name, HERE / f"{name}.py")
         assert spec is not None
         assert spec.loader is not None
@@ -36,15 +50,7 @@ def modules() -> Iterator[dict[str, ModuleType]]:
         del sys.modules[name]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "mcpilco/CartPoleSwingUp-v0",
-        "mcpilco/Pendulum-v0",
-        "mcpilco/DoublePendulum-v0",
-        "rotary_pendulum.xml",
-    ],
-)
+@every_plant
 def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
     modules: dict[str, ModuleType], name: str
 ) -> None:
@@ -76,6 +82,62 @@ def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
     )
     ours = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
     np.testing.assert_allclose(ours, theirs, atol=2e-5)
+
+
+def test_no_two_hidden_effects_add_up_to_a_third(modules: dict[str, ModuleType]) -> None:
+    cases = modules["cases"]
+    system = cases.SYSTEMS["mcpilco/CartPoleSwingUp-v0"]
+
+    def tellable(*pairs: tuple[str, str]) -> bool:
+        return cases.tellable([{"name": n, "target": t} for n, t in pairs], system)
+
+    assert not tellable(("coulomb_friction", "cart"), ("constant_force", "cart"))
+    assert not tellable(("body_inertia", "pole"), ("armature", "pole"))
+    assert tellable(("coulomb_friction", "cart"), ("constant_force", "pole"))
+    assert tellable(("coulomb_friction", "cart"), ("armature", "cart"))
+
+
+def test_two_effects_of_one_sensor_both_act(modules: dict[str, ModuleType]) -> None:
+    cases = modules["cases"]
+    system = cases.SYSTEMS["mcpilco/Pendulum-v0"]
+    states = np.stack([np.linspace(0.0, 1.0, 50), np.full(50, 1.0 / (49 * cases.DT))], axis=1)
+
+    def angle(hidden: dict[str, float]) -> np.ndarray:
+        rng = np.random.default_rng(0)
+        torque = np.zeros((50, 1))
+        return cases.measure(system, states, torque, {0: hidden}, False, rng, False)["angle"]
+
+    delayed = angle({"sensor_delay": cases.DT})
+    both = angle({"sensor_delay": cases.DT, "sensor_offset": 0.1})
+    np.testing.assert_allclose(both, delayed + 0.1)
+    assert (delayed[1:] < angle({})[1:]).all()
+
+
+@every_plant
+def test_effects_that_count_as_one_change_every_motion_alike(
+    modules: dict[str, ModuleType], name: str
+) -> None:
+    system, plant = modules["cases"].SYSTEMS[name], modules["run"].nominal(name)
+    commands = np.stack([np.repeat([0.0, u, -u, 0.5 * u], 12) for u in system.limit], axis=1)
+    rest = np.zeros((1, 2 * len(system.joints)))
+
+    def moved(effect: str, target: str) -> np.ndarray:
+        machine = plant.having([(Active(CATALOGUE[effect], target), (size(effect, target),))])
+        return machine.simulate(rest, commands[None], 0.02)[0, :, 0::2]
+
+    def size(effect: str, target: str) -> float:
+        if effect.endswith("delay"):
+            return 0.01
+        place = system.bodies if target in system.bodies else system.joints
+        mass, _, inertia, _ = system.body[place.index(target)]
+        return 0.1 * (mass if effect == "body_mass" or not inertia else inertia)
+
+    still = plant.simulate(rest, commands[None], 0.02)[0, :, 0::2]
+    for alike in system.synonyms(velocities=False):
+        first, *others = [moved(*effect) for effect in sorted(alike)]
+        assert np.abs(first - still).max() > 1e-3
+        for other in others:
+            np.testing.assert_allclose(other, first, atol=1e-5)
 
 
 def case(hidden: list[str], verdict: str, named: list[str]) -> dict[str, Any]:
@@ -110,7 +172,7 @@ def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleTyp
 def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
     modules: dict[str, ModuleType],
 ) -> None:
-    in_joint = modules["run"].in_joint
+    in_joint = modules["verdicts"].in_joint
     hidden = [{"name": "outside", "kind": "patch", "target": "elbow"}]
     channel = {"channel": "elbow_angle", "share": 1.0, "condition": "everywhere alike"}
     assert in_joint({"truth": hidden, "where": [channel]}) is None
@@ -191,15 +253,7 @@ def test_freezing_a_parameter_gives_the_fit_of_the_others(modules: dict[str, Mod
     np.testing.assert_allclose(left, others @ z - y)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "mcpilco/CartPoleSwingUp-v0",
-        "mcpilco/Pendulum-v0",
-        "mcpilco/DoublePendulum-v0",
-        "rotary_pendulum.xml",
-    ],
-)
+@every_plant
 def test_the_freed_model_with_nothing_changed_moves_as_the_nominal_plant(
     modules: dict[str, ModuleType], name: str
 ) -> None:

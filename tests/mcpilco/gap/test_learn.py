@@ -13,15 +13,18 @@ import pytest
 
 import envs
 from mcpilco.correction import correction_of, read_correction, write_correction
+from mcpilco.effects import CATALOGUE
 from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.grid_force import Prior
-from mcpilco.gap.learn import SHORT_S, learn, learned_of, places
+from mcpilco.gap.learn import MOST_TURNED, SHORT_S, learn, learned_of, moved, seek
 from mcpilco.gap.model import Model, scales
+from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.show import shrunk
 from mcpilco.gap.windows import Windows, cut
+from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import STD, Force, record
 
@@ -46,9 +49,9 @@ def recordings(force: Force, count: int, seed: int = 1) -> list[Recording]:
     return [record(rng, force, number) for number in range(count)]
 
 
-def nominal_fit(measured: list[Recording]) -> tuple[Fit, Windows]:
+def nominal_fit(measured: list[Recording], plant: Plant = PLANT) -> tuple[Fit, Windows]:
     windows = cut(measured, np.array([STD, 1.0]))
-    model = Model(PLANT, (), {}, scales(PLANT, windows))
+    model = Model(plant, (), {}, scales(plant, windows))
     starts = settle(model, windows, np.zeros(0), windows.guess)
     return fit(model, windows, np.zeros(0), starts), windows
 
@@ -73,6 +76,25 @@ def test_of_noise_nothing_is_learned() -> None:
     before, windows = nominal_fit(measured)
     short = cut(measured, np.array([STD, 1.0]), seconds=SHORT_S)
     assert learned_of(learn(before, windows, short)) == ()
+
+
+def test_a_spring_that_winds_up_over_turns_is_learned_over_all_of_them() -> None:
+    light = PLANT.where(mass=0.06)  # its motor can turn it over
+    wound = light.having([(Active(CATALOGUE["spring"], "pendulum"), (0.03,))])
+    rng, layout = np.random.default_rng(2), light.layout
+    torque = np.repeat(rng.uniform(-1.0, 1.0, 20), 25)[:, None]
+    states = wound.simulate(np.zeros((1, 2)), torque[None, :-1], 0.02)[0]
+    assert np.ptp(states[:, 0]) > 2.0 * MOST_TURNED
+    states += rng.standard_normal(states.shape) * [STD, np.nan]
+    time = 0.02 * np.arange(len(torque))
+    measured = [Recording("wound", time, states, torque, layout.states, layout.inputs)]
+    before, _ = nominal_fit(measured, light)
+    short = cut(measured, np.array([STD, 1.0]), seconds=SHORT_S)
+    force = seek(moved(before, short), short)
+    assert force is not None
+    (axis,) = force.axes
+    assert axis.of == "angle"
+    assert axis.high - axis.low > 2.0 * MOST_TURNED
 
 
 @pytest.fixture(scope="module")

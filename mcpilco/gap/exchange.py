@@ -1,0 +1,81 @@
+"""Exchanging effects: a search that only adds may hold on to one that looks like the true one.
+
+Alone a delay can explain more than the lag that is there, and dry friction more than one that is
+stronger at rest, as long as others are missing. Once these are found, the model still does not fit,
+and no further effect mends it: one must go and another come in its place.
+
+Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequential replacement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from mcpilco.gap.fit import Fit, fit, linearise
+from mcpilco.gap.name import ENOUGH, HOPELESS, Found, Yardstick, grow, without_superfluous
+from mcpilco.gap.screen import screen
+from mcpilco.gap.where import structure
+from mcpilco.gap.windows import Windows
+from mcpilco.plant import Active
+
+UNFIT = 50.0
+"""whiteness of what a model leaves over beyond which an exchange may help"""
+TRIED, ROUNDS = 3, 4
+"""effects that are tried in the place of one; exchanges, at most"""
+
+Seen = dict[frozenset[Active], Fit]
+"""fits by their effects"""
+
+
+def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
+    """The search, its best model's effects exchanged for others as long as these explain more.
+
+    Args:
+        found: a search.
+        candidates: effects that may be missing.
+    """
+    windows, best = found.windows, found.best
+    seen: Seen = {frozenset(known.model.named): known for known, _ in found.ranked}
+    for _ in range(ROUNDS):
+        if not best.model.named or best.chi2 > HOPELESS * found.null.chi2:
+            break
+        if structure(best, windows).whiteness < UNFIT:
+            break
+        others = dict(_others(best, windows, candidates, seen, found.null.model.priors))
+        seen |= others
+        yardstick = Yardstick.of(min([best, *others.values()], key=_misfit), windows)
+        better = min([best, *others.values()], key=yardstick.bic)
+        if yardstick.bic(best) - yardstick.bic(better) < ENOUGH:
+            break
+        best = better
+    if best is found.best:
+        return found
+    yardstick = Yardstick.of(best, windows)
+    priors = found.null.model.priors
+    return found.with_best(
+        without_superfluous(best, windows, seen, priors, yardstick, found.null), seen.values()
+    )
+
+
+def _misfit(found: Fit) -> float:
+    return found.chi2
+
+
+def _others(
+    best: Fit,
+    windows: Windows,
+    candidates: Sequence[Active],
+    seen: Seen,
+    priors: Mapping[str, float],
+) -> Iterator[tuple[frozenset[Active], Fit]]:
+    """Models with another effect in the place of one, that were not seen yet."""
+    for active in best.model.named:
+        parameter = best.model.plant.parameter_of(active)
+        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
+        smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
+        lin = linearise(smaller.model, windows, smaller.theta, smaller.starts)
+        new = [c for c in candidates if frozenset({*model.named, c}) not in seen]
+        for score in screen(smaller, lin, windows, new, per_effect=1)[:TRIED]:
+            yield frozenset({*model.named, score.active}), grow(smaller, score, windows)

@@ -1,0 +1,165 @@
+"""The page of the run: its tables and pictures, from the results that are there."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cases import TIERS
+from confusion import write_picture
+from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, right
+
+from mcpilco.sweep.page import fill
+from mcpilco.sweep.summary import markdown, rate, rate_cell
+
+HERE = Path(__file__).parent
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    found = {
+        tier: [json.loads(p.read_text()) for p in sorted((out / "results" / tier).glob("*.json"))]
+        for tier in TIERS
+    }
+    found = {tier: cases for tier, cases in found.items() if cases}
+    parts = [origin(found), naming(found), numbers(found), places(found)]
+    parts += [pictures(found, out), missed(found)]
+    parts = parts if found else ["Not measured yet."]
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """How many cases there are, which code they are from, and where it ran."""
+    cases = [case for tier in found.values() for case in tier]
+    counts = Counter((case["method"], *case["machine"].values()) for case in cases)
+    told = [
+        f"{count} with `mcpilco.gap` of digest `{method}` on {cpu}, {cores} cores"
+        for (method, cpu, cores), count in counts.most_common()
+    ]
+    return f"{len(cases)} cases of at least 300 that are wanted: {'; '.join(told)}."
+
+
+def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """How often the verdict is right."""
+    rows = []
+    for tier, cases in found.items():
+        names = dict.fromkeys(name for case in cases for name in case.get("peers", ()))
+        by_method = {tier: cases}
+        by_method |= {
+            f"{tier}: {name}": [as_told_by(name, case) for case in cases if "peers" in case]
+            for name in names
+        }
+        rows += [
+            (
+                method,
+                str(len(told)),
+                rate_cell(rate([by_name(case) for case in told])),
+                rate_cell(rate([right(case) for case in told])),
+                rate_cell(rate([in_family(case) for case in told])),
+                rate_cell(rate([misnamed(case) for case in told])),
+            )
+            for method, told in by_method.items()
+        ]
+    header = ("tier", "cases", "right by name [%]", "right [%]", "right, or in a family [%]")
+    header += ("wrong and sure [%]",)
+    return "\n\n".join(part for part in (markdown(header, rows), fits(found)) if part)
+
+
+def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """What is to be said of the fits of mujoco.sysid: which failed, and what they cost."""
+    told = [fit for cases in found.values() for case in cases if (fit := case.get("identified"))]
+    if not told:
+        return ""
+    remarks = Counter(remark for fit in told for remark in fit["remarks"])
+    counted = "; ".join(f"{remark}: {count}" for remark, count in remarks.most_common())
+    seconds = [fit["cpu_s"] for fit in told]
+    return (
+        f"mujoco.sysid, {len(told)} cases: {np.median(seconds):.0f} CPU s in the median, "
+        f"{max(seconds):.0f} in the worst. {counted or 'All fits converged'}."
+    )
+
+
+def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
+    """The case with what another method names; that is sure, and has no families."""
+    named = [
+        {"name": name, "target": target, "family": [name], "probability": 1.0}
+        for name, target in case["peers"][peer]
+    ]
+    return {**case, "found": named, "verdict": "named" if named else "none"}
+
+
+def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Errors and intervals of the parameters, the gap closed, and the time it takes."""
+    rows = []
+    for tier, cases in found.items():
+        errors, covered = accuracy([case for case in cases if right(case)])
+        closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
+        seconds = [case["cpu_s"] for case in cases]
+        rows.append(
+            (
+                tier,
+                f"{100 * np.median(errors):.2f}" if errors else "-",
+                f"{100 * np.mean(covered):.0f} (of {len(covered)})" if covered else "-",
+                f"{100 * np.median(closed):.1f}, {100 * np.percentile(closed, 10):.1f}"
+                if closed
+                else "-",
+                f"{np.median(seconds):.0f}, {max(seconds):.0f}",
+            )
+        )
+    header = ("tier", "median error of parameters [%]", "95 % intervals that hold the truth [%]")
+    header += ("gap closed: median, tenth percentile [%]", "CPU: median, worst [s]")
+    return markdown(header, rows)
+
+
+def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Of effects that are not in the catalogue, how often the joint is told in which they act."""
+    rows = []
+    for kind in dict.fromkeys(
+        e.get("kind", "") for c in found.get("outside", []) for e in c["truth"]
+    ):
+        cases = [case for case in found["outside"] if case["truth"][0].get("kind") == kind]
+        unknown = [case for case in cases if case["verdict"] == "unknown"]
+        told = [part for case in unknown if (part := in_joint(case)) is not None]
+        closed = [case["error"]["closed"]["value"] for case in unknown if mended(case)]
+        rows.append(
+            (
+                kind,
+                str(len(cases)),
+                str(len(unknown)),
+                str(len(told)),
+                rate_cell(rate(told)) if told else "-",
+                f"{100 * np.median(closed):.1f}" if closed else "-",
+            )
+        )
+    header = ("outside", "cases", "unknown", "force learned", "in the right joint [%]")
+    table = markdown((*header, "gap closed: median [%]"), rows)
+    return f"### What is not in the catalogue\n\n{table}" if rows else ""
+
+
+def pictures(found: Mapping[str, Sequence[Mapping[str, Any]]], out: Path) -> str:
+    """What was hidden against what was named, a picture a tier."""
+    paths = {
+        tier: write_picture(tier, cases, out / f"confusion-{tier}.png")
+        for tier, cases in found.items()
+    }
+    lines = [f"![Hidden against named, {tier}]({path.name})" for tier, path in paths.items()]
+    return "### What was hidden, and what was named\n\n" + "\n\n".join(lines)
+
+
+def missed(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """The cases that are not right."""
+    lines = []
+    for tier, cases in found.items():
+        for case in cases:
+            if not right(case):
+                truth = ", ".join(f"{e['name']} at {e['target']}" for e in case["truth"]) or "none"
+                told = ", ".join(f"{e['name']} at {e['target']}" for e in case["found"]) or "-"
+                lines.append(
+                    f"- {tier}, seed {case['seed']}, {case['plant']}: hidden {truth}; "
+                    f"verdict {case['verdict']}, named {told}"
+                )
+    return "### Cases that are not right\n\n" + "\n".join(lines) if lines else ""

@@ -1,0 +1,98 @@
+"""Whether what was found in a case is what was hidden in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from systems import SYSTEMS, Hidden
+
+from mcpilco.effects import CATALOGUE
+
+CONFIDENT = 0.9
+"""probability above which a name is meant"""
+
+
+def hidden(case: Mapping[str, Any]) -> set[frozenset[Hidden]]:
+    """What is to be named: each effect, with those that no recording tells from it."""
+    return {same(case, effect) for effect in case["truth"]}
+
+
+def same(case: Mapping[str, Any], effect: Mapping[str, Any]) -> frozenset[Hidden]:
+    """An effect, and those that do exactly the same to the recordings of a case."""
+    pair = effect["name"], effect["target"]
+    return SYSTEMS[case["plant"]].same(pair, case["velocities"])
+
+
+def right(case: Mapping[str, Any]) -> bool:
+    """Whether name and target of all effects, or the verdict none or unknown, are right."""
+    if any(effect["name"] == "outside" for effect in case["truth"]):
+        return case["verdict"] == "unknown"
+    told = [same(case, effect) for effect in case["found"]]
+    wanted = hidden(case)
+    verdict = "named" if wanted else "none"
+    return case["verdict"] == verdict and len(told) == len(wanted) and set(told) == wanted
+
+
+def by_name(case: Mapping[str, Any]) -> bool:
+    """Whether the verdict is right and each effect has the very name under which it was hidden."""
+    truth, told = ({(e["name"], e["target"]) for e in case[part]} for part in ("truth", "found"))
+    return right(case) and (case["verdict"] != "named" or truth == told)
+
+
+def in_family(case: Mapping[str, Any]) -> bool:
+    """Whether each hidden effect is in the family of one that was named."""
+    if right(case):
+        return True
+    families = [set(effect["family"]) for effect in case["found"]]
+    names = [{name for name, _ in effects} for effects in hidden(case)]
+    fits = all(any(name & family for family in families) for name in names)
+    return case["verdict"] == "named" and len(names) == len(families) > 0 and fits
+
+
+def misnamed(case: Mapping[str, Any]) -> bool:
+    """Whether a wrong effect was named, and confidently."""
+    names = {name for effect in case["truth"] for name, _ in same(case, effect)}
+    wrong = (e for e in case["found"] if not names & set(e["family"]))
+    return case["verdict"] == "named" and any(e["probability"] > CONFIDENT for e in wrong)
+
+
+def in_joint(case: Mapping[str, Any]) -> bool | None:
+    """Whether the largest learned force is in a joint where one was hidden; None without one."""
+    told = [part for part in case["where"] if "joint" in part]
+    if not told:
+        return None
+    effect = case["truth"][0]
+    return effect["kind"] == "coupling" or told[0]["joint"] == effect["target"]
+
+
+def mended(case: Mapping[str, Any]) -> bool:
+    """Whether something was added to the nominal plant: an effect, or a learned force."""
+    return bool(case["found"]) or any("joint" in part for part in case["where"])
+
+
+def accuracy(cases: Sequence[Mapping[str, Any]]) -> tuple[list[float], list[bool]]:
+    """Errors of the parameters, and whether their intervals hold the truth.
+
+    An error is relative to how far the parameter is from where it changes nothing.
+    """
+    errors, covered = [], []
+    for case in cases:
+        told = {(e["name"], e["target"]): e["parameters"] for e in case["found"]}
+        for effect in case["truth"]:
+            estimates = told.get((effect["name"], effect["target"]), {})
+            for symbol, truth in effect.get("parameters", {}).items():
+                if symbol in estimates:
+                    estimate = estimates[symbol]
+                    errors.append(
+                        abs(estimate["value"] - truth) / size(effect["name"], symbol, truth)
+                    )
+                    covered.append(estimate["low"] <= truth <= estimate["high"])
+    return errors, covered
+
+
+def size(effect: str, symbol: str, value: float) -> float:
+    """How far a parameter of an effect is from where it changes nothing."""
+    neutral = next(known.neutral for known in CATALOGUE[effect].symbols if known.name == symbol)
+    return max(abs(value - neutral) if math.isfinite(neutral) else abs(value), 1e-12)

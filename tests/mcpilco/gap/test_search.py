@@ -1,0 +1,142 @@
+"""How effects are scored, judged and exchanged."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.effects import CATALOGUE
+from mcpilco.gap import where
+from mcpilco.gap.exchange import exchanged
+from mcpilco.gap.fit import Fit, fit, linearise, settle
+from mcpilco.gap.given import Given
+from mcpilco.gap.model import Model
+from mcpilco.gap.name import PROMISING, Found, Yardstick
+from mcpilco.gap.residual_force import Explained
+from mcpilco.gap.screen import screen
+from mcpilco.gap.windows import Windows
+from mcpilco.plant import Active, Plant
+from mcpilco.recordings import Recording
+
+STD = {"m": 1e-3, "rad": 2e-3}
+
+
+def active(name: str, target: str) -> Active:
+    return Active(CATALOGUE[name], target)
+
+
+def recorded(machine: Plant, count: int, seconds: float = 8.0) -> list[Recording]:
+    """Recordings of a plant under steps that a seed draws; positions only, with noise."""
+    layout, rng, dt = machine.layout, np.random.default_rng(0), 0.02
+    found = []
+    for number in range(count):
+        steps = rng.uniform(-1.2, 1.2, (round(seconds / 0.4), len(layout.inputs)))
+        commands = np.repeat(steps, 20, axis=0)
+        start = rng.normal(0.0, 0.2, (1, len(layout.states)))
+        states = machine.simulate(start, commands[None, :-1], dt)[0]
+        for x, unit in enumerate(layout.units):
+            noise = STD.get(unit, np.nan)
+            states[:, x] += noise * rng.standard_normal(len(states))
+        time = dt * np.arange(len(commands))
+        names = layout.states, layout.inputs
+        found.append(Recording(f"recording_{number}", time, states, commands, *names))
+    return found
+
+
+def given(plant: Plant, hidden: Sequence[tuple[Active, Sequence[float]]]) -> Given:
+    return Given.of(plant, recorded(plant.having(hidden), 2), 0.01, (), {})
+
+
+def fitted(model: Model, windows: Windows, theta: np.ndarray) -> Fit:
+    return fit(model, windows, theta, settle(model, windows, theta, windows.guess))
+
+
+def test_an_effect_that_parameters_imitate_only_far_beyond_their_priors_is_promising() -> None:
+    """Masses and length together can do what a center of mass does, each more than 10 % off."""
+    center = active("center_of_mass", "pole")
+    known = given(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), [(center, (-0.05,))])
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    assert np.median(null.by_window / windows.samples) < 1.2
+    assert np.abs(null.theta).max() > 0.05
+    lin = linearise(model, windows, null.theta, null.starts)
+    (score,) = screen(null, lin, windows, [center])
+    assert score.gain > PROMISING
+
+
+@pytest.fixture(scope="module")
+def lagging() -> tuple[Given, Windows, Fit]:
+    """A pendulum with a lag and friction, and the nominal fit."""
+    hidden = [
+        (active("actuator_lag", "actuator"), (0.08,)),
+        (active("coulomb_friction", "pendulum"), (0.1, 2e-3)),
+    ]
+    known = given(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    windows = known.windows()
+    model = known.model(windows)
+    return known, windows, fitted(model, windows, np.zeros(model.nuisances))
+
+
+def test_an_effect_that_stands_for_another_is_exchanged(
+    lagging: tuple[Given, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    names = "actuator_delay", "actuator_lag", "actuator_dead_zone"
+    candidates = [active(name, "actuator") for name in names]
+    model, theta = null.model.grown(null.theta, candidates[0], [0.05])
+    model, theta = model.grown(theta, active("coulomb_friction", "pendulum"), [0.1, 2e-3])
+    wrong = fitted(model, windows, theta)
+    stuck = Found(wrong, null, (), (), windows).with_best(wrong, [null, wrong])
+    best = exchanged(stuck, candidates).best
+    named = {str(each) for each in best.model.named}
+    assert named == {"actuator_lag (actuator)", "coulomb_friction (pendulum)"}
+    assert best.chi2 < 1.2 * windows.samples.sum() < wrong.chi2
+
+
+def test_a_model_that_fits_to_the_noise_is_left_as_it_is(
+    lagging: tuple[Given, Windows, Fit],
+) -> None:
+    known, windows, null = lagging
+    model, theta = null.model.grown(null.theta, active("actuator_lag", "actuator"), [0.08])
+    model, theta = model.grown(theta, active("coulomb_friction", "pendulum"), [0.1, 2e-3])
+    found = Found(fitted(model, windows, theta), null, (), (), windows)
+    found = found.with_best(found.best, [null, found.best])
+    assert exchanged(found, known.candidates(windows)) is found
+
+
+@pytest.mark.parametrize(("explained", "worth"), [(0.01, False), (0.2, True)])
+def test_an_effect_must_explain_a_part_of_what_is_left_over(
+    lagging: tuple[Given, Windows, Fit], explained: float, worth: bool
+) -> None:
+    """However sure it is: noise that nobody told of is larger than the effect."""
+    _, windows, null = lagging
+    model, theta = null.model.grown(null.theta, active("actuator_delay", "actuator"), [0.01])
+    samples = 1000 * windows.samples
+    many = replace(windows, y=np.repeat(windows.y, 1000, axis=2))
+    smaller = replace(null, by_window=3.0 * samples, chi2=3.0 * samples.sum())
+    left = (3.0 - 2.0 * explained) * samples
+    larger = replace(null, model=model, theta=theta, by_window=left, chi2=left.sum())
+    yardstick = Yardstick(many, cap=9.0, inflation=3.0, samples=samples.sum())
+    assert yardstick.bic(smaller) - yardstick.bic(larger) > 100.0
+    assert yardstick.prefers(larger, smaller, smaller) == worth
+
+
+@pytest.mark.parametrize(("usual", "unknown"), [(0.5, False), (50.0, True)])
+def test_a_gap_that_is_closed_in_few_windows_alone_is_not_named(
+    monkeypatch: pytest.MonkeyPatch, usual: float, unknown: bool
+) -> None:
+    """Few windows make nearly all of the misfit: they are explained, the usual ones are not."""
+    left = where.Structure(whiteness=1e4, excess=60.0, usual=usual, unevenness=1.5)
+    gap = where.Structure(whiteness=1e4, excess=1e5, usual=60.0, unevenness=900.0)
+    told = iter((left, gap))
+    module = importlib.import_module("mcpilco.gap.investigate")
+    monkeypatch.setattr(module, "structure", lambda found, windows: next(told))
+    monkeypatch.setattr(module, "respond", lambda found, windows: None)
+    monkeypatch.setattr(module, "explain", lambda response: Explained(0.0, np.zeros(1)))
+    assert module._something_else(None, None, None) == unknown
