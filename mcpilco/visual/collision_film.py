@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from mcpilco.identification.collision import ArmSamples, Detections, Event
 from mcpilco.mechanics import Chain
 from mcpilco.visual.blueprint import ABOUT, TIMELINE, WORLD, build_watch, entity
 from mcpilco.visual.bodies import chain_scene
-from mcpilco.visual.entities import RGB, Track, log_line, log_scene
+from mcpilco.visual.entities import RGB, Track, log_dots, log_line, log_scene
 from mcpilco.visual.recording import write_file
 
 CURRENTS, RESIDUALS = "currents", "residuals"
@@ -43,12 +43,13 @@ class _Timed(Track):
 
     times: np.ndarray = field(default_factory=lambda: np.empty(0))
     """of the samples [s]"""
+    steps: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    """their numbers"""
 
     def moving(self, path: str, first: int, rows: int, columns: rr.ComponentColumnList) -> None:
-        steps = np.arange(first, first + rows)
         index = [
-            rr.TimeColumn(TIMELINE, duration=self.times[steps]),
-            rr.TimeColumn("step", sequence=steps),
+            rr.TimeColumn(TIMELINE, duration=self.times[first : first + rows]),
+            rr.TimeColumn("step", sequence=self.steps[first : first + rows]),
         ]
         self.rec.send_columns(path, index, columns, strict=True)
 
@@ -89,7 +90,7 @@ def write_collision_film(
     rec.send_blueprint(build_watch(_titles(chain.joints), extent))
     rec.send_recording_name(name)
     dt = float(np.median(np.diff(samples.time)))
-    track = _Timed(rec, dt, times=samples.time)
+    track = _Timed(rec, dt, times=samples.time, steps=np.arange(len(samples)))
     track.still(ABOUT, rr.TextDocument(_notes(name, told), media_type="text/markdown"))
     log_scene(track, scene, states)
     _log_alarms(track, links, found.joints)
@@ -139,7 +140,7 @@ def _log_push(track: Track, tips: Float[np.ndarray, "N 3"], push: Float[np.ndarr
     track.moving(path, 0, len(push), arrows.partition(acts.astype(int).tolist()))
 
 
-def _log_joint(track: Track, joint: str, j: int, samples: ArmSamples, found: Detections) -> None:
+def _log_joint(track: _Timed, joint: str, j: int, samples: ArmSamples, found: Detections) -> None:
     """A joint's current and residual, with its thresholds and alarms."""
     log_line(track, entity(CURRENTS, joint, "expected"), 0, found.expected[:, j], _EXPECTED)
     log_line(track, entity(CURRENTS, joint, "measured"), 0, samples.i[:, j], _MEASURED)
@@ -147,5 +148,8 @@ def _log_joint(track: Track, joint: str, j: int, samples: ArmSamples, found: Det
     for side, sign in (("upper", 1.0), ("lower", -1.0)):
         path = entity(RESIDUALS, joint, side)
         log_line(track, path, 0, sign * found.threshold[:, j], _LIMIT)
-    alarms = np.where(found.joints[:, j], found.residual[:, j], np.nan)
-    log_line(track, entity(RESIDUALS, joint, "alarm"), 0, alarms, _ALARM)
+    rows = np.flatnonzero(found.joints[:, j])
+    if len(rows):
+        some = replace(track, times=track.times[rows], steps=track.steps[rows])
+        path = entity(RESIDUALS, joint, "alarm")
+        log_dots(some, path, 0, found.residual[rows, j], _ALARM)

@@ -34,7 +34,7 @@ def write_page(out: Path, template: Path, detectors: Iterable[str], either: Sequ
         names = [name for name in detectors if all(name in t["detectors"] for t in trials)]
         parts += [f"### {about} (arms: {len(trials)})", *tables(trials, names, either)]
         if controller == "pd":
-            shown = read_arrays(paths[0].with_name(f"{paths[0].stem}-shown.npz"))
+            shown = read_arrays(paths[0].with_name("shown.npz"))
             pictures.write_errors(out / "errors.png", trials)
             pictures.write_currents(out / "currents.png", shown)
             parts += [

@@ -118,7 +118,8 @@ def main() -> int:
                 if not path.exists():
                     found, shown = trial(controller, seed, size)
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    write_arrays(path.with_name(f"{seed:04d}-shown.npz"), shown)
+                    if not (example := path.parent / "shown.npz").exists():
+                        write_arrays(example, shown)
                     write_bytes(path, json.dumps(found, indent=1).encode())
                     print(f"{controller}, seed {seed}: {found['cpu_s']:.0f} CPU s", flush=True)
                 write_page(out, HERE / "README.md", DETECTORS, EITHER)  # a stop loses no table
