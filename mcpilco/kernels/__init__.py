@@ -9,10 +9,12 @@ from mcpilco.kernels.base import (
     Sum,
     Term,
 )
+from mcpilco.kernels.geometric import GIP
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.stationary import RBF
 
 __all__ = [
+    "GIP",
     "MPK",
     "RBF",
     "ActiveDims",
