@@ -47,6 +47,10 @@ SMALL = Config(
     engine="eager",  # nothing to compile
 )
 SMALL_PILCO = PilcoConfig(centres=3, line_searches=1, evaluations=3, engine="eager")
+NAMES = "|".join(
+    re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower() for kind in mcpilco.cli.COMMANDS
+)
+"""of all commands, as one pattern"""
 RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
 ELSEWHERE = re.compile(r"pendulum|balance|RUN|--help|CartPole-v9")
@@ -77,11 +81,7 @@ def commands(page: Path) -> list[list[str]]:
     """The arguments of each `mcpilco` command, after the name and any variables before it."""
     found = []
     for line in shell_lines(page):
-        match = re.search(
-            r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|cross|sweep|compare|view|report"
-            r"|check-env|doctor|inverse-dynamics)\b.*)",
-            line,
-        )
+        match = re.search(rf"(?:^|\s)mcpilco ((?:{NAMES})\b.*)", line)
         if match:
             found.append(shlex.split(match[1], comments=True))
     return found

@@ -6,13 +6,17 @@ gymnasium) when it runs, so that `--help` answers at once.
 
 from __future__ import annotations
 
+import functools
+import operator
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import tyro
 
 from mcpilco.cli.check_env import CheckEnv
+from mcpilco.cli.collisions import Collisions
 from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.doctor import Doctor
@@ -20,6 +24,7 @@ from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
 from mcpilco.cli.inverse_dynamics import InverseDynamics
+from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
 from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
@@ -27,8 +32,26 @@ from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
 from mcpilco.typing import McPilcoError
 
-__all__ = ["main"]
+__all__ = ["COMMANDS", "main"]
 
+COMMANDS = (
+    Train,
+    Evaluate,
+    Export,
+    Sweep,
+    Compare,
+    Record,
+    Gap,
+    Cross,
+    InverseDynamics,
+    Kinematics,
+    Collisions,
+    View,
+    Report,
+    CheckEnv,
+    Doctor,
+)
+"""as `--help` lists them"""
 _ABOUT = "MC-PILCO: learn to control a system from seconds of experience."
 
 
@@ -39,23 +62,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments after `mcpilco`; those of this process when None.
     """
     _choose_gl()
+    kinds: Any = functools.reduce(operator.or_, COMMANDS)
     try:
         command = tyro.cli(
-            (
-                Train
-                | Evaluate
-                | Export
-                | Sweep
-                | Compare
-                | Record
-                | Gap
-                | Cross
-                | InverseDynamics
-                | View
-                | Report
-                | CheckEnv
-                | Doctor
-            ),
+            kinds,
             prog="mcpilco",
             description=_ABOUT,
             args=None if argv is None else list(argv),

@@ -10,7 +10,9 @@ from mcpilco.kernels.base import (
     Term,
 )
 from mcpilco.kernels.geometric import GIP
+from mcpilco.kernels.kinematic import Kinematic, NestedKinematic
 from mcpilco.kernels.polynomial import MPK, Linear
+from mcpilco.kernels.rescaled import Gate, HardGate, Rescaled, SmoothGate
 from mcpilco.kernels.stationary import RBF
 
 __all__ = [
@@ -18,11 +20,17 @@ __all__ = [
     "MPK",
     "RBF",
     "ActiveDims",
+    "Gate",
+    "HardGate",
     "Kernel",
+    "Kinematic",
     "Linear",
+    "NestedKinematic",
     "NoCanonicalFormError",
     "Product",
+    "Rescaled",
     "Scaled",
+    "SmoothGate",
     "Sum",
     "Term",
 ]

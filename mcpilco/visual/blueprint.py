@@ -22,6 +22,10 @@ _NIGHT = (18, 20, 26)
 """background in every theme of the viewer: white lines stand out, opaque dim ones recede"""
 _LOOK = np.array([0.0, 1.0, -0.15])
 """the camera looks along +y, slightly from above, so that x runs to the right and z upwards"""
+_FROM_ABOVE = np.array([0.35, 0.8, -0.6])
+"""likewise, from higher up, to see what is horizontal"""
+_NEAR = 0.55
+"""from the camera to an arm that reaches all around, in diagonals of the box around its path [-]"""
 _DISTANCE = 1.0
 """from the camera to what it looks at, in diagonals of the box around that [-]"""
 _WIDE = 2.0
@@ -111,6 +115,21 @@ def build_side_by_side(
     return _blueprint(rrb.Vertical(rrb.Horizontal(*scenes, name="scenes"), below))
 
 
+def build_watch(titles: Mapping[str, str], extent: Float[np.ndarray, "N 3"]) -> rrb.Blueprint:
+    """The layout: one scene over the notes, and two columns of curves beside them.
+
+    Args:
+        titles: of the curves, by entity.
+        extent: points that the camera must see [m].
+    """
+    about = rrb.TextDocumentView(origin=ABOUT, name="about")
+    size = float(np.linalg.norm(np.ptp(extent, axis=0)))
+    scene = _scene_view(extent, distance=_NEAR * size, look=_FROM_ABOVE)
+    left = rrb.Vertical(scene, about, row_shares=[3, 1], name="system")
+    plots = rrb.Grid(*(_curve(*entry) for entry in titles.items()), grid_columns=2, name="curves")
+    return _blueprint(rrb.Horizontal(left, plots, column_shares=[1, 1]))
+
+
 def _plots(task: TaskSpec) -> list[rrb.TimeSeriesView]:
     states = zip(task.state_names, task.state_units, strict=True)
     inputs = zip(task.input_names, task.input_units, strict=True)
@@ -135,6 +154,7 @@ def _scene_view(
     origin: str = WORLD,
     name: str = "scene",
     distance: float | None = None,
+    look: Float[np.ndarray, " 3"] = _LOOK,
 ) -> rrb.Spatial3DView:
     low, high = extent.min(axis=0), extent.max(axis=0)
     centre = (low + high) / 2
@@ -147,7 +167,7 @@ def _scene_view(
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=centre - distance * _LOOK / np.linalg.norm(_LOOK),
+            position=centre - distance * look / np.linalg.norm(look),
             look_target=centre,
             eye_up=(0.0, 0.0, 1.0),
         ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
+from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Kinematic, Linear, NestedKinematic, Scaled
 from mcpilco.kernels.geometric import GIP
 from mcpilco.typing import InputError
 
@@ -17,6 +17,8 @@ KERNELS = {
     "Linear without bias": lambda batch: Linear(WIDTH, batch, bias=False),
     "MPK(1)": lambda batch: MPK(WIDTH, 1, batch),
     "MPK(3)": lambda batch: MPK(WIDTH, 3, batch),
+    "Kinematic": lambda batch: Kinematic(("prismatic", "revolute"), batch),
+    "NestedKinematic": lambda batch: NestedKinematic(("revolute", "prismatic"), batch),
     "Sum": lambda batch: RBF(WIDTH, batch) + MPK(WIDTH, 2, batch),
     "Product": lambda batch: RBF(WIDTH, batch) * Linear(WIDTH, batch),
     "Scaled": lambda batch: Scaled(RBF(WIDTH, batch), 3.0),

@@ -1,0 +1,150 @@
+"""An arm with a marker on every link, and the log of a fixed camera that looks at them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from envs.arms.dh import Kind, Link, arm, random_links
+
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+"""what the columns of a marker's pose end in: position [m], unit quaternion"""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Errors of marker poses, and of the joint positions that are logged with them.
+
+    Reference: thesis section 2.4.2.
+    """
+
+    position_std: float = 0.003
+    """of each coordinate of a marker [m]"""
+    orientation_std: float = 0.01
+    """of each component of the rotation vector by which a marker is seen turned [rad]"""
+    reliable: float = 4.0
+    """distance beyond which both grow with its square [m]"""
+    outliers: float = 0.0
+    """share of poses that are wrong by decimetres and tens of degrees [-]"""
+    missing: float = 0.0
+    """share of poses that are not seen [-]"""
+    encoder_std: float = 0.0
+    """of the joint positions [rad or m]"""
+
+    def look(
+        self,
+        positions: Float[np.ndarray, "N markers 3"],
+        orientations: Rotation,
+        rng: np.random.Generator,
+    ) -> tuple[Float[np.ndarray, "N markers 3"], Float[np.ndarray, "N markers 4"]]:
+        """Measured positions [m] and quaternions, NaN where a marker is not seen."""
+        shape = positions.shape
+        grown = np.maximum(np.linalg.norm(positions, axis=-1) / self.reliable, 1.0) ** 2
+        wrong = rng.random(shape[:2]) < self.outliers
+        position_std = np.where(wrong, 0.3, self.position_std * grown)[..., None]
+        orientation_std = np.where(wrong, 1.0, self.orientation_std * grown)[..., None]
+        seen = positions + position_std * rng.standard_normal(shape)
+        turn = Rotation.from_rotvec((orientation_std * rng.standard_normal(shape)).reshape(-1, 3))
+        turned = (turn * orientations).as_quat(scalar_first=True).reshape(*shape[:2], 4)
+        hidden = rng.random(shape[:2]) < self.missing
+        seen[hidden], turned[hidden] = np.nan, np.nan
+        return seen, turned
+
+
+IDEAL = Camera(position_std=0.0, orientation_std=0.0)
+"""without any error"""
+
+
+@dataclass(frozen=True)
+class MarkedArm:
+    """A chain whose links carry markers, seen by a camera; neither tells its place in the chain."""
+
+    model: Any
+    """mujoco.MjModel with a site for each marker and the site `camera`"""
+    kinds: tuple[Kind, ...]
+    """of the joints, along the chain"""
+    markers: tuple[str, ...]
+    """names of the markers, along the chain from the base"""
+    joints: tuple[str, ...]
+    """names of the joints' columns, along the chain"""
+    _data: Any = field(repr=False, compare=False)
+
+    def poses(
+        self, q: Float[np.ndarray, "N J"]
+    ) -> tuple[Float[np.ndarray, "N markers 3"], Rotation]:
+        """True poses in the camera's frame, along the chain; N times `markers` rotations."""
+        sites = [self.model.site(name).id for name in self.markers]
+        camera = self.model.site("camera").id
+        positions = np.empty((len(q), len(sites), 3))
+        matrices = np.empty((len(q), len(sites), 3, 3))
+        for row, joints in enumerate(q):
+            self._data.qpos[:] = joints
+            mujoco.mj_kinematics(self.model, self._data)
+            R_wc = self._data.site_xmat[camera].reshape(3, 3)
+            positions[row] = (self._data.site_xpos[sites] - self._data.site_xpos[camera]) @ R_wc
+            matrices[row] = R_wc.T @ self._data.site_xmat[sites].reshape(-1, 3, 3)
+        return positions, Rotation.from_matrix(matrices.reshape(-1, 3, 3))
+
+    def log(
+        self,
+        time: Float[np.ndarray, " N"],
+        q: Float[np.ndarray, "N J"],
+        camera: Camera,
+        rng: np.random.Generator,
+    ) -> Mapping[str, Float[np.ndarray, " N"]]:
+        """Named columns as `mcpilco kinematics` reads them; names are sorted and give nothing away.
+
+        Args:
+            time: of the frames [s].
+            q: true joint positions, along the chain [rad or m].
+            camera: its errors.
+            rng: draws them.
+        """
+        positions, quaternions = camera.look(*self.poses(q), rng)
+        measured = q + camera.encoder_std * rng.standard_normal(q.shape)
+        columns = dict(zip(self.joints, measured.T, strict=True))
+        for place, name in enumerate(self.markers):
+            pose = np.concatenate([positions[:, place], quaternions[:, place]], axis=1)
+            columns |= dict(zip((f"{name}_{end}" for end in POSE), pose.T, strict=True))
+        joints = sorted(self.joints)
+        poses = [f"{name}_{end}" for name in sorted(self.markers) for end in POSE]
+        return {"time": time, **{name: columns[name] for name in (*joints, *poses)}}
+
+
+def marked_arm(links: Sequence[Link], rng: np.random.Generator, distance: float = 2.0) -> MarkedArm:
+    """An arm with markers and a camera at random, each marker near its link.
+
+    Args:
+        links: the arm's table.
+        rng: draws poses of markers and camera, and the order of all names.
+        distance: of the camera from the arm's base [m].
+    """
+    spec, count = arm(links), len(links) + 1
+    markers = [f"m{number}" for number in rng.permutation(count)]
+    joints = [f"q{number}" for number in 1 + rng.permutation(len(links))]
+    for place, name in enumerate(markers):
+        spec.body(f"link{place}").add_site(
+            name=name, pos=rng.uniform(-0.1, 0.1, 3), quat=_random_quaternion(rng)
+        )
+    away = rng.standard_normal(3)
+    spec.worldbody.add_site(
+        name="camera", pos=distance * away / np.linalg.norm(away), quat=_random_quaternion(rng)
+    )
+    model = spec.compile()
+    kinds = tuple(link.kind for link in links)
+    return MarkedArm(model, kinds, tuple(markers), tuple(joints), mujoco.MjData(model))
+
+
+def random_marked_arm(rng: np.random.Generator, joints: int) -> MarkedArm:
+    """`marked_arm` of `random_links`."""
+    return marked_arm(random_links(rng, joints), rng)
+
+
+def _random_quaternion(rng: np.random.Generator) -> Float[np.ndarray, " 4"]:
+    return Rotation.random(rng=rng).as_quat(scalar_first=True)

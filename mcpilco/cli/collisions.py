@@ -1,0 +1,313 @@
+"""`mcpilco collisions`: what motor currents tell of an arm that is touched."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from mcpilco.cli.collision_words import (
+    table,
+    tell_alarms,
+    tell_errors,
+    tell_limits,
+    tell_pushes,
+)
+from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.simulate_arm import Simulate
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from mcpilco.identification.collision import (
+        ArmRecording,
+        ArmSamples,
+        CurrentModel,
+        ThresholdConfig,
+        Thresholds,
+    )
+
+HELD_OUT = 0.3
+"""share of each recording, its end, that thresholds are set by where no other is given"""
+
+Files = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+ModelPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+Columns = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far a current may be from what is expected, and for how long."""
+
+    quantile: float = 0.998
+    """share of a joint's free samples below its threshold; 1 is their maximum"""
+    debounce: int = 3
+    """an alarm is so many samples above the threshold, one after another"""
+    rule: Literal["current", "deviations"] = "current"
+    """thresholds in ampere, or in standard deviations that the posterior tells at each sample"""
+    by_phase: bool = False
+    """a threshold for joints that move, and another for joints that rest"""
+
+    def config(self) -> ThresholdConfig:
+        from mcpilco.identification.collision import ThresholdConfig
+
+        return ThresholdConfig(self.quantile, self.debounce, self.rule, self.by_phase)
+
+
+LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
+
+
+@dataclass(frozen=True)
+class Learn:
+    """Learn which currents to expect, from recordings without any contact."""
+
+    recordings: Files
+    """CSV, npz or parquet: time, and for each joint position, velocity, current and targets"""
+    robot: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
+    """MJCF of the robot; its kinematics must be right, its masses need not"""
+    out: Annotated[Path, tyro.conf.arg(metavar="MODEL")]
+    """file for the model, .npz"""
+    check: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...")] = ()
+    """recordings without contact to set thresholds by; else the last 30 % of each of the others"""
+    kind: Literal["PP", "SP", "FC"] = "FC"
+    """parametric, semi-parametric, or with friction compensated at rest"""
+    quiet_speed: float = 1e-2
+    """below which a joint is quasi-static [rad/s or m/s]"""
+    points: int = 1500
+    """samples that the model keeps"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs; also separated by commas"""
+    dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
+    """sampling time of the model and of what it will watch [s]"""
+    limits: LimitOptions = Limits()
+
+    def __call__(self) -> int:
+        """Learn, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.collision import (
+            CurrentConfig,
+            fit_currents,
+            save_collision_model,
+        )
+
+        body = _robot(self.robot)
+        joints, named = body.chain.joints, _named(self.columns)
+        free = _read(self.recordings, joints, named, self.dt)
+        dt = _dt(free[0]) if self.dt is None else self.dt
+        config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
+        train, held = _split(free, config.window)
+        if self.check:
+            train, held = (
+                _joined(free, config),
+                _joined(_read(self.check, joints, named, dt), config),
+            )
+        model, report = fit_currents(train, body, dt, config)
+        limits = _limits(model, held, self.limits)
+        save_collision_model(self.out, model, limits)
+        print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
+        tell_errors(model, held)
+        tell_limits(model, limits)
+        for sentence in report.warnings:
+            print(f"mcpilco: {sentence}", file=sys.stderr)
+        if not report.converged:
+            print("mcpilco: the fit was stopped before it converged.", file=sys.stderr)
+        print(f"Model: {self.out}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Set the thresholds of a model anew, from recordings without any contact."""
+
+    model: ModelPath
+    """file of `mcpilco collisions learn`, which is rewritten"""
+    recordings: Files
+    """without contact, and others than those that it was learned from"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs"""
+    limits: LimitOptions = Limits()
+
+    def __call__(self) -> int:
+        """Set them, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.collision import load_collision_model, save_collision_model
+
+        model, _ = load_collision_model(self.model)
+        read = _read(self.recordings, model.joints, _named(self.columns), model.dt)
+        held = _joined(read, model.config)
+        limits = _limits(model, held, self.limits)
+        save_collision_model(self.model, model, limits)
+        tell_errors(model, held)
+        tell_limits(model, limits)
+        return 0
+
+
+@dataclass(frozen=True)
+class Detect:
+    """Find collisions in recordings, as a detector would while they were made."""
+
+    model: ModelPath
+    """file of `mcpilco collisions learn`"""
+    recordings: Files
+    """to search; columns push_x, push_y, push_z of a simulation are the truth"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for collisions.json and, of each recording, a table (.csv) and a film (.rrd)"""
+    columns: Columns = ()
+    """what the files call their columns, where it differs"""
+
+    def __call__(self) -> int:
+        """Search, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.archive import write_bytes
+        from mcpilco.identification.collision import (
+            detect,
+            events,
+            load_collision_model,
+            samples_of,
+        )
+        from mcpilco.visual.collision_film import write_collision_film
+
+        model, limits = load_collision_model(self.model)
+        self.out.mkdir(parents=True, exist_ok=True)
+        told: dict[str, Any] = {}
+        for recording in _read(self.recordings, model.joints, _named(self.columns), model.dt):
+            samples = samples_of(recording, model.config.window)
+            found = detect(model, limits, samples)
+            alarms = events(found, model.joints)
+            push = _force(recording, samples)
+            film = self.out / f"{recording.name}.rrd"
+            chain = model.features.body.chain
+            write_collision_film(film, recording.name, chain, samples, found, alarms, push)
+            write_bytes(self.out / f"{recording.name}.csv", table(found, model.joints))
+            told[recording.name] = [vars(event) for event in alarms]
+            tell_alarms(recording.name, alarms)
+            if push is not None:
+                tell_pushes(found, push)
+        write_bytes(self.out / "collisions.json", json.dumps(told, indent=1).encode())
+        first = next(iter(told))
+        print(f"Look at it with: mcpilco view {self.out / first}.rrd")
+        return 0
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """Find collisions of an arm in its motor currents, without other sensors."""
+
+    command: tyro.conf.OmitArgPrefixes[
+        tyro.conf.OmitSubcommandPrefixes[Simulate | Learn | Threshold | Detect]
+    ]
+
+    def __call__(self) -> int:
+        """Run one of its commands, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        return self.command()
+
+
+# Reading ------------------------------------------------------------------------------------------
+
+
+def _robot(path: Path) -> Any:
+    import mujoco
+
+    from mcpilco.identification import rigid_body
+    from mcpilco.identification.collision import TERMS
+
+    if not path.is_file():
+        raise InputError(f"There is no robot at {path}; name an MJCF file.")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
+    return rigid_body(model, terms=TERMS)
+
+
+def _named(columns: tuple[str, ...]) -> dict[str, str]:
+    return dict(pairs("--columns", separated(columns)))
+
+
+def _read(
+    paths: Sequence[Path], joints: Sequence[str], columns: dict[str, str], dt: float | None
+) -> list[ArmRecording]:
+    """The recordings, all at one sampling time; remarks go to stderr."""
+    from mcpilco.identification.collision import read_arm
+
+    if not paths:
+        raise InputError("name at least one recording.")
+    stems = [path.stem for path in paths]
+    if len(set(stems)) < len(stems):
+        raise InputError("recordings must have different names; rename one of them.")
+    found: list[ArmRecording] = []
+    for path in paths:
+        found.append(read_arm(path, joints, columns, dt))
+        dt = _dt(found[0]) if dt is None else dt
+        for remark in found[-1].remarks:
+            print(f"{path.stem}: {remark}", file=sys.stderr)
+    return found
+
+
+def _dt(recording: ArmRecording) -> float:
+    from mcpilco.recordings.stamps import sampling_time
+
+    return sampling_time(recording.time)
+
+
+def _joined(recordings: Sequence[ArmRecording], config: Any) -> ArmSamples:
+    from mcpilco.identification.collision import ArmSamples, samples_of
+
+    return ArmSamples.joined([samples_of(recording, config.window) for recording in recordings])
+
+
+def _split(recordings: Sequence[ArmRecording], window: int) -> tuple[ArmSamples, ArmSamples]:
+    """The beginnings and the ends of the recordings."""
+    from mcpilco.identification.collision import ArmSamples, samples_of
+
+    parts = [samples_of(recording, window) for recording in recordings]
+    ends = [round((1.0 - HELD_OUT) * len(part)) for part in parts]
+    return (
+        ArmSamples.joined([part[:end] for part, end in zip(parts, ends, strict=True)]),
+        ArmSamples.joined([part[end:] for part, end in zip(parts, ends, strict=True)]),
+    )
+
+
+def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
+    """The true force at each sample, where the file tells it."""
+    import numpy as np
+
+    if recording.force is None:
+        return None
+    return recording.force[np.searchsorted(recording.time, samples.time)]
+
+
+def _limits(model: CurrentModel, held: ArmSamples, options: Limits) -> Thresholds:
+    from mcpilco.identification.collision import thresholds
+
+    return thresholds(model, held, options.config())
+
+
+def _positive(points: int) -> int:
+    if points < 100:
+        raise InputError(f"--points must be at least 100, got {points}; try 1500.")
+    return points

@@ -1,0 +1,148 @@
+"""`mcpilco kinematics`: a robot's chain and its forward kinematics from a camera."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    from mcpilco.identification.kinematics import Chain, ForwardKinematics, MarkerRecording
+    from mcpilco.identification.kinematics.validation import Errors
+    from mcpilco.identification.report import Report
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Find a robot's kinematic chain in marker poses, and learn its forward kinematics."""
+
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    """CSV, npz or parquet of `time`, joints and marker poses; or one of poses and one of joints"""
+    out: Annotated[Path | None, optional("FOLDER", "nothing is written")] = None
+    """folder for kinematics.json, forward.npz and kinematics.png"""
+    position_tolerance: float = 0.02
+    """largest residual of positions in a test: some five times their noise [m]"""
+    orientation_tolerance: float = 0.1
+    """largest residual of orientations [rad]"""
+    outliers: float = 0.2
+    """share of the poses of two markers that may be wrong [-]"""
+    samples: int = 300
+    """from which the forward kinematics is learned; the others test it"""
+    seed: int = 0
+    """of the draw of these samples"""
+
+    def __call__(self) -> int:
+        """Identify, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        from mcpilco.identification.kinematics import Tolerance, find_chain, fit_forward
+        from mcpilco.identification.kinematics.validation import validate
+
+        if not 1 <= len(self.files) <= 2:
+            raise InputError(
+                f"expected one file, or one of poses and one of joints, got {len(self.files)}."
+            )
+        tolerance = Tolerance(self.position_tolerance, self.orientation_tolerance, self.outliers)
+        recording = self._read()
+        chain = find_chain(recording, tolerance)
+        _print_chain(chain)
+        model = fit_forward(recording, chain, self.samples, seed=self.seed)
+        errors = validate(model, recording)
+        _print_forward(model, errors)
+        for sentence in (*chain.report.warnings, *model.report.warnings):
+            print(f"mcpilco: note: {sentence}", file=sys.stderr)
+        if self.out is not None:
+            self._write(recording, chain, model, errors, tolerance)
+        return 0
+
+    def _read(self) -> MarkerRecording:
+        from mcpilco.identification.kinematics import read_markers
+
+        recording, remarks = read_markers(*self.files)
+        for remark in remarks:
+            print(f"mcpilco: note: {remark}", file=sys.stderr)
+        return recording
+
+    def _write(
+        self,
+        recording: MarkerRecording,
+        chain: Chain,
+        model: ForwardKinematics,
+        errors: Errors | None,
+        tolerance: Any,
+    ) -> None:
+        from mcpilco.archive import write_bytes
+
+        assert self.out is not None
+        self.out.mkdir(parents=True, exist_ok=True)
+        told = {
+            "base": chain.base,
+            "joints": [asdict(joint) for joint in chain.joints],
+            "tolerance": asdict(tolerance),
+            "chain": _told(chain.report),
+            "forward": {
+                "marker": model.marker,
+                "samples": len(model.q),
+                "errors": None if errors is None else errors.summary(),
+                **_told(model.report),
+            },
+        }
+        write_bytes(self.out / "kinematics.json", json.dumps(told, indent=1).encode())
+        written = ["kinematics.json", model.save(self.out / "forward.npz").name]
+        written += self._draw(recording, chain, errors, tolerance)
+        print(f"In {self.out}: {', '.join(written)}.")
+
+    def _draw(
+        self, recording: MarkerRecording, chain: Chain, errors: Errors | None, tolerance: Any
+    ) -> list[str]:
+        """The picture's name, or none where it cannot be drawn; nothing else is lost then."""
+        from mcpilco.visual.plots.kinematics import draw_kinematics
+
+        assert self.out is not None
+        try:
+            path = self.out / "kinematics.png"
+            draw_kinematics(path, recording, chain, errors, tolerance)
+            return [path.name]
+        except McPilcoError as error:
+            print(f"mcpilco: without kinematics.png: {error}", file=sys.stderr)
+            return []
+
+
+def _told(report: Report) -> dict[str, Any]:
+    return asdict(report)
+
+
+def _print_chain(chain: Chain) -> None:
+    from mcpilco.kernels.kinematic import REVOLUTE
+
+    print(f"base  marker {chain.base}")
+    for joint in chain.joints:
+        kind = "turns" if joint.kind == REVOLUTE else "slides"
+        print(
+            f"      joint {joint.name} {kind} ({joint.kind}), then marker {joint.marker}; "
+            f"residuals {1e3 * joint.position_residual:.2g} mm, "
+            f"{joint.orientation_residual:.2g} rad"
+        )
+
+
+def _print_forward(model: ForwardKinematics, errors: Errors | None) -> None:
+    print(f"forward kinematics of {model.marker}, from {len(model.q)} samples")
+    if errors is None:
+        print("      not tested: no sample is left; ask for fewer with --samples")
+        return
+    x, y, z = (1e3 * errors.position_median).tolist()
+    print(
+        f"      on {len(errors.time)} other samples: median error {x:.2g}, {y:.2g}, {z:.2g} mm in "
+        f"x, y, z, {errors.angle_median:.2g} rad; the noise of the poses is part of it"
+    )

@@ -1,0 +1,222 @@
+"""Collisions, sample by sample as a robot delivers them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mcpilco.identification.collision.model import CurrentModel
+from mcpilco.identification.collision.samples import ArmSamples, RunningSlope
+from mcpilco.identification.collision.thresholds import Thresholds, debounced
+from mcpilco.typing import InputError
+
+_LATE = 1.5
+"""sampling times after which a sample does not follow on the one before [-]"""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a robot tells at one instant, a number for each of J joints."""
+
+    time: float
+    """[s]"""
+    position: Float[np.ndarray, " J"]
+    """[rad or m]"""
+    current: Float[np.ndarray, " J"]
+    """measured [A]"""
+    target_position: Float[np.ndarray, " J"]
+    """[rad or m]"""
+    target_velocity: Float[np.ndarray, " J"]
+    """[rad/s or m/s]"""
+    target_current: Float[np.ndarray, " J"]
+    """[A]"""
+    velocity: Float[np.ndarray, " J"] | None = None
+    """[rad/s or m/s]; None where it is not measured"""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What the detector says of a sample."""
+
+    time: float
+    """[s]"""
+    collision: bool
+    """any joint's residual has been too large for long enough"""
+    joints: Bool[np.ndarray, " J"]
+    """in which joints"""
+    residual: Float[np.ndarray, " J"]
+    """current measured less expected [A]; NaN while derivatives are not known yet"""
+    expected: Float[np.ndarray, " J"]
+    """[A]"""
+    threshold: Float[np.ndarray, " J"]
+    """what the residual must not exceed [A]"""
+    resting: Bool[np.ndarray, " J"]
+    """which joints are quasi-static"""
+
+
+class CollisionDetector:
+    """Compares each sample's currents with those expected without contact.
+
+    Args:
+        model: of the currents.
+        limits: of the residuals.
+    """
+
+    def __init__(self, model: CurrentModel, limits: Thresholds) -> None:
+        self.model, self.limits = model, limits
+        window = model.config.window
+        self._velocity = RunningSlope(model.dt, window)
+        self._acceleration = RunningSlope(model.dt, window)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets all samples, as when the robot was switched off."""
+        self._velocity.reset()
+        self._acceleration.reset()
+        self._over = np.zeros(len(self.model.joints), dtype=int)
+        self._last: float | None = None
+
+    def update(self, sample: Sample) -> Detection:
+        """What this sample says; one that comes late, or out of order, begins anew.
+
+        Raises:
+            InputError: the sample does not fit the robot, or is not finite.
+        """
+        self._check(sample)
+        if self._last is not None and not 0.0 < sample.time - self._last < _LATE * self.model.dt:
+            self.reset()
+        self._last = sample.time
+        dq = self._velocity(sample.position) if sample.velocity is None else sample.velocity
+        ddq = self._acceleration(dq)
+        if not np.isfinite(ddq).all():
+            return self._unknown(sample, dq)
+        row = _row(sample, dq, ddq)
+        expected, threshold = self.model.mean(row)[0], self.limits(self.model, row)[0]
+        residual = sample.current - expected
+        self._over = np.where(np.abs(residual) >= threshold, self._over + 1, 0)
+        joints = self._over >= self.limits.config.debounce
+        return Detection(
+            time=sample.time,
+            collision=bool(joints.any()),
+            joints=joints,
+            residual=residual,
+            expected=expected,
+            threshold=threshold,
+            resting=self.model.quiet(row)[0],
+        )
+
+    def _unknown(self, sample: Sample, dq: np.ndarray) -> Detection:
+        nothing, no = np.full(len(dq), np.nan), np.zeros(len(dq), dtype=bool)
+        return Detection(sample.time, False, no, nothing, nothing, nothing, no)
+
+    def _check(self, sample: Sample) -> None:
+        J = len(self.model.joints)
+        for name, value in vars(sample).items():
+            if value is None:
+                continue
+            shape = () if name == "time" else (J,)
+            if np.shape(value) != shape or not np.isfinite(value).all():
+                raise InputError(
+                    f"{name} must be finite numbers of shape {shape}, for the joints "
+                    f"{', '.join(self.model.joints)}, got {np.asarray(value).tolist()}; stop the "
+                    "robot, or leave the sample out."
+                )
+
+
+def _row(sample: Sample, dq: np.ndarray, ddq: np.ndarray) -> ArmSamples:
+    return ArmSamples(
+        np.array([sample.time]),
+        *(
+            array[None]
+            for array in (
+                sample.position,
+                dq,
+                ddq,
+                sample.target_position - sample.position,
+                sample.target_velocity - dq,
+                sample.target_current,
+                sample.current,
+            )
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a detector says of N samples that follow one another, all at once."""
+
+    time: Float[np.ndarray, " N"]
+    """[s]"""
+    expected: Float[np.ndarray, "N J"]
+    """[A]"""
+    residual: Float[np.ndarray, "N J"]
+    """[A]"""
+    threshold: Float[np.ndarray, "N J"]
+    """[A]"""
+    joints: Bool[np.ndarray, "N J"]
+    """alarms"""
+    resting: Bool[np.ndarray, "N J"]
+    """which joints are quasi-static"""
+
+    @property
+    def collision(self) -> Bool[np.ndarray, " N"]:
+        """An alarm in any joint."""
+        return np.asarray(self.joints.any(axis=1))
+
+
+def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Detections:
+    """What a `CollisionDetector` says of the samples of one recording, but faster."""
+    expected, threshold = model.mean(samples), limits(model, samples)
+    residual = samples.i - expected
+    over = np.abs(residual) >= threshold
+    joints = np.zeros_like(over)
+    late = np.diff(samples.time) >= _LATE * model.dt
+    for part in np.split(np.arange(len(samples)), np.flatnonzero(late) + 1):
+        joints[part] = debounced(over[part], limits.config.debounce)
+    return Detections(samples.time, expected, residual, threshold, joints, model.quiet(samples))
+
+
+@dataclass(frozen=True)
+class Event:
+    """Alarms that follow on one another."""
+
+    start_s: float
+    """first alarm [s]"""
+    end_s: float
+    """last alarm [s]"""
+    joints: tuple[str, ...]
+    """that raised it"""
+    excess: float
+    """greatest residual, in thresholds [-]"""
+    resting: bool
+    """whether the joint that raised it first was quasi-static then"""
+
+
+def events(found: Detections, joints: Sequence[str], pause_s: float = 0.2) -> list[Event]:
+    """The alarms of a recording, those less than a pause apart together.
+
+    Args:
+        found: what a detector says.
+        joints: names.
+        pause_s: between two events [s].
+    """
+    at = np.flatnonzero(found.collision)
+    if not len(at):
+        return []
+    told = []
+    for rows in np.split(at, np.flatnonzero(np.diff(found.time[at]) > pause_s) + 1):
+        some, first = np.any(found.joints[rows], axis=0).tolist(), found.joints[rows[0]]
+        ratio = np.abs(found.residual[rows]) / found.threshold[rows]
+        told.append(
+            Event(
+                start_s=float(found.time[rows[0]]),
+                end_s=float(found.time[rows[-1]]),
+                joints=tuple(name for name, yes in zip(joints, some, strict=True) if yes),
+                excess=float(ratio.max()),
+                resting=bool(found.resting[rows[0]][first].all()),
+            )
+        )
+    return told

@@ -1,0 +1,221 @@
+"""The current that each motor of an arm takes where nothing touches the arm.
+
+    i_j = phi_j(x)' w_j                         PP, parametric prior, thesis eq. (4.7)
+    i_j = phi_j(x)' w_j + f_j(x)                SP, semi-parametric, thesis eq. (3.7)
+    i_j = phi_j(x)' w_j + a_j(x) f_j(x_aug)     FC, compensates friction, thesis eq. (4.10)
+
+The w are normal, the f Gaussian processes with RBF kernels; joints are independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from mcpilco.gp import GP, Posterior
+from mcpilco.identification.collision.checks import (
+    about_unidentified,
+    check_free,
+    unidentified,
+)
+from mcpilco.identification.collision.features import GATES, CurrentFeatures, quiet
+from mcpilco.identification.collision.predictor import Predictor
+from mcpilco.identification.collision.samples import WINDOW, ArmSamples
+from mcpilco.identification.report import Report
+from mcpilco.identification.rigid_body import RigidBody
+from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear, Rescaled
+
+Kind = Literal["PP", "SP", "FC"]
+_BLOCK = 2000
+"""samples at once: their features are held in memory"""
+_FLOOR = 2e-3
+"""of the noise [A]"""
+
+
+@dataclass(frozen=True)
+class CurrentConfig:
+    """How currents are modelled."""
+
+    kind: Kind = "FC"
+    """prior: parametric, semi-parametric or with friction compensated"""
+    quiet_speed: float = 1e-2
+    """sigma_v: a joint that is slower is quasi-static [rad/s or m/s]"""
+    gate: Literal["hard", "smooth"] = "hard"
+    """hard for detection, smooth where gradients shall flow through the velocity"""
+    window: int = WINDOW
+    """samples over which a derivative is taken"""
+    points: int = 1500
+    """samples that the posterior is conditioned on"""
+    fit_points: int = 400
+    """of these, that hyperparameters are fitted to"""
+    iterations: int = 100
+    """of that fit at most, for each joint"""
+
+
+@dataclass(frozen=True, eq=False)
+class CurrentModel:
+    """The model of an arm's currents, learned from samples without any contact."""
+
+    config: CurrentConfig
+    features: CurrentFeatures
+    dt: float
+    """sampling time of what it learned from [s]"""
+    gps: tuple[GP, ...]
+    """of the joints: priors, with the hyperparameters found"""
+    train: ArmSamples
+    """what the posterior is conditioned on"""
+    predictors: tuple[Predictor, ...]
+    """of the joints: that posterior"""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names."""
+        return self.features.body.chain.joints
+
+    def mean(self, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+        """The currents expected [A]."""
+        return self._each("mean", samples)
+
+    def std(self, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+        """Standard deviation of the currents that are measured, about their mean [A]."""
+        noise = np.array([predictor.noise_std for predictor in self.predictors])
+        return np.sqrt(self._each("variance", samples) + noise**2)
+
+    def quiet(self, samples: ArmSamples) -> np.ndarray:
+        """Which joints are quasi-static at which samples, (N, J)."""
+        return np.abs(samples.dq) < self.config.quiet_speed
+
+    def _each(self, what: str, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+        found = np.empty_like(samples.i)
+        for first in range(0, len(samples), _BLOCK):
+            rows = slice(first, first + _BLOCK)
+            phi, z, a = inputs_of(samples[rows], self.features, self.config)
+            for j, predictor in enumerate(self.predictors):
+                found[rows, j] = getattr(predictor, what)(phi[j], z, a[:, j])
+        return found
+
+
+def inputs_of(
+    samples: ArmSamples, features: CurrentFeatures, config: CurrentConfig
+) -> tuple[list[Float[np.ndarray, "N p"]], Float[np.ndarray, "N D"], Float[np.ndarray, "N J"]]:
+    """phi of each joint, what the f see of the samples, and the gates of the joints."""
+    phi = features(samples.q, samples.dq, samples.ddq)
+    match config.kind:
+        case "PP":
+            return phi, np.empty((len(samples), 0)), np.zeros_like(samples.dq)
+        case "SP":
+            return phi, samples.standard, np.ones_like(samples.dq)
+        case "FC":
+            return phi, samples.augmented, quiet(samples.dq, config.quiet_speed, config.gate)
+
+
+def fit_currents(
+    samples: ArmSamples, body: RigidBody, dt: float, config: CurrentConfig | None = None
+) -> tuple[CurrentModel, Report]:
+    """The model of the currents of an arm, and how its fit went.
+
+    Args:
+        samples: of the arm moving and resting, without any contact.
+        body: the robot, with the terms `features.TERMS`; its masses need not be right.
+        dt: sampling time [s].
+        config: how currents are modelled.
+
+    Raises:
+        InputError: the samples cannot teach it; the sentence says what to record.
+        NotPositiveDefiniteError: a covariance matrix has no Cholesky factor.
+
+    Reference: thesis sections 4.4.1 and 4.5.
+    Differs: the hyperparameters are fitted to a part of the samples that the posterior has.
+    """
+    config = config or CurrentConfig()
+    check_free(samples, body.chain.joints, config.quiet_speed, rests=config.kind == "FC")
+    features = CurrentFeatures(body, config.quiet_speed, config.gate)
+    train = samples.every(config.points)
+    some = train.every(config.fit_points)
+    gps = tuple(prior(features, config))
+    inputs = inputs_of(some, features, config)
+    for j, gp in enumerate(gps):
+        y = torch.from_numpy(some.i[:, j : j + 1])
+        gp.fit(regressors(some, inputs, j), y, max_iterations=config.iterations)
+    model, jitter = conditioned(gps, train, features, dt, config)
+    reports = [gp.report for gp in gps if gp.report is not None]
+    untold = unidentified(train, features)
+    return model, Report(
+        converged=all(report.converged for report in reports),
+        iterations=sum(report.iterations for report in reports),
+        evidence=tuple(-value for report in reports for value in report.nlml),
+        jitter=jitter,
+        unidentified=untold,
+        warnings=about_unidentified(untold),
+    )
+
+
+def conditioned(
+    gps: tuple[GP, ...],
+    train: ArmSamples,
+    features: CurrentFeatures,
+    dt: float,
+    config: CurrentConfig,
+) -> tuple[CurrentModel, tuple[float, ...]]:
+    """The model with this prior given these samples, and the jitter of each joint's covariance.
+
+    Raises:
+        NotPositiveDefiniteError: a covariance matrix has no Cholesky factor.
+    """
+    inputs = inputs_of(train, features, config)
+    phi, z, a = inputs
+    predictors, jitter = [], []
+    for j, gp in enumerate(gps):
+        X = regressors(train, inputs, j)
+        posterior = gp.condition(X, torch.from_numpy(train.i[:, j : j + 1]))
+        jitter.append(_jitter(gp, posterior))
+        predictors.append(Predictor.of(posterior, *parts(posterior.kernel), phi[j], z, a[:, j]))
+    return CurrentModel(config, features, dt, gps, train, tuple(predictors)), tuple(jitter)
+
+
+# One Gaussian process a joint, of the regressors [phi, what f sees, velocity of the joint] -------
+
+
+def prior(features: CurrentFeatures, config: CurrentConfig) -> list[GP]:
+    """The Gaussian process of each joint, before any data."""
+    J = features.joints
+    seen = {"PP": 0, "SP": 3 * J, "FC": 6 * J}[config.kind]
+    return [
+        GP(_kernel(len(kept) + 1, seen, config), noise_floor=_FLOOR, names=(joint,))
+        for kept, joint in zip(features.kept, features.body.chain.joints, strict=True)
+    ]
+
+
+def regressors(samples: ArmSamples, inputs: tuple, joint: int) -> Float[torch.Tensor, "N D"]:
+    """What the Gaussian process of a joint sees of the samples; `inputs` are theirs."""
+    phi, z, _ = inputs
+    return torch.from_numpy(np.column_stack([phi[joint], z, samples.dq[:, joint]]))
+
+
+def _kernel(p: int, seen: int, config: CurrentConfig) -> Kernel:
+    width = p + seen + 1
+    linear = ActiveDims(Linear(p, (1,), bias=False), range(p), width)
+    if config.kind == "PP":
+        return linear
+    rbf = ActiveDims(RBF(seen, (1,)), range(p, p + seen), width)
+    if config.kind == "SP":
+        return linear + rbf
+    return linear + Rescaled(rbf, GATES[config.gate](width - 1, config.quiet_speed))
+
+
+def parts(kernel: Kernel) -> tuple[Linear, RBF | None]:
+    """The linear kernel and the RBF kernel that a joint's kernel is made of."""
+    found = {type(part): part for part in kernel.modules() if isinstance(part, Linear | RBF)}
+    return found[Linear], found.get(RBF)  # type: ignore[return-value]
+
+
+def _jitter(gp: GP, posterior: Posterior) -> float:
+    """What the factorisation added to the diagonal, in parts of its mean [-]."""
+    diagonal = gp.covariance(posterior.X).detach().diagonal(dim1=-2, dim2=-1)[0]
+    factored = posterior.L[0].square().sum(-1)
+    added = float((factored - diagonal).mean() / diagonal.mean())
+    return added if added > 1e-11 else 0.0

@@ -1,0 +1,238 @@
+"""The kinematic structure of a robot: its markers and joints in order, and the joints' types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.identification.kinematics.checks import check_recording
+from mcpilco.identification.kinematics.recording import MarkerRecording
+from mcpilco.identification.kinematics.triplets import TripletTests, standstill, triplet_tests
+from mcpilco.identification.report import Report
+from mcpilco.typing import InputError
+
+Kind = Literal["revolute", "prismatic"]
+LARGEST = 500
+"""samples that the tests look at; of longer recordings, so many at equal distances"""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What separates noise from a wrong triplet; beyond about five times the noise of a pose."""
+
+    position: float = 0.02
+    """largest residual of positions, xi_t of thesis section 2.4.3 [m]"""
+    orientation: float = 0.1
+    """largest residual of orientations, xi_o [rad]"""
+    outliers: float = 0.2
+    """share of the samples of two markers that may be wrong; the worst are not counted [-]"""
+
+    def __post_init__(self) -> None:
+        if not (self.position > 0 and self.orientation > 0):
+            raise InputError(
+                f"tolerances must be positive, got {self.position} m and {self.orientation} rad."
+            )
+        if not 0 <= self.outliers < 0.5:
+            raise InputError(
+                f"the share of outliers must be at least 0 and below 0.5, got {self.outliers}."
+            )
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the chain, and the marker on the link behind it."""
+
+    name: str
+    kind: Kind
+    marker: str
+    position_residual: float
+    """of its test, P1 or P2 [m]"""
+    orientation_residual: float
+    """of its test, P1 or P3 [rad]"""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """An open kinematic chain, from the link that stands still to the last one.
+
+    Reference: S_M, S_Q and S_q of thesis section 2.2.
+    """
+
+    base: str
+    """marker of the link that stands still"""
+    joints: tuple[Joint, ...]
+    """in order, each with the next link's marker"""
+    tests: TripletTests = field(repr=False, compare=False)
+    """residuals of all triplets"""
+    report: Report = field(repr=False, compare=False)
+
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """From the base to the last link."""
+        return (self.base, *(joint.marker for joint in self.joints))
+
+
+def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -> Chain:
+    """The chain in which all neighbours pass the tests, from the marker that stands still.
+
+    Where several chains pass, the one of least residuals is returned, and the report warns.
+
+    Args:
+        recording: a marker on every link, every joint moved; in any order.
+        tolerance: by default the thesis' values.
+
+    Raises:
+        InputError: the recording is too poor, or no chain passes; the sentence says how far one
+            gets and what to record.
+
+    Reference: thesis section 2.4, figure 2.3.
+    Differs: all triplets are tested before the search, which goes back where a path ends; the
+    thesis takes the first marker and joint that pass.
+    """
+    tolerance = tolerance or Tolerance()
+    warnings = check_recording(recording)
+    step = -(-len(recording) // LARGEST)
+    recording = recording.rows(np.arange(0, len(recording), step))
+    base = _base(recording, tolerance)
+    tests = triplet_tests(recording, tolerance.outliers)
+    slides, turns = scores(tests, tolerance)
+    both = _between(tests, np.minimum(slides, turns), len(recording.marker_names))
+    paths = list(_paths(both, base, recording))
+    best = min(paths, key=lambda path: _total(both, path))
+    if len(paths) > 1:
+        warnings.append(
+            f"{len(paths)} chains pass the tests; this is the one of least residuals. Move each "
+            "joint through more of its range, and all of them independently."
+        )
+    joints = tuple(
+        _joint(recording, tests, slides, turns, first[0], second)
+        for first, second in pairwise(best)
+    )
+    used = {joint.name for joint in joints}
+    unused = tuple(name for name in recording.joint_names if name not in used)
+    if unused:
+        warnings.append(f"{', '.join(unused)} connect no two markers and are left out.")
+    report = Report(True, 0, unidentified=unused, warnings=tuple(warnings))
+    return Chain(recording.marker_names[base], joints, tests, report)
+
+
+Step = tuple[int, int]
+"""a marker, and the joint before it; -1 for the base"""
+
+
+def _base(recording: MarkerRecording, tolerance: Tolerance) -> int:
+    """The marker that stands still."""
+    position, orientation = standstill(recording, tolerance.outliers)
+    score = np.maximum(position / tolerance.position, orientation / tolerance.orientation)
+    still = np.flatnonzero(score < 1)
+    names = recording.marker_names
+    if not len(still):
+        nearest = int(score.argmin())
+        raise InputError(
+            f"no marker stands still: {names[nearest]} moves least, by {position[nearest]:.3g} m "
+            f"and {orientation[nearest]:.3g} rad; fix the camera, put a marker on the base, or "
+            "raise the tolerances above the noise."
+        )
+    if len(still) > 1:
+        raise InputError(
+            f"{' and '.join(names[marker] for marker in still)} stand still; only the base may: "
+            "move the joint between them, and take off second markers of a link."
+        )
+    return int(still[0])
+
+
+def scores(
+    tests: TripletTests, tolerance: Tolerance
+) -> tuple[Float[np.ndarray, "pairs J"], Float[np.ndarray, "pairs J"]]:
+    """Residuals in parts of the tolerances, as prismatic and as revolute; below 1 passes."""
+    slides = np.maximum(
+        tests.slide / tolerance.position, tests.rigid[:, None] / tolerance.orientation
+    )
+    turns = np.maximum(
+        tests.hinge[:, None] / tolerance.position, tests.turn / tolerance.orientation
+    )
+    return slides, turns
+
+
+def _between(
+    tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int
+) -> Float[np.ndarray, "markers markers J"]:
+    """Scores by both markers, in either order."""
+    full = np.full((markers, markers, scores.shape[1]), np.inf)
+    first, second = tests.pairs.T
+    full[first, second] = full[second, first] = scores
+    return full
+
+
+def _paths(
+    scores: Float[np.ndarray, "markers markers J"], base: int, recording: MarkerRecording
+) -> Iterator[list[Step]]:
+    """All chains through every marker whose triplets pass.
+
+    Raises:
+        InputError: there is none.
+    """
+    longest: list[Step] = [(base, -1)]
+    found = False
+    open_paths: list[list[Step]] = [[(base, -1)]]
+    while open_paths:
+        path = open_paths.pop()
+        longest = max(longest, path, key=len)
+        if len(path) == len(scores):
+            found = True
+            yield path
+            continue
+        markers, joints = {m for m, _ in path}, {k for _, k in path}
+        open_paths += [
+            [*path, (int(m), int(k))]
+            for m, k in np.argwhere(scores[path[-1][0]] < 1)
+            if m not in markers and k not in joints
+        ]
+    if not found:
+        raise InputError(_dead_end(scores, longest, recording))
+
+
+def _dead_end(
+    scores: Float[np.ndarray, "markers markers J"], path: list[Step], recording: MarkerRecording
+) -> str:
+    """Where the longest chain ends, and what is nearest to going on."""
+    markers, joints = recording.marker_names, recording.joint_names
+    rest = scores[path[-1][0]].copy()
+    rest[[m for m, _ in path]] = np.inf
+    rest[:, [k for _, k in path[1:]]] = np.inf
+    m, k = np.unravel_index(int(rest.argmin()), rest.shape)
+    way = " ".join(f"-{joints[k]}- {markers[m]}" for m, k in path[1:])
+    return (
+        f"no chain passes the tests: it goes {markers[path[0][0]]} {way}".rstrip()
+        + f" and ends there; nearest is {joints[k]} to {markers[m]}, at {rest[m, k]:.2g} times "
+        "the tolerance. Put a marker on every link, record every joint, check units (rad and m) "
+        "and that camera and joints share a clock; then raise the tolerances, if noise is larger."
+    )
+
+
+def _total(scores: Float[np.ndarray, "markers markers J"], path: list[Step]) -> float:
+    steps = pairwise(path)
+    return float(sum(scores[first, m, k] for (first, _), (m, k) in steps))
+
+
+def _joint(
+    recording: MarkerRecording,
+    tests: TripletTests,
+    slides: Float[np.ndarray, "pairs J"],
+    turns: Float[np.ndarray, "pairs J"],
+    first: int,
+    step: Step,
+) -> Joint:
+    """The joint between a marker and the next, by the better of its tests."""
+    marker, k = step
+    pair = int(np.flatnonzero((tests.pairs == sorted((first, marker))).all(1))[0])
+    name, behind = recording.joint_names[k], recording.marker_names[marker]
+    if slides[pair, k] < turns[pair, k]:
+        residuals = float(tests.slide[pair, k]), float(tests.rigid[pair])
+        return Joint(name, "prismatic", behind, *residuals)
+    return Joint(name, "revolute", behind, float(tests.hinge[pair]), float(tests.turn[pair, k]))

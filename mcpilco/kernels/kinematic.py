@@ -1,0 +1,184 @@
+"""Kernels of forward kinematics: polynomials in the cosines and sines of a chain's joints.
+
+Their regressors are x = [c_1 .. c_R, z_1 .. z_R, q_1 .. q_P]: cosines and sines of the R revolute
+joints, then the positions of the P prismatic ones (thesis eq. 2.21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
+from mcpilco.typing import InputError
+
+REVOLUTE, PRISMATIC = "revolute", "prismatic"
+_SHARE = 0.5
+"""what a regressor explains at the start of a fit, beside the constant of its factor [-]"""
+
+Linear = Callable[[Sequence[int]], Tensor]
+"""from some regressors to sum_d weights_d x_d x'_d over them, a matrix or its diagonal"""
+
+
+class _OfChain(Kernel):
+    """What both kernels know of a chain.
+
+    Args:
+        kinds: `revolute` or `prismatic` for each joint, from the base to the tip.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
+    """
+
+    weights = Positive()
+    """one for each regressor: a_1 .. a_R, s_1 .. s_R, w_1 .. w_P"""
+
+    def __init__(self, kinds: Sequence[str], batch: Sequence[int] = ()) -> None:
+        unknown = sorted(set(kinds) - {REVOLUTE, PRISMATIC})
+        if unknown or not kinds:
+            raise InputError(
+                f"{type(self).__name__} needs joints that are {REVOLUTE} or {PRISMATIC}, one at "
+                f"least, got {', '.join(unknown) or 'none'}."
+            )
+        self._revolute = list(kinds).count(REVOLUTE)
+        super().__init__(self._revolute + len(kinds), batch)
+        self.kinds = tuple(kinds)
+        self.weights = self.spread(_SHARE, self.width)
+
+    def _dims(self) -> list[list[int]]:
+        """The regressors of each joint: cosine and sine, or position."""
+        turns, slides = iter(range(self._revolute)), iter(range(2 * self._revolute, self.width))
+        return [
+            [b := next(turns), self._revolute + b] if kind == REVOLUTE else [next(slides)]
+            for kind in self.kinds
+        ]
+
+    def _matrix(self, X1: Tensor, X2: Tensor) -> Linear:
+        weighted = X1 * self.weights[..., None, :]
+        return lambda dims: weighted[..., dims] @ X2[..., dims].mT
+
+    def _diagonal(self, X: Tensor) -> Linear:
+        weighted = X.square() * self.weights[..., None, :]
+        return lambda dims: weighted[..., dims].sum(-1)
+
+    def _term(self, v: Tensor, factors: Sequence[Sequence[int]], bare: bool = False) -> Term:
+        """v times the factors of these regressors; a bare last factor has no constant."""
+        member = self.weights.new_zeros(len(factors), self.width)
+        c = self.weights.new_ones(*self.batch, len(factors))
+        for row, dims in enumerate(factors):
+            member[row, list(dims)] = 1.0
+        if bare:
+            c[..., -1] = 0.0
+        return Term(v, torch.zeros_like(self.weights), c, member * self.weights[..., None, :])
+
+
+class Kinematic(_OfChain):
+    """k(x, x') = v prod_b (1 + a_b c_b c'_b + s_b z_b z'_b) (1 + sum_p w_p q_p q'_p).
+
+    The prior is over all polynomials of degree one in each pair (c_b, z_b) and one in all q
+    together, 3^R (1 + P) monomials: the entries of the pose of any link of any such chain are
+    among them, whatever the order of its joints.
+
+    Reference: thesis eqs. (2.22) and (2.23), proposition 2.5.1.
+    Differs: the thesis gives each factor a scale of its own, of which all but one cannot be told
+    apart; here the factors begin with 1 and v is the scale of all.
+    """
+
+    variance = Positive()
+
+    def __init__(self, kinds: Sequence[str], batch: Sequence[int] = ()) -> None:
+        super().__init__(kinds, batch)
+        self.variance = self.spread(1.0)
+
+    def _factors(self) -> list[list[int]]:
+        """The regressors of each factor: those of all prismatic joints make one."""
+        dims = self._dims()
+        slides = [d[0] for d in dims if len(d) == 1]
+        return [d for d in dims if len(d) == 2] + ([slides] if slides else [])
+
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
+        K, linear = self.variance[..., None, None], self._matrix(X1, X2)
+        for dims in self._factors():
+            K = K * (1.0 + linear(dims))
+        return K
+
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+        k, linear = self.variance[..., None], self._diagonal(X)
+        for dims in self._factors():
+            k = k * (1.0 + linear(dims))
+        return k
+
+    def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
+        """Every regressor explains the same share of its factor."""
+        self.weights = self.spread(_SHARE / mean_square(X), self.width)
+        self.variance = self.spread(1.0)
+        self.variance = mean_square(Y) / self.diag(X).mean(-1)
+
+    def terms(self) -> list[Term]:
+        return [self._term(self.variance, self._factors())]
+
+
+class NestedKinematic(_OfChain):
+    """k = v_0 + f_1 (v_1 + f_2 (v_2 + ... f_R v_R)), f_b = 1 + a_b c_b c'_b + s_b z_b z'_b.
+
+    So a pose is made: t_0 + R_1 (t_1 + R_2 (t_2 + ...)), link by link. A prismatic joint adds
+    w_p q_p q'_p in the bracket where it stands. The functions are among those of `Kinematic`, but
+    a monomial of a far joint comes with those of the joints before it: where the order of the
+    joints is known, this prior needs fewer data.
+
+    Differs: the thesis has no such kernel; it uses the types of the joints, not their order.
+    """
+
+    offsets = Positive()
+    """v_0 .. v_R"""
+
+    def __init__(self, kinds: Sequence[str], batch: Sequence[int] = ()) -> None:
+        super().__init__(kinds, batch)
+        self.offsets = self.spread(1.0, self._revolute + 1)
+
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
+        return self._nest(self.offsets[..., None, None, :], self._matrix(X1, X2))
+
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+        return self._nest(self.offsets[..., None, :], self._diagonal(X))
+
+    def _nest(self, offsets: Tensor, linear: Linear) -> Tensor:
+        """From the innermost bracket outwards."""
+        left = self._revolute
+        k = offsets[..., left]
+        for dims in reversed(self._dims()):
+            if len(dims) == 1:
+                k = k + linear(dims)
+            else:
+                left -= 1
+                k = offsets[..., left] + k * (1.0 + linear(dims))
+        return k
+
+    def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
+        """Every regressor explains the same share of its factor, every offset the same."""
+        self.weights = self.spread(_SHARE / mean_square(X), self.width)
+        self.offsets = self.spread(1.0, self._revolute + 1)
+        share = mean_square(Y) / self.diag(X).mean(-1)
+        self.offsets = self.offsets * share[..., None]
+        slides = list(range(2 * self._revolute, self.width))
+        scale = torch.ones_like(self.weights)
+        scale[..., slides] = share[..., None]
+        self.weights = self.weights * scale
+
+    def terms(self) -> list[Term]:
+        return list(self._summands())
+
+    def _summands(self) -> Iterator[Term]:
+        before: list[list[int]] = []
+        yield self._term(self.offsets[..., 0], before)
+        for dims in self._dims():
+            if len(dims) == 1:
+                yield self._term(torch.ones_like(self.offsets[..., 0]), [*before, dims], bare=True)
+            else:
+                before = [*before, dims]
+                yield self._term(self.offsets[..., len(before)], before)

@@ -1,0 +1,339 @@
+"""Policies that cross from a simulation to a system that has what the simulation lacks.
+
+python runs/crossing_the_gap/run.py --quick          # does it run at all?
+python runs/crossing_the_gap/run.py                  # seeds 0:20, legs a to d: CPU hours
+python runs/crossing_the_gap/run.py --seeds 0:5 --legs a b c d e
+
+A seed chooses what is hidden, and how large it is. Results are kept in results/seeds/, a file a
+seed; the same command goes on where it was stopped, and rewrites README.md between its marked lines
+from all results that are there. What a seed has recorded and trained lies in runs/out/crossing.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+
+import envs  # noqa: F401  registers its ids
+from mcpilco.archive import write_bytes
+from mcpilco.cli.cross import Cross
+from mcpilco.cli.sweep import parse_seeds
+from mcpilco.cli.system import use_one_thread
+from mcpilco.config import CART_POLE, PRESETS, Config
+from mcpilco.crossing import read_crossing
+from mcpilco.run_folder import read_json
+from mcpilco.stopwatch import Stopwatch
+from mcpilco.sweep import job
+from mcpilco.sweep.page import fill
+from mcpilco.sweep.summary import markdown
+
+HERE = Path(__file__).parent
+WORK = Path("runs/out/crossing")
+DT = 0.02
+"""sampling time of the recordings [s]"""
+TRIALS = 5
+"""policies to learn on the system, in legs c and d"""
+SOLVED = 0.9
+"""least success rate of a policy that solves the task"""
+KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
+LEGS = ("a", "b", "c", "d", "e")
+Leg = Literal["a", "b", "c", "d", "e"]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Cross from many seeds, and write the tables."""
+
+    seeds: str = "0:20"
+    """`0:20` are 0 to 19"""
+    legs: tuple[Leg, ...] = ("a", "b", "c", "d")
+    """a, b: trained in the nominal and in the corrected simulation; c: on the system alone; d: on
+    the system, with the corrected simulation as the model's mean; e: as a and b, by SAC"""
+    quick: bool = False
+    """one seed that learns nothing; the tables go to runs/out"""
+    out: Path | None = None
+    """folder of results/ and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    use_one_thread()
+    out = arguments.out or (Path("runs/out/crossing_quick") if arguments.quick else HERE)
+    seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
+    for seed in seeds:
+        path = out / "results" / "seeds" / f"{seed:04d}.json"
+        found = read_json(path) if path.exists() else begun(seed)
+        for leg in arguments.legs:
+            if leg not in found["legs"]:
+                found["legs"][leg] = LEARN[leg](seed, found, work(seed, arguments.quick))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_bytes(path, (json.dumps(found, indent=1) + "\n").encode())
+                print(
+                    f"seed {seed}, {found['kind']}, {leg}: {told(found['legs'][leg])}", flush=True
+                )
+        write_readme(out)  # a stop loses no table
+    print(f"Tables: {out / 'README.md'}")
+    return 0
+
+
+# What is hidden -----------------------------------------------------------------------------------
+
+
+def begun(seed: int) -> dict[str, Any]:
+    """What a seed hides, and nothing learned yet."""
+    kind = KINDS[seed % len(KINDS)]
+    return {
+        "seed": seed,
+        "kind": kind,
+        "hidden": hidden(kind, np.random.default_rng([seed, 77])),
+        "machine": job.machine(),
+        "legs": {},
+    }
+
+
+def hidden(kind: str, rng: np.random.Generator) -> dict[str, Any]:
+    """The correction that makes the system of the nominal cart-pole."""
+
+    def drawn(low: float, high: float) -> float:
+        return round(float(rng.uniform(low, high)), 4)
+
+    def effect(name: str, target: str, **parameters: float) -> dict[str, Any]:
+        return {"name": name, "target": target, "parameters": parameters}
+
+    if kind == "friction and lag":
+        effects = [
+            effect("coulomb_friction", "cart", f_c=drawn(0.8, 2.0)),
+            effect("actuator_lag", "actuator", T=drawn(0.03, 0.08)),
+        ]
+    elif kind == "stiction and delay":
+        effects = [
+            effect("stribeck_friction", "cart", f_c=drawn(0.6, 1.2), f_d=drawn(0.4, 1.0), v_s=0.1),
+            effect("actuator_delay", "actuator", d=drawn(0.03, 0.09)),
+        ]
+    else:
+        effects = [
+            effect("constant_force", "cart", f_0=float(rng.choice([-1.0, 1.0])) * drawn(1.0, 2.5)),
+            effect("quadratic_drag", "cart", c=drawn(0.3, 1.0)),
+            effect("body_mass", "pole", m_d=drawn(0.1, 0.25)),
+        ]
+    return {"format": 1, "plant": CART_POLE, "parameters": {}, "effects": effects}
+
+
+# The legs -----------------------------------------------------------------------------------------
+
+
+def work(seed: int, quick: bool) -> Path:
+    """Where the recordings and trainings of a seed lie."""
+    return (WORK / "quick" if quick else WORK) / f"{seed:04d}"
+
+
+def crossed(algo: str, leg: str) -> Callable[[int, Mapping[str, Any], Path], dict[str, Any]]:
+    """What came of the policy of one simulation; the command trains in both."""
+
+    def learn(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+        watch = Stopwatch()
+        place = path if algo == "mcpilco" else path.with_name(f"{path.name}-{algo}")
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "hidden.json").write_text(json.dumps(found["hidden"]))
+        few = {"trials": 1, "episodes": 3} if "quick" in path.parts else {}
+        command = Cross(
+            out=place / "crossing",
+            env_kwargs=(f"effects={place / 'hidden.json'}",),
+            dt=DT,
+            algo=algo,
+            seed=seed,
+            quiet=True,
+            **few,
+        )
+        command()
+        outcome = read_crossing(place / "crossing" / f"{leg}.json")
+        gap = read_json(place / "crossing" / "gap" / "gap.json")
+        return {
+            "promised": outcome.promised.success,
+            "happened": outcome.happened.success,
+            "return": outcome.happened.returns,
+            "experience_s": command.seconds if leg == "corrected" else 0.0,
+            "verdict": gap["verdict"],
+            "named": [f"{effect['name']} at {effect['target']}" for effect in gap["effects"]],
+            "cpu_s": watch.read().cpu_s,
+        }
+
+    return learn
+
+
+def by_sac(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Both simulations, by SAC."""
+    return {leg: crossed("sac", leg)(seed, found, path) for leg in ("nominal", "corrected")}
+
+
+def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """MC-PILCO on the system, from nothing."""
+    return learned(DEFAULT, seed, found, path)
+
+
+def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """MC-PILCO on the system, with the corrected simulation as its model's mean."""
+    correction = read_json(path / "crossing" / "gap" / "corrected.json")
+    model = replace(DEFAULT.model, mean="physics", plant=correction, uncertainty=0.05)
+    return learned(replace(DEFAULT, model=model), seed, found, path)
+
+
+def learned(config: Config, seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Success of each trial's policy, by the experience behind it."""
+    few = "quick" in path.parts
+    settings = job.Settings(
+        env=f"envs:{CART_POLE}",
+        env_kwargs={"effects": found["hidden"]},
+        config=hasty(config) if few else config,
+        trials=1 if few else TRIALS,
+        fresh=3 if few else 100,
+    )
+    result = job.run_seed(settings, seed)
+    return {
+        "experience_s": [trial["experience_s"] for trial in result["trials"]],
+        "p": [trial["p"] for trial in result["trials"]],
+        "cpu_s": sum(trial["cpu_s"] for trial in result["trials"]),
+    }
+
+
+def hasty(config: Config) -> Config:
+    """The configuration with a search that takes no time, and finds nothing."""
+    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
+    return replace(config, policy=replace(config.policy, bases=10), search=search)
+
+
+DEFAULT = PRESETS["default"].config
+LEARN: Mapping[str, Callable[[int, Mapping[str, Any], Path], dict[str, Any]]] = {
+    "a": crossed("mcpilco", "nominal"),
+    "b": crossed("mcpilco", "corrected"),
+    "c": on_the_system,
+    "d": with_prior,
+    "e": by_sac,
+}
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+
+def told(outcome: Mapping[str, Any]) -> str:
+    if "p" in outcome:
+        return "success " + ", ".join(f"{100 * p:.0f} %" for p in outcome["p"])
+    if "happened" in outcome:
+        return f"promised {100 * outcome['promised']:.0f} %, was {100 * outcome['happened']:.0f} %"
+    return "; ".join(f"{leg}: {told(found)}" for leg, found in outcome.items())
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
+    parts = ["Not measured yet."]
+    if found:
+        parts = [
+            "### Success on the system",
+            policies(found),
+            "### Learning on the system itself",
+            experience(found),
+            "### Seed by seed",
+            by_seed(found),
+            "### Machine\n\n" + "\n".join(sorted({f"- {told_machine(seed)}" for seed in found})),
+        ]
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def policies(found: Sequence[Mapping[str, Any]]) -> str:
+    """What simulations promised and what happened, over seeds."""
+    rows = []
+    for name, outcomes in (
+        ("a: MC-PILCO in the nominal simulation", of_leg(found, "a")),
+        ("b: MC-PILCO in the corrected simulation", of_leg(found, "b")),
+        ("e: SAC in the nominal simulation", of_leg(found, "e", "nominal")),
+        ("e: SAC in the corrected simulation", of_leg(found, "e", "corrected")),
+    ):
+        if outcomes:
+            shares = [outcome["happened"] for outcome in outcomes]
+            rows.append(
+                (
+                    name,
+                    str(len(outcomes)),
+                    share([outcome["promised"] for outcome in outcomes]),
+                    share(shares),
+                    f"{sum(p >= SOLVED for p in shares)} of {len(shares)}",
+                    f"{statistics.median(outcome['return'] for outcome in outcomes):.1f}",
+                )
+            )
+    header = ("trained", "seeds", "promised [%]", "on the system [%]", "solved", "return there")
+    return markdown(header, rows)
+
+
+def of_leg(found: Sequence[Mapping[str, Any]], leg: str, part: str | None = None) -> list[Any]:
+    there = [seed["legs"][leg] for seed in found if leg in seed["legs"]]
+    return there if part is None else [outcome[part] for outcome in there]
+
+
+def share(values: Sequence[float]) -> str:
+    """Mean share [%], in brackets the least and the greatest."""
+    return f"{100 * np.mean(values):.0f} ({100 * min(values):.0f}–{100 * max(values):.0f})"
+
+
+def experience(found: Sequence[Mapping[str, Any]]) -> str:
+    """Success after each amount of experience, and what a solution takes."""
+    rows = []
+    for leg, name in (("c", "c: from nothing"), ("d", "d: corrected simulation as prior mean")):
+        outcomes = of_leg(found, leg)
+        if outcomes:
+            p = np.array([outcome["p"] for outcome in outcomes])
+            seconds = [solved(outcome) for outcome in outcomes]
+            rows.append(
+                (
+                    name,
+                    str(len(outcomes)),
+                    *(share(list(column)) for column in p.T),
+                    f"{statistics.median(seconds):g} ({sum(map(math.isfinite, seconds))})",
+                )
+            )
+    if not rows:
+        return "Not measured yet."
+    amounts = (of_leg(found, "c") or of_leg(found, "d"))[0]["experience_s"]
+    header = ["model", "seeds", *(f"after {s:g} s [%]" for s in amounts)]
+    return markdown([*header, "solved after [s] (seeds)"], rows)
+
+
+def solved(outcome: Mapping[str, Any]) -> float:
+    """Experience behind the first policy that solves the task [s]; inf where none does."""
+    pairs = zip(outcome["experience_s"], outcome["p"], strict=True)
+    return next((seconds for seconds, p in pairs if p >= SOLVED), math.inf)
+
+
+def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for seed in found:
+        legs = seed["legs"]
+        hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
+        named = "; ".join(legs["b"]["named"]) or legs["b"]["verdict"] if "b" in legs else ""
+        cells = [f"{100 * legs[leg]['happened']:.0f}" if leg in legs else "" for leg in "ab"]
+        cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
+        rows.append((str(seed["seed"]), hidden_here, named, *cells))
+    header = ("seed", "hidden", "named", "a [%]", "b [%]", "c solved [s]", "d solved [s]")
+    return markdown(header, rows)
+
+
+def in_words(effect: Mapping[str, Any]) -> str:
+    numbers = ", ".join(f"{name} = {value:g}" for name, value in effect["parameters"].items())
+    return f"{effect['name']} at {effect['target']} ({numbers})"
+
+
+def told_machine(seed: Mapping[str, Any]) -> str:
+    return f"{seed['machine']['cpu']}, {seed['machine']['cores']} cores"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

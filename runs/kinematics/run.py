@@ -1,0 +1,433 @@
+"""Kinematics from markers: triplets, chains, forward kinematics, and a controller that uses it.
+
+python runs/kinematics/run.py --quick       # does it run at all?
+python runs/kinematics/run.py               # 64 robots, then arms of seeds 0:5
+python runs/kinematics/run.py --seeds 5:10  # more arms
+
+Results are kept in results/<part>/, a file a seed; the same command goes on where it was stopped,
+and rewrites README.md between its marked lines from all results that are there.
+
+Reference: thesis chapter 2, section 2.6.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import tyro
+from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
+
+from envs.arms.dh import UR10
+from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm, random_marked_arm
+from envs.arms.motions import RANGES, random_way_points, sinusoids, through
+from mcpilco.archive import write_bytes
+from mcpilco.cli.sweep import parse_seeds
+from mcpilco.gp import GP
+from mcpilco.identification.kinematics import (
+    ForwardKinematics,
+    MarkerRecording,
+    Tolerance,
+    find_chain,
+    fit_forward,
+    marker_recording,
+    reach,
+    triplet_tests,
+)
+from mcpilco.identification.kinematics.forward import (
+    OUTPUTS,
+    orthonormal,
+    rows_for_fit,
+    samples_of,
+)
+from mcpilco.kernels import RBF
+from mcpilco.run_folder import read_json
+from mcpilco.sweep import job
+from mcpilco.sweep.page import fill
+from mcpilco.sweep.summary import markdown
+from mcpilco.typing import InputError
+
+HERE = Path(__file__).parent
+ROBOTS, JOINTS, SAMPLES = 64, 5, 50
+NOISY = Camera(position_std=0.003, orientation_std=0.01)
+STRUCTURE = {
+    "noise-free": (IDEAL, Tolerance(1e-6, 1e-5, 0.0)),
+    "noise": (NOISY, Tolerance(outliers=0.0)),
+    "outliers": (Camera(0.003, 0.01, outliers=0.05, missing=0.1, encoder_std=1e-3), Tolerance()),
+}
+"""the camera, and the tolerances of the tests"""
+TESTS = ("P1", "P2 alone", "P3 alone", "P2 and P3")
+FORWARD = {"100-small": (100, 0.5), "300-small": (300, 0.5), "300-large": (300, 1.0)}
+"""samples, and the share of the joints' range that the way-points are in"""
+PRIORS = ("RBF", "product", "nested")
+WAY_POINTS, LEG = 25, 87
+TARGETS = 5
+NU, LITERAL_STEPS = 0.02, 300
+CONTROLLERS = ("(2.24) as printed", "mended", "mended, refitted with the poses reached")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Test all triplets, learn forward kinematics, reach poses, and write the tables."""
+
+    seeds: str = "0:5"
+    """of the arms for forward kinematics and controller; `0:5` are 0 to 4"""
+    quick: bool = False
+    """two robots and one arm with few samples; the tables go to runs/out"""
+    out: Path | None = None
+    """folder of results/ and README.md; by default that of this file"""
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    quick = arguments.quick
+    out = arguments.out or (Path("runs/out/kinematics") if quick else HERE)
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        for cell in STRUCTURE:
+            for robot in range(2 if quick else ROBOTS):
+                kept(out / "results" / cell / f"{robot:04d}.json", structure, cell, robot)
+        write_readme(out)
+        for seed in parse_seeds(arguments.seeds)[: 1 if quick else None]:
+            for cell in FORWARD:
+                kept(out / "results" / cell / f"{seed:04d}.json", forward, cell, seed, quick)
+                write_readme(out)  # a stop loses no table
+            kept(out / "results" / "controller" / f"{seed:04d}.json", control, seed, quick)
+            write_readme(out)
+    print(f"Tables: {out / 'README.md'}")
+    return 0
+
+
+def kept(path: Path, measure: Callable[..., dict[str, Any]], *arguments: Any) -> None:
+    """Measure and keep what has not been measured yet."""
+    if path.exists():
+        return
+    begun = time.process_time()
+    found = {
+        **measure(*arguments),
+        "cpu_s": time.process_time() - begun,
+        "machine": job.machine(),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, json.dumps(found, indent=1).encode())
+    print(f"{path.parent.name}, seed {path.stem}: {found['cpu_s']:.1f} CPU s", flush=True)
+
+
+# Structure ----------------------------------------------------------------------------------------
+
+
+def structure(cell: str, robot: int) -> dict[str, Any]:
+    """Hits and errors of all tests on the 75 triplets of a random robot, and its chain."""
+    rng = np.random.default_rng([robot, 2])
+    arm = random_marked_arm(rng, JOINTS)
+    when = 0.1 * np.arange(SAMPLES)
+    q = sinusoids(when, arm.kinds, rng)
+    camera, tolerance = STRUCTURE[cell]
+    recording = marker_recording(arm.log(when, q, camera, rng))
+    tests = triplet_tests(recording, tolerance.outliers)
+    slide = (tests.slide < tolerance.position) & (tests.rigid < tolerance.orientation)[:, None]
+    hinge = np.repeat((tests.hinge < tolerance.position)[:, None], JOINTS, axis=1)
+    turn = tests.turn < tolerance.orientation
+    prismatic, revolute = (
+        connected(arm, recording, tests.pairs, kind) for kind in ("prismatic", "revolute")
+    )
+    answers = dict(zip(TESTS, (slide, hinge, turn, hinge & turn), strict=True))
+    return {
+        "counts": {
+            test: counts(answer, prismatic if test == "P1" else revolute)
+            for test, answer in answers.items()
+        },
+        "chain": chain_is_exact(arm, recording, tolerance),
+    }
+
+
+def connected(
+    arm: MarkedArm, recording: MarkerRecording, pairs: np.ndarray, kind: str
+) -> np.ndarray:
+    """Which pairs of markers and joints are connected by a joint of this kind."""
+    found = np.zeros((len(pairs), JOINTS), dtype=bool)
+    for place, joint in enumerate(arm.joints):
+        pair = sorted(recording.marker_names.index(arm.markers[place + k]) for k in (0, 1))
+        row = np.flatnonzero((pairs == pair).all(1))
+        found[row, recording.joint_names.index(joint)] = arm.kinds[place] == kind
+    return found
+
+
+def counts(answer: np.ndarray, truth: np.ndarray) -> list[int]:
+    """True and false positives, false and true negatives."""
+    cells = (answer & truth, answer & ~truth, ~answer & truth, ~answer & ~truth)
+    return [int(cell.sum()) for cell in cells]
+
+
+def chain_is_exact(arm: MarkedArm, recording: MarkerRecording, tolerance: Tolerance) -> bool:
+    try:
+        chain = find_chain(recording, tolerance)
+    except InputError:
+        return False
+    joints = [(joint.name, joint.kind) for joint in chain.joints]
+    return chain.markers == arm.markers and joints == list(zip(arm.joints, arm.kinds, strict=True))
+
+
+# Forward kinematics -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Setting:
+    """An arm, what a camera saw of it, and another path through the same way-points."""
+
+    arm: MarkedArm
+    recording: MarkerRecording
+    q_test: np.ndarray
+    rng: np.random.Generator
+
+
+def setting(seed: int, share: float, quick: bool) -> Setting:
+    rng = np.random.default_rng([seed, 3])
+    arm = marked_arm(UR10, rng)
+    points = random_way_points(WAY_POINTS, arm.kinds, rng, share)
+    leg = 10 if quick else LEG
+    q, q_test = (through(points, rng.permutation(WAY_POINTS), leg) for _ in range(2))
+    recording = marker_recording(arm.log(np.arange(float(len(q))), q, NOISY, rng))
+    return Setting(arm, recording, q_test, rng)
+
+
+def forward(cell: str, seed: int, quick: bool) -> dict[str, Any]:
+    """Errors of three priors, all on the same samples, on a path of another order."""
+    samples, share = FORWARD[cell]
+    given = setting(seed, share, quick)
+    samples = 40 if quick else samples
+    chain = find_chain(given.recording)
+    marker = chain.markers[-1]
+    rows = rows_for_fit(given.recording, marker, samples, seed)
+    chosen = given.recording.rows(rows)
+    order = [given.arm.joints.index(joint.name) for joint in chain.joints]
+    q_test = torch.as_tensor(given.q_test[:, order])
+    truth = true_pose(given.arm, given.q_test)
+    found: dict[str, Any] = {"samples": samples}
+    for prior in PRIORS:
+        begun = time.process_time()
+        if prior == "RBF":
+            q, Y = samples_of(chosen, [joint.name for joint in chain.joints], marker)
+            p, R = rbf_pose(q, Y, q_test)
+            evidence = []
+        else:
+            model = fit_forward(chosen, chain, samples, prior, seed)
+            with torch.no_grad():
+                p, R = model.pose(q_test)
+            evidence = list(model.report.evidence)
+        found[prior] = {
+            **errors(p.numpy(), R.numpy(), *truth),
+            "evidence": evidence,
+            "cpu_s": time.process_time() - begun,
+        }
+    return found
+
+
+def rbf_pose(
+    q: torch.Tensor, Y: torch.Tensor, q_test: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """The same outputs, learned with an RBF kernel of the joint positions."""
+    mean = Y.mean(0)
+    gp = GP(RBF(q.shape[1], (len(OUTPUTS),)), noise_floor=1e-5).fit(q, Y - mean)
+    Y_test = gp.condition(q, Y - mean).mean_and_variance(q_test)[0] + mean
+    return Y_test[:, :3], orthonormal(Y_test[:, 3:6], Y_test[:, 6:9])
+
+
+def true_pose(arm: MarkedArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and rotation matrix of the last marker, without noise."""
+    positions, orientations = arm.poses(q)
+    matrices = orientations.as_matrix().reshape(len(q), -1, 3, 3)
+    return positions[:, -1], matrices[:, -1]
+
+
+def errors(p: np.ndarray, R: np.ndarray, p_true: np.ndarray, R_true: np.ndarray) -> dict[str, Any]:
+    """Root mean squares: of the position [m], of yaw, pitch and roll, of the angle [rad]."""
+    angles = [Rotation.from_matrix(matrix).as_euler("ZYX") for matrix in (R, R_true)]
+    ypr = (angles[0] - angles[1] + np.pi) % (2 * np.pi) - np.pi
+    turned = Rotation.from_matrix(R.swapaxes(1, 2) @ R_true).magnitude()
+    return {
+        "position_m": np.sqrt(((p - p_true) ** 2).mean(0)).tolist(),
+        "ypr_rad": np.sqrt((ypr**2).mean(0)).tolist(),
+        "angle_rad": float(np.sqrt((turned**2).mean())),
+    }
+
+
+# Controller ---------------------------------------------------------------------------------------
+
+
+def control(seed: int, quick: bool) -> dict[str, Any]:
+    """True errors of the poses that the controllers lead to, from one start to the same targets."""
+    given = setting(seed, 0.5, quick)
+    chain = find_chain(given.recording)
+    samples = 40 if quick else 300
+    rows = rows_for_fit(given.recording, chain.markers[-1], samples, seed)
+    chosen = given.recording.rows(rows)
+    model = fit_forward(chosen, chain, samples)
+    order = [given.arm.joints.index(joint.name) for joint in chain.joints]
+    goals = random_way_points(2 if quick else TARGETS, given.arm.kinds, given.rng, 0.5)
+    targets = true_pose(given.arm, goals)
+    back = np.argsort(order)
+
+    def reached(ends: Sequence[torch.Tensor]) -> np.ndarray:
+        return torch.stack(list(ends)).numpy()[:, back]
+
+    def all_of(model: ForwardKinematics, way: Callable[..., torch.Tensor]) -> np.ndarray:
+        start = torch.zeros(len(order), dtype=torch.float64)
+        pairs = zip(*map(torch.as_tensor, targets), strict=True)
+        return reached([way(model, start, p, R) for p, R in pairs])
+
+    ends = {CONTROLLERS[0]: all_of(model, literal), CONTROLLERS[1]: all_of(model, mended)}
+    later = given.recording.time[-1] + 1.0 + np.arange(len(goals))
+    seen = marker_recording(given.arm.log(later, ends[CONTROLLERS[1]], NOISY, given.rng))
+    more = fit_forward(joined(chosen, seen), chain, samples + len(goals))
+    ends[CONTROLLERS[2]] = all_of(more, mended)
+    squares: dict[str, Any] = {}
+    for name, q in ends.items():
+        squares[name] = errors(*true_pose(given.arm, q), *targets)
+    return {"targets": len(goals), **squares}
+
+
+def mended(model: ForwardKinematics, start: Any, p: Any, R: Any) -> torch.Tensor:
+    return reach(model, start, p, R).q[-1]
+
+
+def literal(model: ForwardKinematics, start: Any, p: Any, R: Any) -> torch.Tensor:
+    """q <- q - nu grad |p* - p|, the pose in metres and in yaw, pitch and roll."""
+    target = torch.cat([p, yaw_pitch_roll(R)])
+    q = start.clone()
+    for _ in range(LITERAL_STEPS):
+        q.requires_grad_(True)
+        position, rotation = model.pose(q)
+        error = (target - torch.cat([position, yaw_pitch_roll(rotation)])).norm()
+        (gradient,) = torch.autograd.grad(error, q)
+        q = (q - NU * gradient).detach()
+    return q
+
+
+def yaw_pitch_roll(R: torch.Tensor) -> torch.Tensor:
+    yaw = torch.atan2(R[1, 0], R[0, 0])
+    pitch = torch.atan2(-R[2, 0], torch.hypot(R[2, 1], R[2, 2]))
+    return torch.stack([yaw, pitch, torch.atan2(R[2, 1], R[2, 2])])
+
+
+def joined(first: MarkerRecording, second: MarkerRecording) -> MarkerRecording:
+    columns = first.columns()
+    return marker_recording(
+        {name: np.concatenate([columns[name], column]) for name, column in second.columns().items()}
+    )
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    found = {
+        part: [read_json(path) for path in sorted((out / "results" / part).glob("*.json"))]
+        for part in (*STRUCTURE, *FORWARD, "controller")
+    }
+    parts = ["### Triplets and chains", structure_table(found)]
+    if any(found[cell] for cell in FORWARD):
+        parts += ["### Forward kinematics: RMSE, median over arms (least to greatest)"]
+        parts += [forward_table(found), ratio_table(found)]
+    if found["controller"]:
+        parts += ["### Controller: RMSE of the poses reached, over all arms and targets"]
+        parts += [controller_table(found["controller"])]
+    parts.append(machine(found))
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def structure_table(found: dict[str, Any]) -> str:
+    rows = []
+    for cell in STRUCTURE:
+        trials = found[cell]
+        if trials:
+            summed = {t: np.sum([trial["counts"][t] for trial in trials], axis=0) for t in TESTS}
+            exact = f"{sum(trial['chain'] for trial in trials)} of {len(trials)}"
+            cells = ["/".join(map(str, summed[t])) for t in TESTS]
+            cpu = f"{sum(trial['cpu_s'] for trial in trials):.1f}"
+            rows.append((cell, str(summed["P1"].sum()), *cells, exact, cpu))
+    return markdown(("data", "triplets", *TESTS, "chains exact", "CPU [s]"), rows) + (
+        "\nTrue positives / false positives / false negatives / true negatives."
+    )
+
+
+def cells_of(trials: Sequence[Any], prior: str) -> tuple[str, ...]:
+    position = 1e3 * np.array([trial[prior]["position_m"] for trial in trials])
+    ypr = np.array([trial[prior]["ypr_rad"] for trial in trials])
+    angle = np.array([[trial[prior]["angle_rad"]] for trial in trials])
+    mm = [spread(column, 1) for column in position.T]
+    rad = [spread(column, 3) for column in np.concatenate([ypr, angle], axis=1).T]
+    return (*mm, *rad)
+
+
+def forward_table(found: dict[str, Any]) -> str:
+    rows = []
+    for cell in FORWARD:
+        trials = found[cell]
+        if trials:
+            name = row_name(cell, trials)
+            for prior in PRIORS:
+                cpu = np.median([trial[prior]["cpu_s"] for trial in trials])
+                rows.append((name, prior, str(len(trials)), *cells_of(trials, prior), f"{cpu:.1f}"))
+    units = ("x [mm]", "y [mm]", "z [mm]", "yaw [rad]", "pitch [rad]", "roll [rad]", "angle [rad]")
+    return markdown(("data", "prior", "arms", *units, "CPU [s]"), rows)
+
+
+def row_name(cell: str, trials: Sequence[Any]) -> str:
+    return f"{trials[0]['samples']} samples, ±{FORWARD[cell][1] * RANGES['revolute']:g} rad"
+
+
+def ratio_table(found: dict[str, Any]) -> str:
+    rows = []
+    for cell in FORWARD:
+        trials = found[cell]
+        if trials:
+            p = {
+                prior: np.median([trial[prior]["position_m"] for trial in trials], axis=0)
+                for prior in PRIORS
+            }
+            name = row_name(cell, trials)
+            for prior in PRIORS[1:]:
+                rows.append((name, prior, *(f"{value:.2f}" for value in p[prior] / p["RBF"])))
+    return "Medians in parts of those of the RBF kernel:\n\n" + markdown(
+        ("data", "prior", "x", "y", "z"), rows
+    )
+
+
+def controller_table(trials: Sequence[Any]) -> str:
+    targets = sum(trial["targets"] for trial in trials)
+    rows = []
+    for name in CONTROLLERS:
+        position, ypr, angle = (
+            np.sqrt(np.mean(np.square([trial[name][key] for trial in trials]), axis=0))
+            for key in ("position_m", "ypr_rad", "angle_rad")
+        )
+        mm = [f"{1e3 * value:.1f}" for value in position]
+        rows.append((name, str(targets), *mm, *(f"{value:.3f}" for value in (*ypr, angle))))
+    units = ("x [mm]", "y [mm]", "z [mm]", "yaw [rad]", "pitch [rad]", "roll [rad]", "angle [rad]")
+    return markdown(("controller", "targets", *units), rows)
+
+
+def spread(values: np.ndarray, digits: int) -> str:
+    low, high = values.min(), values.max()
+    return f"{np.median(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def machine(found: dict[str, Any]) -> str:
+    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
+    known = [json.loads(line) for line in sorted(told)]
+    lines = [f"- {line['cpu']}, {line['cores']} cores, shared with other work" for line in known]
+    return "### Machine\n\n" + "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

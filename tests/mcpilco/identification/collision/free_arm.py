@@ -1,0 +1,51 @@
+"""What the tests share: a simulated arm, samples of it, and a small model of its currents."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+
+from envs.arms.sticky_arm import MODEL, SAMPLING_S, ArmLog, Push, StickyArm
+from envs.arms.waypoints import waypoints
+from mcpilco.identification import RigidBody, rigid_body
+from mcpilco.identification.collision import (
+    TERMS,
+    ArmSamples,
+    CurrentConfig,
+    CurrentModel,
+    fit_currents,
+    samples_of,
+)
+from mcpilco.identification.report import Report
+
+SMALL = {"points": 400, "fit_points": 120, "iterations": 15}
+DT = SAMPLING_S
+
+
+@functools.cache
+def arm() -> StickyArm:
+    return StickyArm.drawn(np.random.default_rng(0))
+
+
+@functools.cache
+def body() -> RigidBody:
+    return rigid_body(mujoco.MjModel.from_xml_path(str(MODEL)), terms=TERMS)
+
+
+@functools.cache
+def log(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmLog:
+    rng = np.random.default_rng(seed)
+    return arm().follow(waypoints(moves, rng), rng, pushes)
+
+
+@functools.cache
+def samples(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmSamples:
+    return samples_of(log(seed, moves, pushes))
+
+
+@functools.cache
+def fitted(kind: str = "FC", gate: str = "hard") -> tuple[CurrentModel, Report]:
+    config = CurrentConfig(kind=kind, gate=gate, **SMALL)
+    return fit_currents(samples(1, 30), body(), DT, config)
