@@ -10,6 +10,7 @@ from mcpilco.kernels.base import (
     Term,
 )
 from mcpilco.kernels.decaying_lags import SEDMPK
+from mcpilco.kernels.geometric import GIP
 from mcpilco.kernels.kinematic import Kinematic, NestedKinematic
 from mcpilco.kernels.polynomial import MPK, Linear
 from mcpilco.kernels.rescaled import Gate, HardGate, Rescaled, SmoothGate
@@ -18,6 +19,7 @@ from mcpilco.kernels.volterra import VolterraKernel
 from mcpilco.kernels.weighted_lags import IPK, PK, VolterraMPK
 
 __all__ = [
+    "GIP",
     "IPK",
     "MPK",
     "PK",

@@ -58,8 +58,8 @@ class GIP(Product):
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
         """Forces that depend a little on each position, and equally on all that moves.
 
-        Every factor of a position is near 1: where each of many joints is a full polynomial, their
-        product is all but white noise, which no data can tell from the noise.
+        Every factor of a position is near 1: where positions outweigh the offsets of many joints,
+        the product is all but white noise, and a fit stalls at torques that are noise throughout.
         """
         *positions, motion = cast(Sequence[ActiveDims], self.parts)
         for factor in positions:

@@ -101,6 +101,7 @@ def test_data_that_cannot_tell_are_refused_with_what_to_record(run, tmp_path, ca
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_page_is_followed_word_by_word(tmp_path, monkeypatch, unchecked_shapes):
     """Its first block records, its command learns."""
     monkeypatch.chdir(tmp_path)

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
+from envs.arms.sinusoids import sinusoids
+from envs.arms.ur10 import ur10
 from mcpilco.features import JointPolynomials
+from mcpilco.gp import GP
 from mcpilco.kernels.geometric import GIP
+from mcpilco.mechanics import generalised_forces
 from mcpilco.typing import InputError
 from tests.mcpilco.kernels.test_kernels import points, shake
 
@@ -54,3 +59,26 @@ def test_at_the_start_the_factor_of_every_position_is_near_one():
 def test_other_joints_are_refused(kinds):
     with pytest.raises(InputError, match="hinge or slide"):
         GIP(kinds)
+
+
+def test_a_fit_of_six_joints_does_not_stall_where_it_starts():
+    """From logarithms of -1 each it does: the whole torque of the shoulder is taken for noise."""
+    rng, robot = np.random.default_rng(0), ur10()
+    motion = sinusoids(robot, rng, 200, 0.4)
+    tau = generalised_forces(robot, *motion)[:, 1:2] + 0.01 * rng.normal(size=(200, 1))
+    kinds = ("hinge",) * 6
+    Z = JointPolynomials(kinds)(torch.as_tensor(np.concatenate(motion, 1)))
+    noise = [
+        float(
+            GP(kernel, noise_floor=1e-4 * tau.std()).fit(Z, torch.as_tensor(tau)).noise_std.detach()
+        )
+        for kernel in (GIP(kinds, (1,)), Stalling(kinds, (1,)))
+    ]
+    assert noise[0] < 0.01 * tau.std() < 0.5 * tau.std() < noise[1]
+
+
+class Stalling(GIP):
+    def start_from(self, X: torch.Tensor, Y: torch.Tensor) -> None:
+        with torch.no_grad():
+            for log in self.parameters():
+                log.fill_(-1.0)
