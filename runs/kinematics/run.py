@@ -58,10 +58,12 @@ from mcpilco.typing import InputError
 HERE = Path(__file__).parent
 ROBOTS, JOINTS, SAMPLES = 64, 5, 50
 NOISY = Camera(position_std=0.003, orientation_std=0.01)
+BAD = Camera(0.003, 0.01, outliers=0.05, missing=0.1, encoder_std=1e-3)
 STRUCTURE = {
     "noise-free": (IDEAL, Tolerance(1e-6, 1e-5, 0.0)),
     "noise": (NOISY, Tolerance(outliers=0.0)),
-    "outliers": (Camera(0.003, 0.01, outliers=0.05, missing=0.1, encoder_std=1e-3), Tolerance()),
+    "outliers": (BAD, Tolerance()),
+    "outliers-0.3": (BAD, Tolerance(outliers=0.3)),
 }
 """the camera, and the tolerances of the tests"""
 TESTS = ("P1", "P2 alone", "P3 alone", "P2 and P3")
