@@ -66,7 +66,9 @@ def numbers_of(
 ) -> Float[np.ndarray, "S K"]:
     """What a program's slots hold, for values of the plant's parameters."""
     tables = plant.tables(np.asarray(parameters, dtype=float))
-    columns = [_field(tables, slot.field)[(slice(None), *slot.index)] for slot in slots]
+    rows = slice(None)
+    at: list[tuple[Any, ...]] = [(rows, *slot.index) for slot in slots]
+    columns = [_field(tables, slot.field)[i] for slot, i in zip(slots, at, strict=True)]
     return np.stack(columns, 1) if columns else np.zeros((len(parameters), 0))
 
 
