@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.identification.inverse_dynamics import FeedForward, accelerations, fit, inertia
+from mcpilco.identification.inverse_dynamics import (
+    FeedForward,
+    InverseDynamics,
+    accelerations,
+    fit,
+    inertia,
+)
+from mcpilco.identification.inverse_dynamics.model import Fitted
+from mcpilco.identification.report import Report
 from mcpilco.mechanics import accelerations as true_accelerations
 from mcpilco.mechanics import mass_matrix
 from mcpilco.typing import InputError, NotPositiveDefiniteError
@@ -40,6 +48,28 @@ def test_inertia_is_that_of_the_robot(robot, exact, states):
     np.testing.assert_allclose(found.matrix, expected, atol=1e-8)
     assert found.positive.all()
     assert found.asymmetry.max() < 1e-8
+
+
+class Crooked(InverseDynamics):
+    """tau = M q'', M not symmetric; the second joint's torques are ten times smaller."""
+
+    def __init__(self) -> None:
+        super().__init__(Fitted("none", ("a", "b"), (1.0, 0.1), Report(True, 0)))
+
+    def __call__(self, motion):
+        return motion[..., 4:] @ torch.tensor([[2.0, 0.5], [0.9, 1.0]]).double().mT
+
+    def to_groups(self):
+        return {}
+
+
+def test_of_two_entries_the_one_with_the_smaller_torques_counts_more():
+    found = inertia(Crooked(), torch.zeros(2).double())
+    # 0.9 tells the second joint, with weights 1 / 0.1^2 and 1 / 1^2
+    entry = (100.0 * 0.9 + 0.5) / 101.0
+    expected = torch.tensor([[2.0, entry], [entry, 1.0]]).double()
+    torch.testing.assert_close(found.matrix, expected)
+    torch.testing.assert_close(found.asymmetry, torch.tensor(0.2).double())
 
 
 def test_forward_dynamics_are_those_of_the_robot(robot, exact, states):
