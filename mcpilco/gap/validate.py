@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.windows import Windows
@@ -23,11 +24,16 @@ WORTH = 0.1
 
 
 def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
-    """The model that predicts each recording best from the others, with as few effects as will do.
+    """The model of the fewest effects that predicts recordings from the others as well as any.
+
+    As well is within one standard error of the difference, which the windows tell.
 
     Args:
         ranked: fits of models, the best first.
         windows: of several recordings; of one there is nothing to predict, and the first is it.
+
+    Reference: Breiman, Friedman, Olshen & Stone, Classification and Regression Trees (1984),
+        section 3.4.3: the rule of one standard error.
     """
     best = ranked[0]
     recordings = np.unique(windows.recording)
@@ -40,25 +46,47 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         for size in sizes
         for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
-    return min(
-        compared,
-        key=lambda found: (
-            float(np.mean([_unseen(found, windows, r) for r in recordings]))
-            + WORTH * len(found.model.named)
-        ),
-    )
+    missed = np.stack([_unseen(found, windows, recordings) for found in compared])
+    effects = np.array([len(found.model.named) for found in compared])
+    return compared[fewest(missed, effects, windows.overlap)]
 
 
-def _unseen(found: Fit, windows: Windows, recording: int) -> float:
-    """Mean log misfit of a sample in the windows of a recording, the model fitted to the others."""
-    told, others = (
-        np.flatnonzero(windows.recording == recording),
-        np.flatnonzero(windows.recording != recording),
-    )
-    refitted = fit(
-        found.model, windows[others], found.theta, found.starts[others], iterations=4, hasty=True
-    )
-    some = windows[told]
-    starts = settle(found.model, some, refitted.theta, some.guess)
-    misfit = misfits(found.model, some, refitted.theta, starts)
-    return float(np.mean(np.log(np.maximum(misfit / some.samples, 1.0))))
+def fewest(missed: Float[np.ndarray, "M W"], effects: Int[np.ndarray, " M"], overlap: float) -> int:
+    """Number of the model with the fewest effects that is as good as the best one.
+
+    Args:
+        missed: log misfit of each window that was not seen, by model.
+        effects: how many each model has.
+        overlap: how many windows a sample is in.
+    """
+    score = missed.mean(axis=1) + WORTH * effects
+    apart = missed - missed[np.argmin(score)]
+    independent = max(missed.shape[1] / overlap, 2.0)
+    error = apart.std(axis=1) / np.sqrt(independent - 1.0)
+    good = np.flatnonzero(apart.mean(axis=1) <= error)
+    return int(min(good, key=lambda m: (effects[m], score[m])))
+
+
+def _unseen(
+    found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"]
+) -> Float[np.ndarray, " W"]:
+    """Log misfit of a sample in each window, the model fitted to the other recordings."""
+    missed = np.empty(len(windows))
+    for recording in recordings:
+        told, others = (
+            np.flatnonzero(windows.recording == recording),
+            np.flatnonzero(windows.recording != recording),
+        )
+        refitted = fit(
+            found.model,
+            windows[others],
+            found.theta,
+            found.starts[others],
+            iterations=4,
+            hasty=True,
+        )
+        some = windows[told]
+        starts = settle(found.model, some, refitted.theta, some.guess)
+        misfit = misfits(found.model, some, refitted.theta, starts)
+        missed[told] = np.log(np.maximum(misfit / some.samples, 1.0))
+    return missed
