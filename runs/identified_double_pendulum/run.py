@@ -52,6 +52,8 @@ COLUMNS = {
     "elbow_torque": "torque2_measured_nm",
 }
 TERMS = "viscous", "coulomb", "armature"
+RICH = 1
+"""the recording whose motion does not repeat itself"""
 DT, COARSE = 0.002, 0.02
 """sampling time of the logs, and for free runs [s]"""
 BLOCK_S, RESAMPLES = 0.5, 200
@@ -78,14 +80,14 @@ def main() -> int:
     robot = published()
     parts = []
     coarse = recordings(arguments.data, COARSE)
-    for train, unseen in ((0, 1), (1, 0)):
+    for train, unseen in ((0, 1), (RICH, 1 - RICH)):
         found = {method: fit(robot, motions[train], method) for method in FITTED}
         found["free runs"] = fit_free_runs(robot, coarse[train])
         parts.append(f"Fitted to `{NAMES[train]}`, judged on `{NAMES[unseen]}`:")
         parts.append(errors_table(robot, found, motions[unseen]))
         parts.append(friction_table(robot, found))
-    parts.append(f"What least squares finds in `{NAMES[0]}`, its 95 % intervals, and the authors':")
-    parts.append(parameters_table(robot, motions[0]))
+    parts.append(f"Base parameters of `{NAMES[RICH]}`, with 95 % intervals of least squares:")
+    parts.append(parameters_table(robot, motions[RICH], found["free runs"]))
     parts.append(f"{time.process_time() - started:.0f} CPU seconds, on one thread.")
     fill(arguments.out / "README.md", parts, template=HERE / "README.md")
     print("\n\n".join(parts))
@@ -199,8 +201,8 @@ def friction_table(robot: RigidBody, found: Mapping[str, Float[np.ndarray, " D"]
 # Parameters ---------------------------------------------------------------------------------------
 
 
-def parameters_table(robot: RigidBody, motion: Motion) -> str:
-    """Base parameters by least squares, their intervals by a block bootstrap, and the authors'."""
+def parameters_table(robot: RigidBody, motion: Motion, free_runs: Float[np.ndarray, " D"]) -> str:
+    """Base parameters by least squares, with a block bootstrap, by free runs, and the authors'."""
     Y, left = rows(robot, motion)
     base = base_parameters(Y)
     first = solve(Y, left, "OLS")
@@ -217,12 +219,19 @@ def parameters_table(robot: RigidBody, motion: Motion) -> str:
     best = total(each).least_squares()
     units = [robot.units[n] for n in base.independent]
     cells = [
-        (name, f"{value:.4f} ({a:.4f} to {b:.4f})", f"{theirs:.4f}", unit)
-        for name, value, a, b, theirs, unit in zip(
-            base.formulas(robot.names), best, low, high, base.of(robot.nominal), units, strict=True
+        (name, f"{value:.4f} ({a:.4f} to {b:.4f})", f"{ours:.4f}", f"{theirs:.4f}", unit)
+        for name, value, a, b, ours, theirs, unit in zip(
+            base.formulas(robot.names),
+            best,
+            low,
+            high,
+            base.of(free_runs),
+            base.of(robot.nominal),
+            units,
+            strict=True,
         )
     ]
-    return markdown(("parameter", "least squares", "authors", "unit"), cells)
+    return markdown(("parameter", "least squares", "free runs", "authors", "unit"), cells)
 
 
 def total(parts: list[Moments]) -> Moments:

@@ -51,7 +51,7 @@ def test_noise_holds_no_burst() -> None:
 
 def test_what_a_magnet_does_wherever_the_pendulum_comes_by_is_no_event() -> None:
     def detent(q: float, v: float) -> float:
-        return -4.0 * (q - 0.4) * float(np.exp(-(((q - 0.4) / 0.15) ** 2)))
+        return -4.0 * (q - 0.1) * float(np.exp(-(((q - 0.1) / 0.15) ** 2)))
 
     known, short, recordings = nominal(detent)
     spans = bursts(known, short, recordings)
