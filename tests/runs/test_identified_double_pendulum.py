@@ -54,6 +54,7 @@ def test_true_parameters_predict_without_error(run, truth):
     assert (errors.angle < 0.01).all()
 
 
+@pytest.mark.slow
 def test_the_real_recordings_fill_the_page(run, data, tmp_path, monkeypatch):
     folder = data / "dfki_double_pendulum"
     words = ["run.py", "--data", str(folder), "--out", str(tmp_path)]
