@@ -12,6 +12,8 @@ from mcpilco.simulation import Layout
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
+MIDDLE, UNIFORM = 0.5, 1.0 / 12.0
+"""center of mass of a uniform rod, relative to its length l, and inertia about it, to m l^2"""
 VISCOUS, GAIN = CATALOGUE["viscous_friction"], CATALOGUE["actuator_gain"]
 
 
@@ -95,13 +97,20 @@ def pendulum() -> Plant:
 
 
 def double_pendulum() -> Plant:
-    """Two uniform rods, a motor in each hinge; the second angle is relative to the first rod."""
+    """Two rods, a motor in each hinge; the second angle is relative to the first rod.
+
+    They are uniform, unless their centers of mass and inertias are set: `upper_center` is relative
+    to the rod's length l, `upper_inertia`, about the center, to its m l^2.
+    """
 
     def build(p: Mapping[str, float]) -> Chain:
-        upper = rod("upper", -1, p["upper_mass"], p["upper_length"], joint="shoulder")
-        lower = rod(
-            "lower", 0, p["lower_mass"], p["lower_length"], (0.0, 0.0, -p["upper_length"]), "elbow"
-        )
+        def link(name: str, parent: int, joint: str, below: float = 0.0) -> Body:
+            mass, length, center, inertia = (
+                p[f"{name}_{what}"] for what in ("mass", "length", "center", "inertia")
+            )
+            return rod(name, parent, mass, length, (0.0, 0.0, -below), joint, center, inertia)
+
+        upper, lower = link("upper", -1, "shoulder"), link("lower", 0, "elbow", p["upper_length"])
         return Chain((upper, lower), (0.0, 0.0, -p["gravity"]))
 
     layout = Layout(
@@ -125,6 +134,10 @@ def double_pendulum() -> Plant:
             Parameter("shoulder_gain", 1.0, "-"),
             Parameter("elbow_gain", 1.0, "-"),
             Parameter("gravity", 9.82, "m/s^2", uncertain=False),
+            Parameter("upper_center", MIDDLE, "-", uncertain=False, low=1e-6),
+            Parameter("upper_inertia", UNIFORM, "-", uncertain=False, low=1e-6),
+            Parameter("lower_center", MIDDLE, "-", uncertain=False, low=1e-6),
+            Parameter("lower_inertia", UNIFORM, "-", uncertain=False, low=1e-6),
         ),
         build=build,
         base=(
@@ -145,10 +158,11 @@ def rod(
     length: float,
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
     joint: str | None = None,
+    center: float = MIDDLE,
+    inertia: float = UNIFORM,
 ) -> Body:
-    """A uniform rod that hangs from its hinge."""
-    across = mass * length**2 / 12.0
-    inertia = ((across, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, 0.0))
+    """A rod that hangs from its hinge; center and inertia are relative to l and m l^2."""
+    across = inertia * mass * length**2
     return Body(
         name=name,
         joint=joint or name,
@@ -157,8 +171,8 @@ def rod(
         mass=mass,
         parent=parent,
         origin=origin,
-        center=(0.0, 0.0, -0.5 * length),
-        inertia=inertia,
+        center=(0.0, 0.0, -center * length),
+        inertia=((across, 0.0, 0.0), (0.0, across, 0.0), (0.0, 0.0, 0.0)),
     )
 
 

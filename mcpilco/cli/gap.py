@@ -42,6 +42,8 @@ class Gap:
     """parameters of which nothing is known beforehand"""
     noise: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STATE=STD...")] = ()
     """noise of a state's measurement in its unit; by default it is estimated"""
+    held_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
+    """recordings that no fit may see, without .csv; by default the last ones of three or more"""
     dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
     """sampling time to which all are brought [s]"""
 
@@ -65,6 +67,7 @@ class Gap:
             uncertainty=uncertainty,
             free=tuple(name for entry in self.free for name in entry.split(",")),
             noise=named_numbers("--noise", self.noise),
+            held_out=tuple(name for entry in self.held_out for name in entry.split(",")),
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")

@@ -24,6 +24,8 @@ FAR, CRAWL = 10.0, 0.02
 """misfit of a sample beyond which a model is far from fitting; change of the cost that is little"""
 TOLERATED = 9.0
 """how many times the median misfit a window may have and still count in full"""
+LEAST_DAMPING = 1e-10
+"""of a step, relative: a window that is cut off early may not tell all of its start state"""
 START_STEPS = 1e-3, 1e-2
 """of finite differences over the start state: positions [m or rad], velocities [m/s or rad/s]"""
 
@@ -278,7 +280,7 @@ def fit(
         lost = Robust.of(after, windows.samples).far(after)
         if lost.any() and not lost.all():  # the step was too far for their starts
             starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
-        damping = damping * 0.03
+        damping = max(0.03 * damping, LEAST_DAMPING)
         crawling = hasty and temper > FAR and now - then < CRAWL * now
         if crawling or now - then < CONVERGED * now:
             break

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.gap.events import Event
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.windows import Windows, cut
 from mcpilco.plant import Active, Plant
@@ -17,6 +18,8 @@ from mcpilco.typing import InputError
 
 UNCERTAINTY = 0.01
 """prior std of masses, lengths, base friction and gains, relative to the nominal values"""
+FEWEST = 6
+"""windows without which nothing is named"""
 HELD_OUT, FEWEST_SPLIT = 0.42, 3
 """most of the samples that are held out; fewer recordings are not divided"""
 
@@ -45,6 +48,7 @@ class Given:
         uncertainty: float | Mapping[str, float],
         free: Sequence[str],
         noise: Mapping[str, float],
+        held_out: Sequence[str] = (),
     ) -> Given:
         """What `investigate` is called with, checked and completed.
 
@@ -53,8 +57,8 @@ class Given:
         """
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
-        train, held_out = _split(recordings)
-        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(held_out))
+        train, unseen = _split(recordings, held_out)
+        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen))
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -73,6 +77,17 @@ class Given:
         """
         chosen = self.recordings if numbers is None else [self.recordings[n] for n in numbers]
         return cut(chosen, self.std, **how)
+
+    def without(self, spans: Sequence[Event]) -> Given:
+        """The same with a gap in the recordings at each event."""
+        by_name = {
+            recording.name: tuple(
+                (s.start_s, s.end_s) for s in spans if s.recording == recording.name
+            )
+            for recording in self.recordings
+        }
+        left = (replace(r, gaps=(*r.gaps, *by_name[r.name])) for r in self.recordings)
+        return replace(self, recordings=tuple(left))
 
     def model(self, windows: Windows) -> Model:
         """The nominal plant, its uncertain parameters with their priors."""
@@ -118,9 +133,18 @@ def _noise(
     return std
 
 
-def _split(recordings: Sequence[Recording]) -> tuple[list[int], list[int]]:
-    """Numbers of the recordings to fit, and of the last ones, which are held out."""
+def _split(recordings: Sequence[Recording], held_out: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Numbers of the recordings to fit, and of those held out: by name, or the last ones."""
     numbers = list(range(len(recordings)))
+    names = [recording.name for recording in recordings]
+    if held_out:
+        if not set(held_out) < set(names):
+            raise InputError(
+                f"held_out must be some of the recordings {', '.join(names)}, and leave one to "
+                f"fit, got {', '.join(held_out)}."
+            )
+        unseen = [n for n in numbers if names[n] in held_out]
+        return [n for n in numbers if n not in unseen], unseen
     if len(numbers) < FEWEST_SPLIT:
         return numbers, numbers
     lengths = np.array([len(recording) for recording in recordings])

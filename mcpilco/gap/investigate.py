@@ -11,10 +11,12 @@ from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
-from mcpilco.gap.given import UNCERTAINTY, Given
+from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
 from mcpilco.gap.name import Found, Named, search, weigh
+from mcpilco.gap.quiet import quiet
+from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.show import Comparison, Models, compare, path, shrunk
 from mcpilco.gap.validate import most_predictive
@@ -35,8 +37,6 @@ MOST = 0.1
 """part of the gap that effects may leave over and still stay where a force is learned too"""
 LARGE, UNEVEN = 3.0, 3.0
 """misfit of a sample over the noise, and its unevenness, that no noise has"""
-FEWEST = 6
-"""windows without which nothing is named"""
 EVERY_S = 0.3
 """between the starts of two held-out windows [s]"""
 SEARCHED = 28
@@ -87,6 +87,7 @@ def investigate(
     uncertainty: float | Mapping[str, float] = UNCERTAINTY,
     free: Sequence[str] = (),
     noise: Mapping[str, float] | None = None,
+    held_out: Sequence[str] = (),
 ) -> Gap:
     """Finds where a plant and recordings disagree, names the missing effects and adds them.
 
@@ -97,35 +98,34 @@ def investigate(
             by name.
         free: parameters of which nothing is known beforehand, by name.
         noise: std of the measurement noise of some states [their unit]; the others' is estimated.
+        held_out: names of recordings that no fit may see; by default the last ones of three or
+            more.
 
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
-    given = Given.of(plant, recordings, uncertainty, free, noise or {})
-    everything = given.windows()
-    if len(everything) < SEARCHED:
-        everything = given.windows(every=0.5 * SECONDS)
+    given = Given.of(plant, recordings, uncertainty, free, noise or {}, held_out)
+    everything = _windows(given)
     if len(everything) < FEWEST:
         return _too_poor(given, everything)
 
-    model = given.model(everything)
-    everything, masked = _without_events(model, everything)
-    windows = everything[everything.of(given.train)]
-    candidates = given.candidates(windows)
-    found = exchanged(search(model, _some(windows), candidates), candidates)
-    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
-    best, windows, masked = _best(given, found, windows, masked)
-    null, named = _refit(found.null, windows), weigh(found, best, windows)
+    everything, masked = _without_events(given.model(everything), everything)
+    found, best, windows, masked = _found(given, everything, masked)
+    given, pushes = quiet(given, best)
+    if pushes:
+        everything = _windows(given)
+        found, best, windows, masked = _found(given, everything, everything[:0])
+    null, named = refit(found.null, windows), weigh(found, best, windows)
     unknown = _something_else(best, null, windows)
     where = locate(best if unknown else null, windows)
-    spans, final = events(masked, recordings), best
+    spans, final = (*pushes, *events(masked, recordings)), best
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
         named = named if _explains_most(best, null, windows) else ()
-        spans, final = learned.spans, learned.fit
+        spans, final = (*pushes, *learned.spans), learned.fit
         where = (*located(final, windows), *where)
     elif unknown and not _worth(best, (null,), given, spans):
         named, final = (), null
-    models = Models(model, null, final, path(found, best) if named else ())
+    models = Models(found.null.model, null, final, path(found, best) if named else ())
     train, held_out = given.names
     return Gap(
         plant=plant,
@@ -140,22 +140,38 @@ def investigate(
         held_out=held_out,
         found=found,
         models=models,
-        recordings=given.recordings,
+        recordings=tuple(recordings),
     )
 
 
-def _best(
-    given: Given, found: Found, windows: Windows, masked: Windows
-) -> tuple[Fit, Windows, Windows]:
-    """The best model on all windows that it can explain, these, and those with events."""
-    best, windows = _finish(found.best, windows)
+def _windows(given: Given) -> Windows:
+    """Windows of all recordings, side by side, or where they are few overlapping by half."""
+    windows = given.windows()
+    return windows if len(windows) >= SEARCHED else given.windows(every=0.5 * SECONDS)
+
+
+def _found(
+    given: Given, everything: Windows, masked: Windows
+) -> tuple[Found, Fit, Windows, Windows]:
+    """The search, its best model on all windows that it can explain, these, and those with events.
+
+    Args:
+        given: plant and recordings.
+        everything: windows without events, of all recordings.
+        masked: windows that seem to hold an event.
+    """
+    windows = everything[everything.of(given.train)]
+    candidates = given.candidates(windows)
+    found = exchanged(search(given.model(everything), _some(windows), candidates), candidates)
+    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
+    best, windows = finish(found.best, windows)
     far = outlying(best, windows)  # of what the best model leaves over
     masked, explained = _explained(best, windows, masked)
     if far.any() or len(explained):
         kept = windows[~far].joined(explained[explained.of(given.train)])
         masked = masked.joined(windows[far])
-        best, windows = _finish(best, kept)
-    return best, windows, masked
+        best, windows = finish(best, kept)
+    return found, best, windows, masked
 
 
 def _unseen(given: Given) -> Windows:
@@ -226,18 +242,6 @@ def _some(windows: Windows) -> Windows:
     if len(windows) <= SEARCHED:
         return windows
     return windows[np.linspace(0, len(windows) - 1, SEARCHED).round().astype(int)]
-
-
-def _finish(found: Fit, windows: Windows) -> tuple[Fit, Windows]:
-    """The fit of a search on all windows, those that it has not seen included."""
-    kept = remembered(found.model, windows, found.theta, windows.guess)
-    return _refit(found, kept), kept
-
-
-def _refit(found: Fit, windows: Windows) -> Fit:
-    """The fit of a model on the windows as they are."""
-    starts = settle(found.model, windows, found.theta, windows.guess)
-    return fit(found.model, windows, found.theta, starts, iterations=15)
 
 
 def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:

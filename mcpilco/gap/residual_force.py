@@ -64,13 +64,17 @@ class Response:
 
     @cached_property
     def prior(self) -> Float[np.ndarray, "Wm Wm"]:
-        """Covariance of all forces, of variance 1."""
+        """Covariance of all forces, of variance 1: functions of pairs of coordinates."""
+        return self.prior_over(2)
+
+    def prior_over(self, coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
+        """The same of functions of one coordinate, or of two."""
         W, m, D = self.x.shape
         x, joint = self.x.reshape(W * m, D), np.tile(self.joint, W)
         K = np.zeros((W * m, W * m))
         for j in np.unique(self.joint):
             own = np.flatnonzero(joint == j)
-            K[np.ix_(own, own)] = covariance(x[own], x[own])
+            K[np.ix_(own, own)] = covariance(x[own], x[own], coordinates)
         return K
 
 
@@ -180,11 +184,12 @@ def _centred(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
 
 
 def covariance(
-    a: Float[np.ndarray, "m D"], b: Float[np.ndarray, "n D"]
+    a: Float[np.ndarray, "m D"], b: Float[np.ndarray, "n D"], coordinates: int = 2
 ) -> Float[np.ndarray, "m n"]:
-    """Of forces in one joint: functions of pairs of coordinates, added up; variance 1."""
+    """Of forces in one joint: functions of two coordinates, or of one, added up; variance 1."""
     D = a.shape[1]
-    pairs = [(c, d) for c in range(D) for d in range(c)] or [(0, 0)]
+    pairs = [(c, d) for c in range(D) for d in range(c)] if coordinates == 2 else []
+    pairs = pairs or [(c, c) for c in range(D)]
     total = np.zeros((len(a), len(b)))
     for lengthscale in LENGTHSCALES:
         near = [np.exp(-0.5 * np.square((a[:, [d]] - b[:, d]) / lengthscale)) for d in range(D)]
@@ -203,16 +208,25 @@ class Explained:
     """squared residual of a sample that is not predicted from the other windows"""
 
 
-def explain(response: Response, weight: Float[np.ndarray, " W"] | None = None) -> Explained:
+def explain(
+    response: Response,
+    weight: Float[np.ndarray, " W"] | None = None,
+    folds: Int[np.ndarray, " W"] | None = None,
+    coordinates: int = 2,
+) -> Explained:
     """Predicts the residuals of windows from those of others, as forces of state and command.
 
     Args:
         response: of a fit.
         weight: of each window; by default those that fit far worse than most count less.
+        folds: number of each window's fold, below `FOLDS`; by default they take turns.
+        coordinates: of state and command, on which a force may depend at once: 1 or 2.
     """
+    prior = response.prior if coordinates == 2 else response.prior_over(coordinates)
     weight = response.weights if weight is None else weight
+    folds = np.arange(len(response)) % FOLDS if folds is None else folds
     left = min(
-        (_unpredicted(response, strength, weight) for strength in STRENGTHS),
+        (_unpredicted(response, prior * s**2, weight, folds) for s in STRENGTHS),
         key=lambda left: float(weight @ left),
     )
     beyond = float(weight @ np.maximum(response.by_window - response.samples, 0.0))
@@ -221,13 +235,15 @@ def explain(response: Response, weight: Float[np.ndarray, " W"] | None = None) -
 
 
 def _unpredicted(
-    response: Response, strength: float, weight: Float[np.ndarray, " W"]
+    response: Response,
+    K: Float[np.ndarray, "Wm Wm"],
+    weight: Float[np.ndarray, " W"],
+    folds: Int[np.ndarray, " W"],
 ) -> Float[np.ndarray, " W"]:
     """Squared residuals of each window, less what the other folds predict of it."""
     left = np.empty(len(response))
-    K = response.prior * strength**2
-    for fold in range(min(FOLDS, len(response))):
-        told = np.arange(len(response)) % FOLDS == fold
+    for fold in np.unique(folds):
+        told = folds == fold
         missed = response.r[told] - _predict(response, K, weight, told)
         left[told] = np.square(missed).sum(axis=1)
     return left

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.windows import Windows
@@ -24,54 +24,69 @@ WORTH = 0.1
 
 
 def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
-    """The model that predicts each recording best from the others, with as few effects as will do.
+    """The model of the fewest effects that predicts recordings from the others as well as any.
+
+    As well is within one standard error of the difference, which the windows tell.
 
     Args:
         ranked: fits of models, the best first.
         windows: of several recordings; of one there is nothing to predict, and the first is it.
+
+    Reference: Breiman, Friedman, Olshen & Stone, Classification and Regression Trees (1984),
+        section 3.4.3: the rule of one standard error.
     """
     best = ranked[0]
     recordings = np.unique(windows.recording)
     if np.median(best.by_window / windows.samples) < ROUGH or len(recordings) < 2:
         return best
-    sizes = sorted({len(found.model.named) for found in ranked}, reverse=True)
+    sizes = {len(found.model.named) for found in ranked}
     near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
-    compared = [  # the largest first: they cost little, which ends the others early
+    compared = [
         found
-        for size in sizes
+        for size in sorted(sizes)
         for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
-    chosen, least = best, np.inf
-    for found in compared:
-        price = _price(found, windows, recordings, least)
-        if price < least:
-            chosen, least = found, price
-    return chosen
+    missed = np.stack([_unseen(found, windows, recordings) for found in compared])
+    effects = np.array([len(found.model.named) for found in compared])
+    return compared[fewest(missed, effects, windows.overlap)]
 
 
-def _price(found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"], least: float) -> float:
-    """Mean log misfit of recordings that were not seen, and what effects must be worth.
+def fewest(missed: Float[np.ndarray, "M W"], effects: Int[np.ndarray, " M"], overlap: float) -> int:
+    """Number of the model with the fewest effects that is as good as the best one.
 
-    A model that costs more than `least` is not followed to its end: no recording costs less than 0.
+    Args:
+        missed: log misfit of each window that was not seen, by model.
+        effects: how many each model has.
+        overlap: how many windows a sample is in.
     """
-    price = WORTH * len(found.model.named)
+    score = missed.mean(axis=1) + WORTH * effects
+    apart = missed - missed[np.argmin(score)]
+    independent = max(missed.shape[1] / overlap, 2.0)
+    error = apart.std(axis=1) / np.sqrt(independent - 1.0)
+    good = np.flatnonzero(apart.mean(axis=1) <= error)
+    return int(min(good, key=lambda m: (effects[m], score[m])))
+
+
+def _unseen(
+    found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"]
+) -> Float[np.ndarray, " W"]:
+    """Log misfit of a sample in each window, the model fitted to the other recordings."""
+    missed = np.empty(len(windows))
     for recording in recordings:
-        if price >= least:
-            break
-        price += _unseen(found, windows, recording) / len(recordings)
-    return price
-
-
-def _unseen(found: Fit, windows: Windows, recording: int) -> float:
-    """Mean log misfit of a sample in the windows of a recording, the model fitted to the others."""
-    told, others = (
-        np.flatnonzero(windows.recording == recording),
-        np.flatnonzero(windows.recording != recording),
-    )
-    refitted = fit(
-        found.model, windows[others], found.theta, found.starts[others], iterations=4, hasty=True
-    )
-    some = windows[told]
-    starts = settle(found.model, some, refitted.theta, found.starts[told])
-    misfit = misfits(found.model, some, refitted.theta, starts)
-    return float(np.mean(np.log(np.maximum(misfit / some.samples, 1.0))))
+        told, others = (
+            np.flatnonzero(windows.recording == recording),
+            np.flatnonzero(windows.recording != recording),
+        )
+        refitted = fit(
+            found.model,
+            windows[others],
+            found.theta,
+            found.starts[others],
+            iterations=4,
+            hasty=True,
+        )
+        some = windows[told]
+        starts = settle(found.model, some, refitted.theta, found.starts[told])
+        misfit = misfits(found.model, some, refitted.theta, starts)
+        missed[told] = np.log(np.maximum(misfit / some.samples, 1.0))
+    return missed

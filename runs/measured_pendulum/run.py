@@ -20,9 +20,9 @@ from envs.plants import PLANTS
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
 from mcpilco.recordings import Recording, read_recordings
+from mcpilco.report.gap_tables import effects, errors, events, steps
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
 NAMES = "dircol", "energy", "ddp", "release"
@@ -52,7 +52,8 @@ def main() -> int:
     started = time.process_time()
     gap = find(arguments.data, arguments.dt)
     seconds = time.process_time() - started
-    parts = [effects(gap), errors(gap), events(gap), f"{seconds:.0f} CPU seconds, on one thread."]
+    parts = [effects(gap), errors(gap), steps(gap), events(gap)]
+    parts.append(f"{seconds:.0f} CPU seconds, on one thread.")
     fill(arguments.out / "README.md", parts, template=HERE / "README.md")
     print("\n\n".join(parts))
     return 0
@@ -79,49 +80,6 @@ def recordings(data: Path, dt: float) -> list[Recording]:
     if bad:
         raise bad[0]
     return good
-
-
-def effects(gap: Gap) -> str:
-    """What is named, with intervals."""
-    rows = [
-        (
-            named.name,
-            named.target,
-            ", ".join(
-                f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
-                for symbol, e in named.parameters.items()
-            ),
-            f"{100 * named.probability:.0f}",
-            ", ".join(named.family[1:]) or "-",
-        )
-        for named in gap.named
-    ]
-    header = ("effect", "at", "95 % interval", "probability [%]", "or")
-    return f"Verdict: **{gap.verdict}**.\n\n{markdown(header, rows)}"
-
-
-def errors(gap: Gap) -> str:
-    """Free runs on the recordings that were held out."""
-    assert gap.comparison is not None
-    found = gap.comparison.channels["angle"]
-    models = "nominal", "refit", "corrected", "noise_floor"
-    less = 100.0 * (1.0 - found["corrected"] / found["refit"])
-    row = [f"{found[model]:.4f}" for model in models] + [f"{less:.0f}"]
-    header = (
-        *(f"{model.replace('_', ' ')} [rad]" for model in models),
-        "corrected below refit [%]",
-    )
-    held_out = ", ".join(f"`{name}`" for name in gap.held_out)
-    return (
-        f"Error of the angle after {gap.comparison.horizon_s:g} s, rms, on {held_out}, "
-        f"which no fit has seen:\n\n{markdown(header, [tuple(row)])}"
-    )
-
-
-def events(gap: Gap) -> str:
-    """What was left out."""
-    rows = [(e.recording, f"{e.start_s:.1f}", f"{e.end_s:.1f}") for e in gap.events]
-    return f"Left out as events:\n\n{markdown(('recording', 'from [s]', 'to [s]'), rows)}"
 
 
 if __name__ == "__main__":

@@ -45,15 +45,20 @@ def test_a_plant_moves_as_its_env_does(name):
     np.testing.assert_allclose(found[:, 1:], expected, rtol=0.0, atol=1e-5)
 
 
-def test_a_double_pendulum_moves_by_lagranges_equations():
-    """Written for absolute angles a, b = a + elbow of two uniform rods.
+@pytest.mark.parametrize("shape", [(0.5, 1 / 12, 0.5, 1 / 12), (0.9, 0.3, 0.8, 0.2)])
+def test_a_double_pendulum_moves_by_lagranges_equations(shape):
+    """Written for absolute angles a, b = a + elbow of two rods, r and i relative to l and m l^2.
 
-    (m1/3 + m2) l1^2 a'' + m2 l1 l2/2 cos(a - b) b'' = t1 - t2 - m2 l1 l2/2 sin(a - b) b'^2
-                                                       - (m1/2 + m2) g l1 sin a
-    m2 l2^2/3 b'' + m2 l1 l2/2 cos(a - b) a'' = t2 + m2 l1 l2/2 sin(a - b) a'^2
-                                                - m2 g l2/2 sin b
+    (m1 (r1^2 + i1) + m2) l1^2 a'' + m2 l1 r2 l2 cos(a - b) b''
+        = t1 - t2 - m2 l1 r2 l2 sin(a - b) b'^2 - (m1 r1 + m2) g l1 sin a
+    m2 (r2^2 + i2) l2^2 b'' + m2 l1 r2 l2 cos(a - b) a''
+        = t2 + m2 l1 r2 l2 sin(a - b) a'^2 - m2 g r2 l2 sin b
     """
-    plant = double_pendulum().where(upper_mass=0.7, lower_mass=0.5, upper_length=0.4)
+    names = "upper_center", "upper_inertia", "lower_center", "lower_inertia"
+    plant = double_pendulum().where(
+        upper_mass=0.7, lower_mass=0.5, upper_length=0.4, **dict(zip(names, shape, strict=True))
+    )
+    r1, i1, r2, i2 = shape
     values = {parameter.name: parameter.value for parameter in plant.parameters}
     m1, m2, l1, l2, g = 0.7, 0.5, 0.4, values["lower_length"], 9.82
     rng = np.random.default_rng(1)
@@ -61,8 +66,9 @@ def test_a_double_pendulum_moves_by_lagranges_equations():
     found = accelerations(plant.build(values), q, dq, tau)
     (a, b), (da, db) = (x.cumsum(axis=1).T for x in (q, dq))
     dda, ddb = found.cumsum(axis=1).T
-    c, s = m2 * l1 * l2 / 2 * np.cos(a - b), m2 * l1 * l2 / 2 * np.sin(a - b)
-    first = (m1 / 3 + m2) * l1**2 * dda + c * ddb + s * db**2 + (m1 / 2 + m2) * g * l1 * np.sin(a)
-    second = m2 * l2**2 / 3 * ddb + c * dda - s * da**2 + m2 * g * l2 / 2 * np.sin(b)
+    c, s = m2 * l1 * r2 * l2 * np.cos(a - b), m2 * l1 * r2 * l2 * np.sin(a - b)
+    first = (m1 * (r1**2 + i1) + m2) * l1**2 * dda + c * ddb + s * db**2
+    first += (m1 * r1 + m2) * g * l1 * np.sin(a)
+    second = m2 * (r2**2 + i2) * l2**2 * ddb + c * dda - s * da**2 + m2 * g * r2 * l2 * np.sin(b)
     np.testing.assert_allclose(first, tau[:, 0] - tau[:, 1], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(second, tau[:, 1], rtol=1e-9, atol=1e-9)

@@ -10,6 +10,7 @@ import pytest
 import envs
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate
+from mcpilco.gap.given import Given
 from mcpilco.gap.report import summary, to_json
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
@@ -167,3 +168,14 @@ def test_wrong_arguments_get_a_sentence(
 def test_a_summary_is_ten_lines_at_most(found: Gap) -> None:
     assert 3 <= len(summary(found)) <= 10
     assert set(to_json(found)) >= {"format", "verdict", "effects", "where", "error", "events"}
+
+
+def test_the_recordings_that_no_fit_may_see_can_be_named() -> None:
+    time = 0.02 * np.arange(100)
+    states, torque = np.zeros((100, 2)), np.zeros((100, 1))
+    measured = [Recording(name, time, states, torque, *long_names) for name in "abc"]
+    given = Given.of(PLANT(), measured, 0.01, (), {}, held_out=["a"])
+    assert given.names == (("b", "c"), ("a",))
+    for wrong in (["d"], ["a", "b", "c"]):
+        with pytest.raises(InputError, match="must be some of the recordings a, b, c, and leave"):
+            Given.of(PLANT(), measured, 0.01, (), {}, held_out=wrong)

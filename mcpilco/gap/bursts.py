@@ -1,0 +1,112 @@
+"""Forces that come and go, such as a push by hand: neither state nor command tells of them.
+
+In a third of a second a force f that a model misses bends a motion by f t^2 / 2 M, which no start
+state can imitate and no growth of errors can hide. So one number for each joint and short window,
+the force that is missed there on average, shows a push that a long window hides: near an unstable
+rest the longer one forgets everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from mcpilco.gap.events import RARE, STRANGE, Event, events
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.learn import SHORT_S, moved
+from mcpilco.gap.residual_force import FOLDS, explain, respond
+from mcpilco.gap.windows import Windows
+from mcpilco.recordings import Recording
+
+STRONG, WEAK = 5.0, 3.0
+"""times the usual missed force, in the middle of a burst and at its ends"""
+SURE = 8.0
+"""standard deviations that the force in the middle of a burst is away from 0"""
+OTHERS = 60
+"""windows without a burst, at most, that may tell what a state and a command do"""
+
+
+def bursts(found: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
+    """Spans in which a far larger force is missed than usual.
+
+    None where they would be much of the recordings: then the model is wrong.
+
+    Args:
+        found: a fit.
+        short: windows of `SHORT_S` seconds that overlap by half, of all recordings in their order.
+        recordings: these.
+    """
+    far = _far(moved(found, short), short)
+    return () if far.mean() > RARE else events(short[far], recordings)
+
+
+def unforeseen(
+    spans: Sequence[Event], found: Fit, short: Windows, recordings: Sequence[Recording]
+) -> tuple[Event, ...]:
+    """Those of some spans whose forces no state and command predict, as all other windows tell.
+
+    What a contact or a magnet does recurs where the machine comes by again; a push does not.
+    """
+    apart = short[::2]
+    touched = _touched(spans, apart, recordings)
+    others = np.flatnonzero(touched < 0)
+    some = others[np.linspace(0, len(others) - 1, min(OTHERS, len(others))).astype(int)]
+    chosen = np.union1d(some, np.flatnonzero(touched >= 0))
+    windows, touched = apart[chosen], touched[chosen]
+    response = respond(moved(found, windows), windows)
+    folds = np.where(touched < 0, np.arange(len(windows)), touched) % FOLDS
+    left = np.minimum(*(explain(response, response.weights, folds, n).left for n in (1, 2)))
+    before = response.by_window / response.samples
+    own = [touched == number for number in range(len(spans))]
+    strange = [left[mine].sum() >= STRANGE * before[mine].sum() for mine in own]
+    return tuple(span for span, so in zip(spans, strange, strict=True) if so)
+
+
+def _far(part: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
+    """Windows in which a far larger force is missed than usual, and their weaker neighbours."""
+    response = respond(part, short, SHORT_S)
+    G, r = response.G, response.r
+    precision = np.einsum("wni,wnj->wij", G, G) + np.eye(G.shape[2])
+    covariance = np.linalg.inv(precision)
+    force = np.abs(np.einsum("wij,wnj,wn->wi", covariance, G, r))
+    std = np.sqrt(np.einsum("wii->wi", covariance))
+    size = force / np.maximum(np.median(force, axis=0), 1e-12)
+    strong = ((size > STRONG) & (force > SURE * std)).any(axis=1)
+    return _grown(strong, (size > WEAK).any(axis=1), _runs(short))
+
+
+def _runs(short: Windows) -> list[slice]:
+    """Windows that follow one another without a break."""
+    length = short.y.shape[2] * short.dt
+    broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > length)
+    ends = [0, *(np.flatnonzero(broken) + 1), len(short)]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _grown(
+    strong: Bool[np.ndarray, " W"], weak: Bool[np.ndarray, " W"], runs: Sequence[slice]
+) -> Bool[np.ndarray, " W"]:
+    """Strong windows, and the weak ones that are joined to them by weak ones."""
+    far = strong.copy()
+    for run in runs:
+        for order in (range(run.start + 1, run.stop), range(run.stop - 2, run.start - 1, -1)):
+            for w in order:
+                before = w - 1 if order.step > 0 else w + 1
+                far[w] |= weak[w] & far[before]
+    return far
+
+
+def _touched(
+    spans: Sequence[Event], windows: Windows, recordings: Sequence[Recording]
+) -> Int[np.ndarray, " W"]:
+    """Which span touches each window; -1 where none does."""
+    ends = windows.start_s + windows.y.shape[2] * windows.dt
+    names = np.array([recordings[n].name for n in windows.recording])
+    touched = np.full(len(windows), -1)
+    for number, span in enumerate(spans):
+        inside = (windows.start_s < span.end_s) & (ends > span.start_s)
+        touched[(names == span.recording) & inside] = number
+    return touched
