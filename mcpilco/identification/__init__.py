@@ -11,30 +11,58 @@ from mcpilco.identification.consistency import LinkCheck, check
 from mcpilco.identification.errors_in_variables import errors_in_variables
 from mcpilco.identification.input_noise import noise_above, noise_of_repetitions
 from mcpilco.identification.instruments import InstrumentedFit, instrumental_variables, refine
+from mcpilco.identification.joint_motion import (
+    JointMotion,
+    encoder_noise,
+    local_cubics,
+    motion_cutoff,
+    zero_phase,
+)
 from mcpilco.identification.methods import METHODS
 from mcpilco.identification.moments import Moments
 from mcpilco.identification.projection import Projection, project
+from mcpilco.identification.recipe import (
+    ALL_METHODS,
+    PROJECTIONS,
+    Estimate,
+    Recipe,
+    Rows,
+    estimate,
+    force_errors,
+    solve,
+)
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
 
 __all__ = [
+    "ALL_METHODS",
     "METHODS",
+    "PROJECTIONS",
     "TERMS",
     "BaseParameters",
+    "Estimate",
     "InstrumentedFit",
+    "JointMotion",
     "LinkCheck",
     "Moments",
     "NoisyInputConfig",
     "NoisyInputFit",
     "Projection",
+    "Recipe",
     "RigidBody",
+    "Rows",
     "UnidentifiedWarning",
     "base_parameters",
     "check",
+    "encoder_noise",
     "errors_in_variables",
+    "estimate",
     "fit_noisy_inputs",
+    "force_errors",
     "from_virtual",
     "instrumental_variables",
+    "local_cubics",
+    "motion_cutoff",
     "motions",
     "noise_above",
     "noise_of_repetitions",
@@ -42,5 +70,7 @@ __all__ = [
     "project_virtual",
     "refine",
     "rigid_body",
+    "solve",
     "to_virtual",
+    "zero_phase",
 ]
