@@ -18,6 +18,7 @@ from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
+from mcpilco.cli.identify import Identify
 from mcpilco.cli.record import Record
 from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
@@ -47,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 | Compare
                 | Record
                 | Gap
+                | Identify
                 | View
                 | Report
                 | CheckEnv

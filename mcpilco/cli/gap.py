@@ -151,7 +151,7 @@ class Gap:
             plant.layout.inputs,
             angles=plant.angles,
             velocities=tuple((k, k + 1) for k in range(0, len(states), 2)),
-            columns=dict(pair.split("=", 1) for pair in _pairs("--columns", self.columns)),
+            columns=named("--columns", self.columns),
             dt=dt,
         )
         for error in bad:
@@ -172,6 +172,11 @@ def numbers(option: str, entries: tuple[str, ...] | list[str]) -> dict[str, floa
     """NAME=VALUE entries of an option, also separated by commas."""
     pairs = (pair.split("=", 1) for pair in _pairs(option, entries))
     return {name: _number(f"{option} {name}", value) for name, value in pairs}
+
+
+def named(option: str, entries: tuple[str, ...]) -> dict[str, str]:
+    """NAME=TEXT entries of an option, also separated by commas."""
+    return dict(pair.split("=", 1) for pair in _pairs(option, entries))
 
 
 def _pairs(option: str, entries: tuple[str, ...] | list[str]) -> list[str]:

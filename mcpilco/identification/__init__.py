@@ -9,6 +9,8 @@ from mcpilco.identification.bayesian import (
 )
 from mcpilco.identification.consistency import LinkCheck, check
 from mcpilco.identification.errors_in_variables import errors_in_variables
+from mcpilco.identification.identified_mjcf import write_identified_mjcf
+from mcpilco.identification.identify import Identified, identify
 from mcpilco.identification.input_noise import noise_above, noise_of_repetitions
 from mcpilco.identification.instruments import InstrumentedFit, instrumental_variables, refine
 from mcpilco.identification.joint_motion import (
@@ -32,6 +34,7 @@ from mcpilco.identification.recipe import (
     solve,
 )
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
+from mcpilco.identification.robot_log import Segment, load_robot, read_robot
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
 
 __all__ = [
@@ -41,6 +44,7 @@ __all__ = [
     "TERMS",
     "BaseParameters",
     "Estimate",
+    "Identified",
     "InstrumentedFit",
     "JointMotion",
     "LinkCheck",
@@ -51,6 +55,7 @@ __all__ = [
     "Recipe",
     "RigidBody",
     "Rows",
+    "Segment",
     "UnidentifiedWarning",
     "base_parameters",
     "check",
@@ -60,7 +65,9 @@ __all__ = [
     "fit_noisy_inputs",
     "force_errors",
     "from_virtual",
+    "identify",
     "instrumental_variables",
+    "load_robot",
     "local_cubics",
     "motion_cutoff",
     "motions",
@@ -68,9 +75,11 @@ __all__ = [
     "noise_of_repetitions",
     "project",
     "project_virtual",
+    "read_robot",
     "refine",
     "rigid_body",
     "solve",
     "to_virtual",
+    "write_identified_mjcf",
     "zero_phase",
 ]

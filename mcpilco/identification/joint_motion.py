@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, savgol_filter, sosfiltfilt, welch
 
+from mcpilco.identification.rigid_body import TERMS, RigidBody
 from mcpilco.typing import InputError
 
 ORDER = 4
@@ -53,9 +54,21 @@ class JointMotion:
     """accelerations [rad/s^2 or m/s^2]"""
     tau: Float[np.ndarray, "N J"]
     """forces [N m or N]"""
+    dry: Float[np.ndarray, "N J"]
+    """what dry friction of 1 N m or 1 N would be, by the filter of the forces: it jumps, and a
+    filtered jump is no jump of filtered velocities"""
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def regressor(self, body: RigidBody) -> Float[np.ndarray, "N J D"]:
+        """Forces for each of a robot's parameters, as `RigidBody.regressor`, with `dry`."""
+        Y = body.regressor(self.q, self.dq, self.ddq)
+        if "coulomb" in body.terms:
+            N, J, _ = Y.shape
+            each, place = np.arange(J), body.width - len(body.terms) + body.terms.index("coulomb")
+            Y.reshape(N, J, J, body.width)[:, each, each, place] = self.dry
+        return Y
 
     def __getitem__(self, rows: slice) -> JointMotion:
         return JointMotion(*(getattr(self, field.name)[rows] for field in fields(self)))
@@ -100,8 +113,9 @@ def zero_phase(
     q, dq, tau = (sosfiltfilt(smooth, part, axis=0) for part in (q, dq, tau))
     dq = np.where(np.isfinite(dq), dq, np.gradient(q, dt, axis=0))
     ddq = np.gradient(dq, dt, axis=0)
+    dry = sosfiltfilt(smooth, TERMS["coulomb"].column(q, dq, ddq), axis=0)
     step = max(1, int(1.0 / (ROWS_A_PERIOD * cutoff * dt)))
-    return JointMotion(q, dq, ddq, tau)[ends:-ends:step]
+    return JointMotion(q, dq, ddq, tau, dry)[ends:-ends:step]
 
 
 def local_cubics(
@@ -132,12 +146,11 @@ def local_cubics(
 
     measured = np.isfinite(dq).all(axis=0)
     known = np.where(measured, dq, 0.0)
-    motion = JointMotion(
-        cubics(q, 0),
-        np.where(measured, cubics(known, 0), cubics(q, 1)),
-        np.where(measured, cubics(known, 1), cubics(q, 2)),
-        tau,
-    )
+    positions = cubics(q, 0)
+    speeds = np.where(measured, cubics(known, 0), cubics(q, 1))
+    accelerations = np.where(measured, cubics(known, 1), cubics(q, 2))
+    dry = TERMS["coulomb"].column(positions, speeds, accelerations)
+    motion = JointMotion(positions, speeds, accelerations, tau, dry)
     return motion[window:-window:step]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -105,11 +105,15 @@ class Rows:
         """
         noisier = None
         if noise is not None:
-            noisier = body.regressor(
-                motion.q + noise.q, motion.dq + noise.dq, motion.ddq + noise.ddq
+            more = replace(
+                motion,
+                q=motion.q + noise.q,
+                dq=motion.dq + noise.dq,
+                ddq=motion.ddq + noise.ddq,
             )
-        commanded = None if reference is None else _regressor(body, reference)
-        return cls(_regressor(body, motion), motion.tau, noisier, commanded)
+            noisier = more.regressor(body)
+        commanded = None if reference is None else reference.regressor(body)
+        return cls(motion.regressor(body), motion.tau, noisier, commanded)
 
     def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
         """All divided by a number a joint."""
@@ -120,10 +124,6 @@ class Rows:
             None if self.noisier is None else self.noisier / by,
             None if self.reference is None else self.reference / by,
         )
-
-
-def _regressor(body: RigidBody, motion: JointMotion) -> Float[np.ndarray, "N J D"]:
-    return body.regressor(motion.q, motion.dq, motion.ddq)
 
 
 @dataclass(frozen=True)
