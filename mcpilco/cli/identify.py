@@ -132,7 +132,8 @@ class Identify:
 def lines(found: Identified) -> Iterator[str]:
     """What was found, as it is printed."""
     base, body = found.base, found.body
-    yield f"{found.rows[0]} rows a joint fitted, {found.rows[1]} held out; cutoff {found.cutoff:.3g} Hz."
+    fitted, held = found.rows
+    yield f"{fitted} rows a joint fitted, {held} held out; cutoff {found.cutoff:.3g} Hz."
     yield f"{len(base)} of {len(body.names)} parameters and sums of them can be told:"
     table = [
         (f"{value:.5g}", f"+- {half:.2g}", body.units[at], formula)

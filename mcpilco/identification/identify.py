@@ -37,7 +37,7 @@ BLOCKS = 10
 """of rows, each left out once for the intervals"""
 LEVEL = 0.95
 """of the intervals"""
-ROWS_A_PARAMETER = 3
+ROWS_A_PARAMETER = 10
 """least rows, all joints together, for each base parameter"""
 MOVES = 10.0
 """range of a joint that moves, relative to its encoder's noise [-]"""

@@ -29,7 +29,7 @@ ORDER = 4
 """of the Butterworth filter, each way"""
 ROWS_A_PERIOD = 8.0
 """rows that are kept in a period of the cutoff"""
-LEFT_OUT = 2.0
+LEFT_OUT = 3.0
 """periods of the cutoff at both ends, where a filter has nothing to go by"""
 WINDOW = 15
 """samples of a local cubic"""
@@ -108,7 +108,7 @@ def zero_phase(
             f"{cutoff:g}."
         )
     ends = round(LEFT_OUT / (cutoff * dt))
-    _require_rows(q, 4 * ends, dt)
+    _require_rows(q, 3 * ends, dt)
     smooth = butter(ORDER, cutoff, fs=1.0 / dt, output="sos")
     q, dq, tau = (sosfiltfilt(smooth, part, axis=0) for part in (q, dq, tau))
     dq = np.where(np.isfinite(dq), dq, np.gradient(q, dt, axis=0))
@@ -184,10 +184,10 @@ def encoder_noise(q: Float[np.ndarray, "T J"], dt: float) -> Float[np.ndarray, "
 def _spectrum(
     q: Float[np.ndarray, "T J"], dt: float
 ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F J"], Float[np.ndarray, " J"]]:
-    """Frequencies [Hz], power a Hz, and its median in the upper half of them."""
+    """Frequencies [Hz], power a Hz, and its mean in the upper half of them."""
     length = min(len(q), round(_SECONDS / dt))
     frequency, power = welch(q, 1.0 / dt, nperseg=length, detrend="linear", axis=0)
-    return frequency, power, np.median(power[len(power) // 2 :], axis=0)
+    return frequency, power, power[len(power) // 2 :].mean(axis=0)
 
 
 def _require_rows(q: Float[np.ndarray, "T J"], least: int, dt: float) -> None:

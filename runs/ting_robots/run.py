@@ -343,7 +343,7 @@ HEADER = (
     "position [rad]",
     "velocity [rad/s]",
     "feedback [N m]",
-    "torque nMSE",
+    "force nMSE",
     "consistent links",
     "failures",
 )
