@@ -155,10 +155,10 @@ class Inertials:
 
 
 def _write_nothing(body: mujoco.MjsBody) -> None:
-    """A body without mass, whatever its geoms are."""
-    body.explicitinertial = True
-    body.fullinertia = np.array([np.nan, *[0.0] * 5])
-    body.mass, body.inertia = 0.0, np.zeros(3)
+    """A body without mass: MuJoCo's writer leaves out a mass of 0, so its geoms must have none."""
+    body.explicitinertial = False
+    for geom in body.geoms:
+        geom.mass = 0.0
 
 
 def _is_physical(inertia: Float[np.ndarray, "3 3"]) -> bool:

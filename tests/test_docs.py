@@ -79,7 +79,7 @@ def commands(page: Path) -> list[list[str]]:
     for line in shell_lines(page):
         match = re.search(
             r"(?:^|\s)mcpilco ((?:train|evaluate|export|record|gap|sweep|compare|view|report"
-            r"|check-env|doctor)\b.*)",
+            r"|check-env|doctor|identify)\b.*)",
             line,
         )
         if match:

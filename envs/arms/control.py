@@ -118,9 +118,13 @@ def follow(
         data.ctrl[:] = tau
         mujoco.mj_step(model, data, substeps)
     return Followed(
-        time[:done],
-        q_r[:done],
-        *(array[:done] for array in log.values()),
+        time=time[:done],
+        reference=q_r[:done],
+        position=log["q"][:done],
+        velocity=log["dq"][:done],
+        encoder=log["sensed"][:done],
+        force=log["tau"][:done],
+        feedback=log["back"][:done],
         stopped=done < T,
     )
 

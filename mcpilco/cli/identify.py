@@ -132,8 +132,8 @@ class Identify:
 def lines(found: Identified) -> Iterator[str]:
     """What was found, as it is printed."""
     base, body = found.base, found.body
-    fitted, held = found.rows
-    yield f"{fitted} rows a joint fitted, {held} held out; cutoff {found.cutoff:.3g} Hz."
+    fitted, tested = found.rows
+    yield f"{fitted} rows a joint fitted, {tested} held out; cutoff {found.cutoff:.3g} Hz."
     yield f"{len(base)} of {len(body.names)} parameters and sums of them can be told:"
     table = [
         (f"{value:.5g}", f"+- {half:.2g}", body.units[at], formula)
@@ -153,7 +153,7 @@ def lines(found: Identified) -> Iterator[str]:
             for link, after in zip(found.before, found.after, strict=True)
         ]
     )
-    held = "held-out rows" if found.rows[1] else "the rows fitted to"
+    held = "held-out rows" if tested else "the rows fitted to"
     yield f"Forces in {held}, root mean square, and what is left of them:"
     yield from _aligned(
         [

@@ -79,8 +79,9 @@ class Rows:
         return len(self.Y)
 
     def __getitem__(self, rows: slice | np.ndarray) -> Rows:
-        parts = (self.Y, self.tau, self.noisier, self.reference)
-        return Rows(*(None if part is None else part[rows] for part in parts))
+        noisier = None if self.noisier is None else self.noisier[rows]
+        reference = None if self.reference is None else self.reference[rows]
+        return Rows(self.Y[rows], self.tau[rows], noisier, reference)
 
     @property
     def metric(self) -> Float[np.ndarray, "D D"]:
