@@ -66,7 +66,7 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
     left += [f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned]
     model.finish()
-    _move_assets(model.spec, source.parent, path.parent)
+    move_assets(model.spec, source.parent, path.parent)
     try:
         model.spec.compile()
     except ValueError as error:
@@ -75,7 +75,7 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     return left
 
 
-def _move_assets(spec: mujoco.MjSpec, before: Path, after: Path) -> None:
+def move_assets(spec: mujoco.MjSpec, before: Path, after: Path) -> None:
     """Lets the paths of meshes and textures lead to their files from another folder."""
     if before.resolve() == after.resolve():
         return
@@ -111,7 +111,7 @@ class CorrectedModel:
         elif what == "mass":
             self._inertials.scale_to(owner, value)
         elif what == "damping":
-            _put(self._joint(owner), "damping", 0, value)
+            put(self._joint(owner), "damping", 0, value)
         elif what == "friction":
             self._joint(owner).frictionloss = value
         else:
@@ -146,10 +146,10 @@ class CorrectedModel:
     # joints
 
     def _viscous_friction(self, joint: str, b: float) -> None:
-        _put(self._joint(joint), "damping", 0, self._joint(joint).damping[0] + b)
+        put(self._joint(joint), "damping", 0, self._joint(joint).damping[0] + b)
 
     def _quadratic_drag(self, joint: str, c: float) -> None:
-        _put(self._joint(joint), "damping", 1, self._joint(joint).damping[1] + c)
+        put(self._joint(joint), "damping", 1, self._joint(joint).damping[1] + c)
 
     def _coulomb_friction(self, joint: str, f_c: float, v_r: float) -> None:
         spec = self._joint(joint)
@@ -229,7 +229,7 @@ class CorrectedModel:
         joint = self._joint(name)
         rest, stiffness = _about_rest(force)
         for power, value in enumerate(stiffness):
-            _put(joint, "stiffness", power, value)
+            put(joint, "stiffness", power, value)
         hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
         joint.springref = math.degrees(rest) if hinge and self.spec.compiler.degree else rest
 
@@ -253,7 +253,7 @@ def _about_rest(force: Polynomial) -> tuple[float, Float[np.ndarray, " 3"]]:
     return rest, -np.pad(about, (0, 4 - len(about)))[1:]
 
 
-def _put(element: Any, attribute: str, index: int, value: float) -> None:
+def put(element: Any, attribute: str, index: int, value: float) -> None:
     """Sets one number of an attribute that is an array."""
     numbers = np.array(getattr(element, attribute))
     numbers[index] = value

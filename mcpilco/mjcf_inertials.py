@@ -71,6 +71,26 @@ class Inertials:
         for b, R in members.items():
             self._center[b] += R.T @ shift
 
+    def replace(
+        self,
+        body: str,
+        mass: float,
+        center: Float[np.ndarray, " 3"],
+        inertia: Float[np.ndarray, "3 3"],
+    ) -> None:
+        """Gives a body all that moves with it; what is welded to it weighs nothing any more.
+
+        Args:
+            body: name of the body.
+            mass: [kg].
+            center: of mass, in the body's frame, from its joint [m].
+            inertia: about the center of mass, along the axes of the body's frame [kg m^2].
+        """
+        b, *welded = self._members[body]
+        self._mass[b], self._inertia[b] = mass, inertia
+        self._center[b] = self._model.jnt_pos[self._joints[body]] + center
+        self._mass[welded], self._inertia[welded] = 0.0, 0.0
+
     def add_inertia(self, body: str, more: float) -> str | None:
         """Adds to a body's inertia about its joint's axis [kg m^2], or says why it cannot.
 
@@ -113,8 +133,11 @@ class Inertials:
             compiler.settotalmass = -1.0
             changed = [True] * self._model.nbody
         for body in self._spec.bodies:
-            if body.id > 0 and changed[body.id] and self._mass[body.id] > 0.0:
-                self._write(body)
+            if body.id > 0 and changed[body.id]:
+                if self._mass[body.id] > 0.0:
+                    self._write(body)
+                elif self._before[0][body.id] > 0.0:
+                    _write_nothing(body)
 
     def _write(self, body: mujoco.MjsBody) -> None:
         moments, R = np.linalg.eigh(self._inertia[body.id])
@@ -129,6 +152,13 @@ class Inertials:
         body.fullinertia = np.array([np.nan, *[0.0] * 5])
         body.mass, body.ipos = self._mass[body.id], self._center[body.id]
         body.iquat, body.inertia = quaternion, moments
+
+
+def _write_nothing(body: mujoco.MjsBody) -> None:
+    """A body without mass: MuJoCo's writer leaves out a mass of 0, so its geoms must have none."""
+    body.explicitinertial = False
+    for geom in body.geoms:
+        geom.mass = 0.0
 
 
 def _is_physical(inertia: Float[np.ndarray, "3 3"]) -> bool:

@@ -23,6 +23,7 @@ from mcpilco.cli.doctor import Doctor
 from mcpilco.cli.evaluate import Evaluate
 from mcpilco.cli.export import Export
 from mcpilco.cli.gap import Gap
+from mcpilco.cli.identify import Identify
 from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
@@ -44,6 +45,7 @@ COMMANDS = (
     Record,
     Gap,
     Cross,
+    Identify,
     InverseDynamics,
     Kinematics,
     Collisions,

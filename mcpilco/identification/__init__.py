@@ -9,12 +9,32 @@ from mcpilco.identification.bayesian import (
 )
 from mcpilco.identification.consistency import LinkCheck, check
 from mcpilco.identification.errors_in_variables import errors_in_variables
+from mcpilco.identification.identified_mjcf import write_identified_mjcf
+from mcpilco.identification.identify import Identified, identify
 from mcpilco.identification.input_noise import noise_above, noise_of_repetitions
 from mcpilco.identification.instruments import InstrumentedFit, instrumental_variables, refine
+from mcpilco.identification.joint_motion import (
+    JointMotion,
+    encoder_noise,
+    local_cubics,
+    motion_cutoff,
+    zero_phase,
+)
 from mcpilco.identification.methods import METHODS
 from mcpilco.identification.moments import Moments
 from mcpilco.identification.projection import Projection, project
+from mcpilco.identification.recipe import (
+    ALL_METHODS,
+    PROJECTIONS,
+    Estimate,
+    Recipe,
+    Rows,
+    estimate,
+    force_errors,
+    solve,
+)
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
+from mcpilco.identification.robot_log import Segment, load_robot, read_robot
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
 from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_data import Series, read_series
@@ -23,39 +43,58 @@ from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import fit_percent, third_order, wiener
 
 __all__ = [
+    "ALL_METHODS",
     "METHODS",
+    "PROJECTIONS",
     "TERMS",
     "BaseParameters",
+    "Estimate",
+    "Identified",
     "InstrumentedFit",
+    "JointMotion",
     "LinkCheck",
     "Moments",
     "NoisyInputConfig",
     "NoisyInputFit",
     "Projection",
+    "Recipe",
     "RigidBody",
+    "Rows",
+    "Segment",
     "Series",
     "UnidentifiedWarning",
     "VolterraConfig",
     "VolterraModel",
     "base_parameters",
     "check",
+    "encoder_noise",
     "errors_in_variables",
+    "estimate",
     "fit_noisy_inputs",
     "fit_percent",
     "fit_volterra",
+    "force_errors",
     "from_virtual",
+    "identify",
     "instrumental_variables",
+    "load_robot",
     "load_volterra",
+    "local_cubics",
+    "motion_cutoff",
     "motions",
     "noise_above",
     "noise_of_repetitions",
     "project",
     "project_virtual",
+    "read_robot",
     "read_series",
     "refine",
     "rigid_body",
     "save_volterra",
+    "solve",
     "third_order",
     "to_virtual",
     "wiener",
+    "write_identified_mjcf",
+    "zero_phase",
 ]

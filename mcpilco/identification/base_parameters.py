@@ -50,6 +50,14 @@ class BaseParameters:
         theta[self.independent] = beta
         return theta
 
+    def near(
+        self, beta: Float[np.ndarray, " B"], theta: Float[np.ndarray, " D"]
+    ) -> Float[np.ndarray, " D"]:
+        """The parameters that have these base parameters, and theta's dependent parameters."""
+        found = theta.copy()
+        found[self.independent] = beta - self.K @ theta[self.dependent]
+        return found
+
     def formulas(self, names: tuple[str, ...], least: float = 1e-6) -> tuple[str, ...]:
         """Each base parameter as a sum of parameters, for readers.
 

@@ -26,8 +26,9 @@ def errors_in_variables(
 
     In coordinates in which X^T X is the identity, least squares is X^T y, and each eigenvector of
     N Psi there, with eigenvalue n, has the share r = 1 - n that is not noise. Least squares is to
-    be divided by r; it is multiplied by r / (r^2 + regularisation) instead, and by 0 where there is
-    nothing but noise, r <= 0: a direction that the noise hides is left out, not blown up.
+    be divided by r; it is multiplied by (1 + regularisation) r / (r^2 + regularisation) instead,
+    which is 1 where there is no noise, and by 0 where there is nothing else, r <= 0: a direction
+    that the noise hides is left out, not blown up.
 
     Args:
         moments: of the data.
@@ -65,6 +66,6 @@ def errors_in_variables(
             UnidentifiedWarning,
             stacklevel=2,
         )
-    factor = np.where(r > 0.0, r / (r**2 + regularisation), 0.0)
+    factor = np.where(r > 0.0, (1.0 + regularisation) * r / (r**2 + regularisation), 0.0)
     basis = whiten @ turned
     return basis @ (factor * (basis.T @ moments.xy))

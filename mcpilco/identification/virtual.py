@@ -7,15 +7,18 @@ principal moments is not among them. `mcpilco.identification.projection` is suff
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Inexact
+from jaxtyping import Bool, Float, Inexact
 from scipy.optimize import least_squares
 
-from mcpilco.identification.consistency import inertia_of
+from mcpilco.identification.consistency import from_pseudo_inertia, inertia_of, pseudo_inertia
 from mcpilco.identification.rigid_body import TERMS, RigidBody
 from mcpilco.mechanics import INERTIAL
 
 _ROWS, _COLUMNS = np.triu_indices(3)
 _LEAST = 1e-3  # of an estimate's size: what starts from less would not move
+_RAISED = 1e-2  # of a link's largest eigenvalue: smaller ones of J start from this
+_EVALUATIONS = 150  # of the search; it creeps where a link has next to no mass
+_STEP = 1e-30  # complex, so that it cancels nothing
 
 
 def from_virtual(virtual: Inexact[np.ndarray, "K 10"]) -> Inexact[np.ndarray, "K 10"]:
@@ -68,27 +71,72 @@ def project_virtual(
 
     Reference: Ting et al., section III-B, eqs. (5) and (8).
     """
-    links, positive = len(body.chain.bodies), _positive(body)
+    positive = _positive(body)
     values, vectors = np.linalg.eigh(metric)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     root /= max(np.linalg.norm(root @ estimate), 1e-300)
-
-    def theta_of(virtual: np.ndarray) -> np.ndarray:
-        blocks = virtual.reshape(links, body.width)
-        terms = blocks[:, len(INERTIAL) :]
-        terms = np.where(positive, terms**2, terms)
-        return np.concatenate([from_virtual(blocks[:, : len(INERTIAL)]), terms], axis=1).ravel()
-
-    blocks = estimate.reshape(links, body.width)
-    terms = blocks[:, len(INERTIAL) :]
-    least = _LEAST * np.abs(terms).max(axis=0, initial=0.0)
-    terms = np.where(positive, np.sqrt(np.maximum(terms, least)), terms)
-    start = np.concatenate([to_virtual(blocks[:, : len(INERTIAL)]), terms], axis=1).ravel()
     found = least_squares(
-        lambda virtual: root @ (theta_of(virtual) - estimate), start, jac="cs", x_scale="jac"
+        lambda virtual: root @ (_theta(virtual.reshape(-1, body.width), positive) - estimate),
+        _start(body, estimate).ravel(),
+        jac=lambda virtual: _slope(virtual.reshape(-1, body.width), positive, root),
+        x_scale="jac",
+        max_nfev=_EVALUATIONS,
     )
-    return theta_of(found.x)
+    return _theta(found.x.reshape(-1, body.width), positive)
 
 
-def _positive(body: RigidBody) -> np.ndarray:
+def _theta(
+    virtual: Inexact[np.ndarray, "K W"], positive: Bool[np.ndarray, " F"]
+) -> Inexact[np.ndarray, " D"]:
+    """The parameters of all links, friction too."""
+    terms = virtual[:, len(INERTIAL) :]
+    terms = np.where(positive, terms**2, terms)
+    return np.concatenate([from_virtual(virtual[:, : len(INERTIAL)]), terms], axis=1).ravel()
+
+
+def _slope(
+    virtual: Float[np.ndarray, "K W"],
+    positive: Bool[np.ndarray, " F"],
+    root: Float[np.ndarray, "D D"],
+) -> Float[np.ndarray, "D D"]:
+    """Derivative of root theta: of all links at once, for none depends on another's numbers."""
+    rows = root.reshape(-1, *virtual.shape)
+    slope = np.empty_like(rows)
+    for column in range(virtual.shape[1]):
+        moved = virtual.astype(complex)
+        moved[:, column] += 1j * _STEP
+        change = _theta(moved, positive).imag.reshape(virtual.shape) / _STEP
+        slope[:, :, column] = np.einsum("dkw,kw->dk", rows, change)
+    return slope.reshape(root.shape)
+
+
+def _start(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[np.ndarray, "K W"]:
+    """Virtual parameters of bodies near the estimate: its pseudo-inertias, made positive.
+
+    A link whose mass is next to 0 would have its center of mass far away, and a search from there
+    comes nowhere.
+    """
+    blocks = estimate.reshape(-1, body.width)
+    theta, terms = blocks[:, : len(INERTIAL)], blocks[:, len(INERTIAL) :]
+    if not _has_virtual(theta):
+        values, vectors = np.linalg.eigh(pseudo_inertia(theta))
+        least = _RAISED * np.maximum(values[:, -1:], _RAISED * values[:, -1].max() + 1e-12)
+        raised = np.maximum(values, least)
+        theta = from_pseudo_inertia(np.einsum("kij,kj,klj->kil", vectors, raised, vectors))
+    least = _LEAST * np.abs(terms).max(axis=0, initial=0.0)
+    terms = np.where(_positive(body), np.sqrt(np.maximum(terms, least)), terms)
+    return np.concatenate([to_virtual(theta), terms], axis=1)
+
+
+def _has_virtual(theta: Float[np.ndarray, "K 10"]) -> bool:
+    """Whether all are of the form of eq. (5) already."""
+    m, h = theta[:, :1], theta[:, 1:4]
+    if (m <= 0.0).any():
+        return False
+    square = (h * h).sum(1)[:, None, None] * np.eye(3)
+    about = inertia_of(theta) - (square - h[:, :, None] * h[:, None]) / m[:, :, None]
+    return bool((np.linalg.eigvalsh(about)[:, 0] >= 0.0).all())
+
+
+def _positive(body: RigidBody) -> Bool[np.ndarray, " F"]:
     return np.array([TERMS[term].positive for term in body.terms], dtype=bool)

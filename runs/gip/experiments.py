@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from envs.arms.perturbed import perturbed
+from envs.arms.random_motion import random_motion
 from envs.arms.scara import scara
-from envs.arms.sinusoids import sinusoids
 from envs.arms.ur10 import ur10
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
@@ -59,7 +59,7 @@ def measured(
     chain: Chain, rng: np.random.Generator, samples: int, noise: float = NOISE
 ) -> JointData:
     """A motion of its own, and its torques."""
-    motion = sinusoids(chain, rng, samples)
+    motion = random_motion(chain, rng, samples)
     tau = generalised_forces(chain, *motion) + noise * rng.normal(size=motion[0].shape)
     return JointData(*motion, tau, chain.joints, tuple(body.kind for body in chain.bodies))
 
@@ -147,7 +147,7 @@ def tracking(
 ) -> dict[str, list[float]]:
     """RMS errors of the joints [rad or m] on a new motion: feedback alone, and with each model."""
     names = ("pd", *models)
-    plan = sinusoids(robot, rng, round(PLAN_S / STEP_S), STEP_S)
+    plan = random_motion(robot, rng, round(PLAN_S / STEP_S), STEP_S)
     controllers = [FeedForward(models.get(name), *GAINS) for name in names]
     torques = np.stack([controller.plan(*plan) for controller in controllers], 1)  # T C J
     q, dq = (np.repeat(array[:1], len(names), 0) for array in plan[:2])

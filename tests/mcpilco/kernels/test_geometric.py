@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from envs.arms.sinusoids import sinusoids
+from envs.arms.random_motion import random_motion
 from envs.arms.ur10 import ur10
 from mcpilco.features import JointPolynomials
 from mcpilco.gp import GP
@@ -64,7 +64,7 @@ def test_other_joints_are_refused(kinds):
 def test_a_fit_of_six_joints_does_not_stall_where_it_starts():
     """From logarithms of -1 each it does: the whole torque of the shoulder is taken for noise."""
     rng, robot = np.random.default_rng(0), ur10()
-    motion = sinusoids(robot, rng, 200, 0.4)
+    motion = random_motion(robot, rng, 200, 0.4)
     tau = generalised_forces(robot, *motion)[:, 1:2] + 0.01 * rng.normal(size=(200, 1))
     kinds = ("hinge",) * 6
     Z = JointPolynomials(kinds)(torch.as_tensor(np.concatenate(motion, 1)))

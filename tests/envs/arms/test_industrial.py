@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from envs.arms.perturbed import ANGLE, LENGTH, perturbed
+from envs.arms.random_motion import random_motion
 from envs.arms.scara import scara
-from envs.arms.sinusoids import sinusoids
 from envs.arms.ur10 import ur10
 from mcpilco.mechanics import Chain, generalised_forces, mass_matrix
 
@@ -20,7 +20,7 @@ def arm(request) -> Chain:
 
 
 def test_inertia_of_an_arm_is_symmetric_and_positive_definite(arm):
-    q, _, _ = sinusoids(arm, np.random.default_rng(0), 20)
+    q, _, _ = random_motion(arm, np.random.default_rng(0), 20)
     M = mass_matrix(arm, q)
     np.testing.assert_allclose(M, M.mT, atol=1e-12)
     assert np.linalg.eigvalsh(M).min() > 0.0
@@ -45,7 +45,7 @@ def test_a_stretched_ur10_reaches_as_far_as_its_links():
 
 def test_motions_are_derivatives_of_one_another(arm):
     dt = 1e-3
-    q, dq, ddq = sinusoids(arm, np.random.default_rng(1), 200, dt)
+    q, dq, ddq = random_motion(arm, np.random.default_rng(1), 200, dt)
     for value, slope in ((q, dq), (dq, ddq)):
         differences = (value[2:] - value[:-2]) / (2 * dt)
         np.testing.assert_allclose(differences, slope[1:-1], atol=1e-4 * np.abs(slope).max())

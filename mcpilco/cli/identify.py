@@ -1,0 +1,226 @@
+"""`mcpilco identify`: masses, inertias and friction of a robot, from its recordings."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from mcpilco.cli.options import optional
+from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.system import use_one_thread
+from mcpilco.typing import InputError, McPilcoError
+
+if TYPE_CHECKING:
+    from mcpilco.identification import Identified
+
+Method = Literal[
+    "EIV", "IV", "OLS", "ridge", "stepwise", "PLS", "LASSO", "JFA-b_true", "VB-b_noise", "VB-b_true"
+]
+"""names of methods on the command line, without spaces"""
+Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
+"""what a joint may have besides its body"""
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Find the masses, inertias and friction of a robot in recordings of its motion."""
+
+    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    """CSV, npz or parquet, with the columns `time`, `<joint>_position`, and `<joint>_torque` (of a
+    slide `<joint>_force`) or a command for each motor"""
+    model: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
+    """MJCF of the robot: joints and frames are taken from it"""
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for identified.json and identified.xml"""
+    method: Method = "EIV"
+    """the regression; EIV: errors in variables; IV: instruments, needs `<joint>_reference`"""
+    projection: Literal["none", "virtual", "pseudo-inertia"] = "pseudo-inertia"
+    """on parameters of bodies that can exist; virtual: eq. (5) of Ting et al., which is less"""
+    rows: Literal["weighted", "plain"] = "weighted"
+    """weighted: by the error of each joint's force"""
+    terms: tuple[Term, ...] = ("viscous", "coulomb")
+    """what is to be found of each joint; all else stays as in the model"""
+    filter: Literal["zero-phase", "local-cubics"] = "zero-phase"
+    """for velocities and accelerations"""
+    cutoff: Annotated[float | None, optional("HZ", "four times the motion's bandwidth")] = None
+    """of the zero-phase filter [Hz]"""
+    held_out: float = 0.2
+    """share at the end of each recording that is not fitted to, but tested on"""
+    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
+    """what the files call time, positions and forces, where it differs; also separated by commas"""
+    dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
+    """sampling time to which all are brought [s]"""
+
+    def __call__(self) -> int:
+        """Identify, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
+        use_one_thread()
+        found = self._identify()
+        for line in lines(found):
+            print(line)
+        self.out.mkdir(parents=True, exist_ok=True)
+        written = [*self._write_json(found), *self._write_mjcf(found)]
+        print(f"In {self.out}: {', '.join(written)}.")
+        return 0
+
+    def _identify(self) -> Identified:
+        import warnings
+
+        from mcpilco.identification import (
+            Recipe,
+            UnidentifiedWarning,
+            identify,
+            load_robot,
+            read_robot,
+        )
+
+        model = load_robot(self.model)
+        recipe = Recipe(self.method.replace("-", " "), self.projection, self.rows)
+        segments, errors, remarks = read_robot(
+            self.recordings, model, dict(pairs("--columns", separated(self.columns))), self.dt
+        )
+        for error in errors:
+            print(f"left out: {error}", file=sys.stderr)
+        if not segments:
+            raise InputError("none of the recordings can be read; mend one of the faults above.")
+        for remark in remarks:
+            print(remark, file=sys.stderr)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", UnidentifiedWarning)
+            found = identify(
+                model,
+                segments,
+                recipe,
+                terms=tuple(self.terms),
+                filter=self.filter,
+                cutoff=self.cutoff,
+                held_out=self.held_out,
+            )
+        for sentence in {str(warning.message) for warning in told}:
+            print(f"{self.method}: {sentence}", file=sys.stderr)
+        return found
+
+    def _write_json(self, found: Identified) -> list[str]:
+        from mcpilco.archive import write_bytes
+
+        path = self.out / "identified.json"
+        write_bytes(path, json.dumps(as_json(found), indent=1).encode())
+        return [path.name]
+
+    def _write_mjcf(self, found: Identified) -> list[str]:
+        from mcpilco.identification import write_identified_mjcf
+
+        path = self.out / "identified.xml"
+        try:
+            write_identified_mjcf(self.model, found.body, found.theta, path)
+        except McPilcoError as error:
+            print(f"mcpilco: without identified.xml: {error}", file=sys.stderr)
+            return []
+        return [path.name]
+
+
+def lines(found: Identified) -> Iterator[str]:
+    """What was found, as it is printed."""
+    base, body = found.base, found.body
+    fitted, tested = found.rows
+    yield f"{fitted} rows a joint fitted, {tested} held out; cutoff {found.cutoff:.3g} Hz."
+    yield f"{len(base)} of {len(body.names)} parameters and sums of them can be told:"
+    table = [
+        (f"{value:.5g}", f"+- {half:.2g}", body.units[at], formula)
+        for value, half, at, formula in zip(
+            found.beta, found.half_width, base.independent, base.formulas(body.names), strict=True
+        )
+    ]
+    yield from _aligned([("value", "95 %", "unit", "parameter"), *table])
+    yield "Links, before and after the projection:"
+    yield from _aligned(
+        [
+            (
+                link.name,
+                "; ".join(link.faults) or "consistent",
+                "; ".join(after.faults) or "consistent",
+            )
+            for link, after in zip(found.before, found.after, strict=True)
+        ]
+    )
+    held = "held-out rows" if tested else "the rows fitted to"
+    yield f"Forces in {held}, root mean square, and what is left of them:"
+    yield from _aligned(
+        [
+            ("joint", "force", "identified", "model as it was"),
+            *(
+                (joint, *(f"{value:.4g}" for value in row))
+                for joint, *row in zip(
+                    body.chain.joints, found.force, found.error, found.nominal_error, strict=True
+                )
+            ),
+        ]
+    )
+    yield from found.report.warnings
+
+
+def _aligned(cells: list[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(len(row[k]) for row in cells) for k in range(len(cells[0]))]
+    for row in cells:
+        yield "  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip()
+
+
+def as_json(found: Identified) -> dict[str, Any]:
+    """All that was found, as JSON values."""
+    body, base = found.body, found.base
+    joints = body.chain.joints
+    return {
+        "recipe": {
+            "method": found.recipe.method,
+            "projection": found.recipe.projection,
+            "rows": found.recipe.rows,
+            "cutoff_hz": found.cutoff,
+        },
+        "parameters": {
+            name: {"value": float(value), "before_projection": float(raw), "unit": unit}
+            for name, value, raw, unit in zip(
+                body.names, found.theta, found.estimate.raw, body.units, strict=True
+            )
+        },
+        "base_parameters": [
+            {"formula": formula, "value": float(value), "half_width_95": float(half), "unit": unit}
+            for formula, value, half, unit in zip(
+                base.formulas(body.names),
+                found.beta,
+                found.half_width,
+                (body.units[at] for at in base.independent),
+                strict=True,
+            )
+        ],
+        "not_told_alone": list(found.report.unidentified),
+        "links": {
+            after.name: {
+                "consistent": after.consistent,
+                "before_projection": list(before.faults),
+                "least_eigenvalue": after.least_eigenvalue,
+            }
+            for before, after in zip(found.before, found.after, strict=True)
+        },
+        "held_out": {
+            joint: {
+                "force_rms": float(force),
+                "error_rms": float(error),
+                "error_rms_of_the_model_as_it_was": float(was) if was == was else None,
+            }
+            for joint, force, error, was in zip(
+                joints, found.force, found.error, found.nominal_error, strict=True
+            )
+        },
+        "rows": {"fitted": found.rows[0], "held_out": found.rows[1]},
+        "warnings": list(found.report.warnings),
+    }
