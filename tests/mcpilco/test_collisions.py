@@ -77,7 +77,7 @@ def test_thresholds_come_from_the_ends_of_recordings_where_no_others_are_given(h
 
 def test_equal_recordings_give_equal_models(home):
     for name in ("first.npz", "again.npz"):
-        assert learn(home, "--kind", "SP", out=name) == 0
+        assert learn(home, "--kind", "PP", out=name) == 0
     assert (home / "again.npz").read_bytes() == (home / "first.npz").read_bytes()
 
 
