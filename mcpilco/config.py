@@ -373,6 +373,10 @@ class Preset:
 
 PRESETS: dict[str, Preset] = {
     "default": Preset("what learns best in the thesis's setting", Config()),
+    "thorough": Preset(
+        "more starts, for models that are right from the first trial on, as in a simulation",
+        Config(search=SearchConfig(restarts=(5,), failing=0.005)),
+    ),
     "thesis": Preset(
         "the thesis's schedule: learning rate falling, steps rising from trial to trial, one start",
         Config(

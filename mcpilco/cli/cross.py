@@ -66,7 +66,9 @@ class Cross:
     """parameters of which nothing is known beforehand"""
     algo: Algo = "mcpilco"
     """what trains in simulation, where experience costs nothing"""
-    preset: PresetName = "default"
+    preset: Annotated[
+        PresetName | None, optional("NAME", "thorough, of other algorithms than mcpilco default")
+    ] = None
     """of the algorithm"""
     trials: Annotated[
         int | None, optional("INT", f"{TRIALS}, of sac, tqc and ppo the preset's")
@@ -162,7 +164,7 @@ class Cross:
             env=self.sim,
             env_kwargs=self._training(leg),
             algo=self.algo,
-            preset=self.preset,
+            preset=self._preset,
             seed=self.seed,
             trials=self._trials,
             out=path,
@@ -232,6 +234,10 @@ class Cross:
 
     def _crossing_path(self, leg: str) -> Path:
         return self.out / f"{leg}.json"
+
+    @property
+    def _preset(self) -> PresetName:
+        return self.preset or ("thorough" if self.algo == "mcpilco" else "default")
 
     @property
     def _trials(self) -> int | None:

@@ -22,7 +22,7 @@ Algo = Literal["mcpilco", "pilco", "sac", "tqc", "ppo"]
 """an algorithm of this package or of `baselines`"""
 
 
-PresetName = Literal["default", "thesis", "tro2022", "tip"]
+PresetName = Literal["default", "thorough", "thesis", "tro2022", "tip"]
 """a preset of any algorithm"""
 
 

@@ -500,7 +500,10 @@ def test_a_wrong_env_is_answered_with_a_sentence(env, error: type, message: str)
     ("arguments", "message"),
     [
         ({"policy": "MlpPolicy"}, "policy must be \"SumOfGaussians\", got 'MlpPolicy'"),
-        ({"preset": "best"}, r"preset must be one of \['default', 'thesis', 'tro2022'\]"),
+        (
+            {"preset": "best"},
+            r"preset must be one of \['default', 'thesis', 'thorough', 'tro2022'\]",
+        ),
         ({"seed": -1}, "seed must be an integer of at least 0, got -1"),
         ({"seed": 0.5}, "seed must be an integer"),
         ({"config": Config()}, "no time limit; pass a horizon"),
