@@ -8,8 +8,8 @@ import mujoco
 
 from mcpilco.typing import InputError
 
-ARMS = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.xml"))}
-"""by name: `vision_head`, 7 joints, and `arm_hand`, 10"""
+ARMS = {name: Path(__file__).with_name(f"{name}.xml") for name in ("arm_hand", "vision_head")}
+"""robots with motors that follow a reference, by name: 10 and 7 joints"""
 
 
 def load(name: str) -> mujoco.MjModel:

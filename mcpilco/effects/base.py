@@ -67,6 +67,8 @@ class Probe:
     """whether a mix of signatures is that of the mixed values"""
     bent: bool = False
     """whether signatures are to be those of endlessly small sizes, which half the sizes tell"""
+    usual: float = 1.0
+    """how many times as large an effect is that should be felt"""
 
 
 class Effect(ABC):

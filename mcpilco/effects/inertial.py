@@ -93,4 +93,4 @@ class Armature(Effect):
 
 def _bent(value: float) -> Probe:
     """A size that is small and yet bent too much to be compared with other masses and lengths."""
-    return Probe(np.array([[value]]), bent=True)
+    return Probe(np.array([[value]]), bent=True, usual=10.0)

@@ -30,7 +30,8 @@ class Score:
     start: Float[np.ndarray, " symbols"]
     """values of the effect from which to fit"""
     felt: float
-    """by how many noise std its probe moves the measurements, all else giving way"""
+    """by how many noise std its probe, of the usual size, moves the measurements, all else giving
+    way"""
 
 
 def screen(
@@ -68,7 +69,7 @@ def screen(
             S, b = view.normal_equations(columns)
             mix, gain = _best_mix(S, b, _one_sided(active, probe))
             repeated = len(windows) / len(view.windows)
-            felt = float(np.sqrt(repeated * np.diag(S).max()))
+            felt = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
             own.append(Score(active, repeated * gain, _values(active, probe, mix), felt))
         found += sorted(own, key=lambda score: -score.gain)[:per_effect]
     return sorted(found, key=lambda score: -score.gain)

@@ -80,7 +80,7 @@ def test_every_config_survives_json(config: Config) -> None:
         ({"horizon": 0}, "horizon must be >= 1 step, got 0"),
         ({"engine": "gpu"}, "Config.engine must be of type Literal"),
         ({"model": 5}, "ModelConfig must be an object with named entries, got 5."),
-        ({"model": {"kernel": "matern"}}, "ModelConfig.kernel"),
+        ({"model": {"kernel": "matern"}}, "kernel must be a sum of different parts"),
         ({"model": {"noise_floor": float("nan")}}, "ModelConfig.noise_floor"),
         ({"model": {"sampling": "paths"}}, "ModelConfig.sampling must be of type Literal"),
         ({"policy": {"span": "wide"}}, "PolicyConfig.span"),
