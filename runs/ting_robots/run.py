@@ -291,7 +291,7 @@ def write_readme(out: Path) -> None:
         summary(found),
         *(part for cell, trials in found.items() for part in tables(cell, trials)),
     ]
-    fill(out / "README.md", [summary(found), *parts, machine(found)], template=HERE / "README.md")
+    fill(out / "README.md", [*parts, machine(found)], template=HERE / "README.md")
 
 
 def summary(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
