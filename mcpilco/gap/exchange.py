@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mcpilco.gap.fit import Fit, fit, linearise
-from mcpilco.gap.name import ENOUGH, HOPELESS, Found, Yardstick, grow, without_superfluous
 from mcpilco.gap.screen import screen
+from mcpilco.gap.search import ENOUGH, HOPELESS, Found, Yardstick, grow, without_superfluous
 from mcpilco.gap.where import structure
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active

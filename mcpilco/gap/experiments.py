@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from mcpilco.excitation import PARTS, Part
 from mcpilco.gap.fit import Fit, fit, run, settle
-from mcpilco.gap.name import TIED, Found, Rival, rivals
+from mcpilco.gap.name import TIED, Rival, rivals
+from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows, cut
 from mcpilco.plant import Active
 from mcpilco.recordings import Recording

@@ -14,10 +14,11 @@ from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import Found, Named, search, weigh
+from mcpilco.gap.name import Named, weigh
 from mcpilco.gap.quiet import quiet
 from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
+from mcpilco.gap.search import Found, search
 from mcpilco.gap.show import Comparison, Models, compare, path, shrunk
 from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.where import Disagreement, locate, located, structure

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, remembered, residual, run, settle
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import Found
+from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows
 
 KNOWN_S = 0.3

@@ -12,7 +12,8 @@ from jaxtyping import Float
 from mcpilco.effects import CATALOGUE
 from mcpilco.gap import Gap
 from mcpilco.gap.maps import SPAN_S, Leftover, TimeMap, leftover, time_map
-from mcpilco.gap.name import Estimate, Found
+from mcpilco.gap.name import Estimate
+from mcpilco.gap.search import Found
 from mcpilco.gap.show import KNOWN_S, Comparison, Models, at_end, error
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording

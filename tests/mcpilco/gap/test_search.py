@@ -16,9 +16,9 @@ from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import PROMISING, Found, Yardstick
 from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.screen import screen
+from mcpilco.gap.search import PROMISING, Found, Yardstick
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording

@@ -6,7 +6,7 @@ import numpy as np
 
 from mcpilco.gap import Gap
 from mcpilco.gap.fit import Fit
-from mcpilco.gap.name import Found
+from mcpilco.gap.search import Found
 from mcpilco.gap.show import path
 from mcpilco.plant import Active
 
