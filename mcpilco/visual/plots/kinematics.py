@@ -89,6 +89,6 @@ def plot_pose_errors(errors: Errors, ax: Axes | None = None) -> Axes:
     ax.plot(1e3 * np.sort(errors.angle), share, color=SYSTEM, label="orientation [mrad]")
     ax.set_xscale("log")
     ax.set_xlabel("error of the forward kinematics [mm], [mrad]")
-    ax.set_ylabel("share of the frames below [-]")
+    ax.set_ylabel("share of frames below [-]")
     add_legend(ax)
     return ax
