@@ -30,7 +30,7 @@ test test-slow: export OPENBLAS_NUM_THREADS := 1
 test test-slow: export MKL_NUM_THREADS := 1
 
 test: $(DEV_READY) ## run the tests that take seconds
-	$(BIN)/python -m pytest -n 2 -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
 
 test-slow: $(DEV_READY) ## run the tests that take minutes
 	$(BIN)/python -m pytest -n 2 -m slow $(ARGS)

@@ -14,6 +14,10 @@ from mcpilco.costs import cart_pole_cost
 from tests.baselines.differences import slope_along
 from tests.baselines.pilco.models import narrow_start, random_dynamics, random_policy
 
+pytestmark = pytest.mark.xdist_group(
+    "compiled moments"
+)  # one process compiles what all of them need
+
 SYSTEMS = {
     "cart-pole": {},
     "no angle": {"angles": ()},

@@ -22,6 +22,8 @@ from mcpilco.rollout import Sensing, rollout
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
 
+pytestmark = pytest.mark.xdist_group("compiled")  # one process compiles what all of them need
+
 STEPS, PARTICLES = 12, 37
 
 

@@ -20,6 +20,8 @@ from mcpilco.model import Model
 from mcpilco.rollout import rollout
 from tests.mcpilco.conftest import make_policy
 
+pytestmark = pytest.mark.xdist_group("compiled")  # one process compiles what all of them need
+
 STEPS, PARTICLES = 8, 19
 
 
@@ -97,6 +99,7 @@ def test_values_and_gradients_are_those_of_the_plain_rollout(task, name):
         torch.testing.assert_close(a, b, rtol=1e-6, atol=1e-7 * float(b.abs().max()))
 
 
+@pytest.mark.slow  # compiles what no other test needs
 def test_single_precision_errs_by_as_much_as_its_digits(task):
     dynamics, policy = drawn(task, COMPONENTS["all"])
     exact = outcome(fused.rollout, dynamics, policy, 4)
