@@ -22,17 +22,23 @@ def _copy(source, out):
 
 @njit(**ONCE)
 def _through_flow(frozen, model, adjoint):
-    """From the next state to the state and the inputs of A x + C u, which are added to."""
-    following, current, mu = adjoint.following, adjoint.current, adjoint.mu
-    A, C = model.A, model.C
+    """From the next state to the state of A x, which is added to."""
+    following, current, A = adjoint.following, adjoint.current, model.A
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
             same = 1.0 if i == j else 0.0
             for p in range(frozen.size):
                 current[j, p] += (same if frozen[p] else A[i, j]) * following[i, p]
-        for j in range(C.shape[1]):
+
+
+@njit(**ONCE)
+def _through_memory(frozen, memory, adjoint):
+    """From the next state to the inputs of C u, which are added to."""
+    following, mu = adjoint.following, adjoint.mu
+    for i in range(memory.shape[0]):
+        for j in range(memory.shape[1]):
             for p in range(frozen.size):
-                mu[j, p] += 0.0 if frozen[p] else C[i, j] * following[i, p]
+                mu[j, p] += 0.0 if frozen[p] else memory[i, j] * following[i, p]
 
 
 @njit(**PLAIN)
@@ -145,6 +151,7 @@ def _compiled(sources: str):
         drift,
         features,
         weights,
+        remembered,
         observer,
         trace,
         memory,
@@ -196,6 +203,8 @@ def _compiled(sources: str):
                     _through_drift(state, u, frozen, drift, drift_memory, adjoint)
                 else:
                     _through_flow(frozen, model, adjoint)
+                    if remembered is not None:
+                        _through_memory(frozen, remembered, adjoint)
                 if features is not None:
                     _through_features(
                         state, u, jacobian, frozen, features, features_memory, adjoint

@@ -59,11 +59,13 @@ def _physics(
     if model.features is not None:
         features = layout.program_arrays(model.features, None, dtype)
     if not isinstance(dynamics, PhysicsDraw):
+        C = model.increment.C
+        remembered = np.ascontiguousarray(C, dtype=dtype) if bool((C != 0).any()) else None
         none: np.ndarray = np.zeros((len(model.predicted), 0, padded), dtype)
-        return layout.PhysicsArrays(None, features, none)
+        return layout.PhysicsArrays(None, features, none, remembered)
     numbers, weights = (_padded(a.numpy(), padded) for a in (dynamics.numbers.mT, dynamics.weights))
     drift = layout.program_arrays(dynamics.program, numbers, dtype)
-    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype))
+    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype), None)
 
 
 def _padded(array: np.ndarray, padded: int) -> np.ndarray:

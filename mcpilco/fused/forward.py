@@ -42,18 +42,24 @@ def _regress_features(features, memory, state, inputs, end, x):
 
 
 @njit(**ONCE)
-def _flow(model, state, inputs, following):
-    """A x + C u of a block."""
-    A, C = model.A, model.C
+def _flow(model, state, following):
+    """A x of a block."""
+    A = model.A
     for i in range(A.shape[0]):
         for p in range(state.shape[1]):
             following[i, p] = 0.0
         for j in range(A.shape[1]):
             for p in range(state.shape[1]):
                 following[i, p] += A[i, j] * state[j, p]
-        for j in range(C.shape[1]):
-            for p in range(state.shape[1]):
-                following[i, p] += C[i, j] * inputs[j, p]
+
+
+@njit(**ONCE)
+def _remember(memory, inputs, following):
+    """Adds C u of a block: what is remembered of the inputs."""
+    for i in range(memory.shape[0]):
+        for j in range(memory.shape[1]):
+            for p in range(inputs.shape[1]):
+                following[i, p] += memory[i, j] * inputs[j, p]
 
 
 @njit(**ONCE)
@@ -97,6 +103,7 @@ def _compiled(sources: str):
         drift,
         features,
         weights,
+        remembered,
         observer,
         trace,
         policy_memory,
@@ -144,7 +151,9 @@ def _compiled(sources: str):
                 if drift is not None:
                     _drift(drift, drift_memory, state, inputs, following)
                 else:
-                    _flow(model, state, inputs, following)
+                    _flow(model, state, following)
+                    if remembered is not None:
+                        _remember(remembered, inputs, following)
                 _advance(model, model_memory.delta, state, following, frozen)
 
     return forward

@@ -75,8 +75,6 @@ class ModelArrays(NamedTuple):
     """(X, X), from the state to the next one"""
     B: np.ndarray
     """(X, E), from the changes to the next state"""
-    C: np.ndarray
-    """(X, U), from the inputs to the next state: what is remembered of them"""
     predicted: np.ndarray
     """(E,), which states the changes belong to"""
     bounds: np.ndarray
@@ -113,6 +111,8 @@ class PhysicsArrays(NamedTuple):
     """further regressors"""
     weights: np.ndarray
     """(E, N, P), of the samples in each particle's posterior beyond alpha; N is 0 where equal"""
+    remembered: np.ndarray | None
+    """C (X, U), from the inputs to the next state: what is remembered of them"""
 
 
 class PolicyArrays(NamedTuple):
@@ -317,7 +317,6 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
         floor=real(posterior.smallest_variance),
         A=real(dynamics.increment.A),
         B=real(dynamics.increment.B),
-        C=real(dynamics.increment.C),
         predicted=np.array(dynamics.predicted, dtype=np.int64),
         bounds=real(dynamics.bounds),
     )

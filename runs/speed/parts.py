@@ -151,7 +151,7 @@ def _each_step(part):
 
     @_loop
     def sweep(
-        start, stop, noise, mask, policy, model, drift, features, own, seen, trace, *memories
+        start, stop, noise, mask, policy, model, drift, features, own, past, seen, trace, *memories
     ):
         policy_memory = memories[0]
         width = policy_memory.slope.size
@@ -167,7 +167,7 @@ def _each_output(part):
 
     @_loop
     def sweep(
-        start, stop, noise, mask, policy, model, drift, features, own, seen, trace, *memories
+        start, stop, noise, mask, policy, model, drift, features, own, past, seen, trace, *memories
     ):
         policy_memory, model_memory = memories[:2]
         width = policy_memory.slope.size
