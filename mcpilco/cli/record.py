@@ -12,14 +12,17 @@ from typing import Annotated, Any
 
 import tyro
 
+from mcpilco.cli.new_files import make_folder, require_new
 from mcpilco.cli.options import optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import agent_of, finished_trial, open_env, use_one_thread
 from mcpilco.config import CART_POLE
-from mcpilco.typing import EnvError, InputError, RecordingError
+from mcpilco.typing import EnvError, InputError
 
 FEWEST = 10
 """steps of a rollout"""
+REMEDY = "name another folder or another seed"
+"""where a file is there already"""
 KINDS = ("excitation", "random")
 """policies that are no run folder"""
 
@@ -62,7 +65,7 @@ class Record:
         done: list[Path] = []
         with contextlib.closing(env):
             recordings = self._recordings(env, run, paths)
-            _make_folder(self.out, paths)
+            make_folder(self.out, paths, REMEDY)
             try:
                 with _progress(len(paths), self.quiet) as tell:
                     for path, recording in recordings:
@@ -180,29 +183,10 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
     return lambda rng: remembering(controller.answer)
 
 
-def _make_folder(folder: Path, paths: list[Path]) -> None:
-    """Raises RecordingError where the folder cannot be made, or a file is there already."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            f"{folder} cannot be made ({error.strerror or error}); choose another folder."
-        ) from error
-    for path in paths:
-        _require_new(path)
-
-
-def _require_new(path: Path) -> None:
-    if path.exists():
-        raise RecordingError(
-            f"{path} exists already; nothing is overwritten: name another folder or another seed."
-        )
-
-
 def _write(path: Path, recording: Any) -> None:
     from mcpilco.recordings import write_recording
 
-    _require_new(path)
+    require_new(path, REMEDY)
     write_recording(path, recording)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli.collision_words import csv_bytes
-from mcpilco.typing import InputError, RecordingError
+from mcpilco.cli.new_files import make_folder
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,7 +40,8 @@ class Simulate:
                 f"--moves must be at least 1 and --seed not negative, got {self.moves} and "
                 f"{self.seed}."
             )
-        _new_folder(self.out, ("arm.xml", "free.csv", "check.csv", "pushed.csv"))
+        names = ("arm.xml", "free.csv", "check.csv", "pushed.csv")
+        make_folder(self.out, [self.out / name for name in names], "name another folder")
         rng = np.random.default_rng(self.seed)
         arm = StickyArm.drawn(rng)
         for name in ("free", "check"):
@@ -69,20 +70,6 @@ class Simulate:
             names, table = [*names, *FORCE], [*table, *log.push.T]
         rows = np.round(np.column_stack(table), 7).tolist()
         write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
-
-
-def _new_folder(folder: Path, names: Sequence[str]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordingError(
-            f"{folder} cannot be made ({error.strerror or error}); choose another folder."
-        ) from error
-    for name in names:
-        if (folder / name).exists():
-            raise RecordingError(
-                f"{folder / name} exists already; nothing is overwritten: name another folder."
-            )
 
 
 def _pushes(targets: Any, friction: float, rng: np.random.Generator) -> tuple[Any, ...]:

@@ -146,3 +146,15 @@ def machines(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             found.setdefault(line, []).append(f"`{preset}`")
     lines = [f"- {', '.join(presets)}: {line}" for line, presets in found.items()]
     return "### Machine\n\n" + "\n".join(lines)
+
+
+def places(results: Iterable[Mapping[str, Any]], more: str = "") -> str:
+    """Where results that are no seeds of a sweep were measured.
+
+    Args:
+        results: each with its `machine`, as `mcpilco.sweep.job.machine` tells it.
+        more: what to add to each line.
+    """
+    machines = (result["machine"] for result in results)
+    lines = sorted({f"- {m['cpu']}, {m['cores']} cores{more}" for m in machines})
+    return "### Machine\n\n" + "\n".join(lines)

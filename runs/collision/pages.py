@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from collision import pictures
 
 from mcpilco.archive import read_arrays
 from mcpilco.run_folder import read_json
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 
 Trials = Sequence[Mapping[str, Any]]
@@ -41,12 +40,12 @@ def write_page(out: Path, template: Path, detectors: Iterable[str], either: Sequ
                 "![Errors of the currents at rest and in motion](errors.png)",
                 "![Currents and residuals of the first joint while it is pushed](currents.png)",
             ]
-    told = {json.dumps(read_json(p)["machine"]) for p in (out / "results").glob("*/*.json")}
-    cpu = [read_json(p)["cpu_s"] for p in (out / "results").glob("*/*.json")]
-    lines = [f"- {m['cpu']}, {m['cores']} cores" for m in map(json.loads, sorted(told))]
+    found = [read_json(path) for path in (out / "results").glob("*/*.json")]
+    cpu = [trial["cpu_s"] for trial in found]
+    lines = [places(found)]
     if cpu:
         lines.append(f"- {np.median(cpu):.0f} CPU seconds an arm and controller, in the median")
-    fill(out / "README.md", [*parts, "### Machine", "\n".join(lines)], template=template)
+    fill(out / "README.md", [*parts, "\n".join(lines)], template=template)
 
 
 def tables(trials: Trials, names: Sequence[str], either: Sequence[str]) -> list[str]:

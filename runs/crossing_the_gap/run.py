@@ -23,17 +23,21 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
+sys.path.append(str(Path(__file__).parents[1]))  # the settings of runs/recipe
+
+from recipe.run import DEFAULT, hasty
+
 import envs  # noqa: F401  registers its ids
 from mcpilco.archive import write_bytes
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
-from mcpilco.config import CART_POLE, PRESETS, Config
+from mcpilco.config import CART_POLE, Config
 from mcpilco.crossing import read_crossing
 from mcpilco.run_folder import read_json
 from mcpilco.stopwatch import Stopwatch
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
@@ -205,13 +209,6 @@ def learned(config: Config, seed: int, found: Mapping[str, Any], path: Path) -> 
     }
 
 
-def hasty(config: Config) -> Config:
-    """The configuration with a search that takes no time, and finds nothing."""
-    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    return replace(config, policy=replace(config.policy, bases=10), search=search)
-
-
-DEFAULT = PRESETS["default"].config
 LEARN: Mapping[str, Callable[[int, Mapping[str, Any], Path], dict[str, Any]]] = {
     "a": crossed("mcpilco", "nominal"),
     "b": crossed("mcpilco", "corrected"),
@@ -244,7 +241,7 @@ def write_readme(out: Path) -> None:
             experience(found),
             "### Seed by seed",
             by_seed(found),
-            "### Machine\n\n" + "\n".join(sorted({f"- {told_machine(seed)}" for seed in found})),
+            places(found),
         ]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
@@ -329,10 +326,6 @@ def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
 def in_words(effect: Mapping[str, Any]) -> str:
     numbers = ", ".join(f"{name} = {value:g}" for name, value in effect["parameters"].items())
     return f"{effect['name']} at {effect['target']} ({numbers})"
-
-
-def told_machine(seed: Mapping[str, Any]) -> str:
-    return f"{seed['machine']['cpu']}, {seed['machine']['cores']} cores"
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mcpilco.archive import write_bytes
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 
 Trials = Sequence[Mapping[str, Any]]
@@ -41,7 +40,11 @@ def write(out: Path, found: Mapping[str, Trials], template: Path) -> None:
     if "ur10" in found:
         _boxes(out / "ur10.png", found["ur10"])
         parts += ur10(found["ur10"])
-    fill(out / "README.md", [*parts, machines(found)], template=template)
+    fill(
+        out / "README.md",
+        [*parts, places((t for trials in found.values() for t in trials), ", one thread")],
+        template=template,
+    )
 
 
 def scara(trials: Trials) -> list[str]:
@@ -160,12 +163,6 @@ def efficiency(trials: Trials) -> list[str]:
         "![Figure 3.3](efficiency.png)",
         markdown(("estimator", *map(str, samples)), rows),
     ]
-
-
-def machines(found: Mapping[str, Trials]) -> str:
-    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
-    lines = [f"- {m['cpu']}, {m['cores']} cores, one thread" for m in map(json.loads, sorted(told))]
-    return "### Machine\n\n" + "\n".join(lines)
 
 
 # Pictures -----------------------------------------------------------------------------------------

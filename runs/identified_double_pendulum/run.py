@@ -24,8 +24,8 @@ sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is r
 from identified_double_pendulum import judge
 from identified_double_pendulum.free_runs import fit_free_runs
 from identified_double_pendulum.motion import KEPT, Motion, low_passed
+from measured_double_pendulum.run import NAMES, recordings
 
-from envs.plants import double_pendulum
 from mcpilco.identification import (
     METHODS,
     Moments,
@@ -35,22 +35,11 @@ from mcpilco.identification import (
     project,
     rigid_body,
 )
-from mcpilco.recordings import Recording, read_recordings
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
-NAMES = "double_chirp_both", "double_chirp_both_c"
-COLUMNS = {
-    "time": "time_s",
-    "shoulder_angle": "position1_rad",
-    "shoulder_velocity": "velocity1_rad_s",
-    "elbow_angle": "position2_rad",
-    "elbow_velocity": "velocity2_rad_s",
-    "shoulder_torque": "torque1_measured_nm",
-    "elbow_torque": "torque2_measured_nm",
-}
 TERMS = "viscous", "coulomb", "armature"
 RICH = 1
 """the recording whose motion does not repeat itself"""
@@ -92,23 +81,6 @@ def main() -> int:
     fill(arguments.out / "README.md", parts, template=HERE / "README.md")
     print("\n\n".join(parts))
     return 0
-
-
-def recordings(data: Path, dt: float) -> list[Recording]:
-    """Both, on one grid."""
-    layout = double_pendulum().layout
-    good, bad = read_recordings(
-        [data / f"{name}.csv" for name in NAMES],
-        layout.states,
-        layout.inputs,
-        angles=(0, 2),
-        velocities=((0, 1), (2, 3)),
-        columns=COLUMNS,
-        dt=dt,
-    )
-    if bad:
-        raise bad[0]
-    return good
 
 
 def published() -> RigidBody:

@@ -51,7 +51,7 @@ from mcpilco.identification.kinematics.forward import (
 from mcpilco.kernels import RBF
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 from mcpilco.typing import InputError
 
@@ -343,7 +343,9 @@ def write_readme(out: Path) -> None:
     if found["controller"]:
         parts += ["### Controller: RMSE of the poses reached, over all arms and targets"]
         parts += [controller_table(found["controller"])]
-    parts.append(machine(found))
+    parts.append(
+        places((trial for trials in found.values() for trial in trials), ", shared with other work")
+    )
     fill(out / "README.md", parts, template=HERE / "README.md")
 
 
@@ -422,13 +424,6 @@ def controller_table(trials: Sequence[Any]) -> str:
 def spread(values: np.ndarray, digits: int) -> str:
     low, high = values.min(), values.max()
     return f"{np.median(values):.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
-
-
-def machine(found: dict[str, Any]) -> str:
-    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
-    known = [json.loads(line) for line in sorted(told)]
-    lines = [f"- {line['cpu']}, {line['cores']} cores, shared with other work" for line in known]
-    return "### Machine\n\n" + "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ from mcpilco.identification import (
 from mcpilco.recordings import Recording
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
@@ -374,13 +374,9 @@ def _column(trials: Sequence[Mapping[str, Any]], block: str, name: str, key: str
 
 
 def machine(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
-    lines = []
-    for line in sorted(told):
-        known = json.loads(line)
-        lines.append(f"- {known['cpu']}, {known['cores']} cores")
-    cpu = np.median([trial["cpu_s"] for trials in found.values() for trial in trials])
-    return f"### Machine\n\n{chr(10).join(lines)}\n\nA trial: {cpu:.0f} CPU seconds in the median."
+    every = [trial for trials in found.values() for trial in trials]
+    cpu = np.median([trial["cpu_s"] for trial in every])
+    return f"{places(every)}\n\nA trial: {cpu:.0f} CPU seconds in the median."
 
 
 if __name__ == "__main__":

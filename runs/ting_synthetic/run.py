@@ -29,7 +29,7 @@ from mcpilco.cli.sweep import parse_seeds
 from mcpilco.identification import METHODS
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
@@ -126,7 +126,7 @@ def write_readme(out: Path) -> None:
         ratios(found),
         "### CPU seconds of a fit, median of all",
         times(found),
-        machine(found),
+        places(t for trials in found.values() for t in trials),
     ]
     fill(out / "README.md", parts, template=HERE / "README.md")
 
@@ -171,15 +171,6 @@ def times(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     trials = [trial for some in found.values() for trial in some]
     cells = [f"{np.median([trial['cpu_s'][name] for trial in trials]):.3f}" for name in METHODS]
     return markdown(tuple(METHODS), [tuple(cells)])
-
-
-def machine(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
-    lines = []
-    for line in sorted(told):
-        known = json.loads(line)
-        lines.append(f"- {known['cpu']}, {known['cores']} cores")
-    return "### Machine\n\n" + "\n".join(lines)
 
 
 if __name__ == "__main__":

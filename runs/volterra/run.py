@@ -43,7 +43,7 @@ from mcpilco.identification.volterra_systems import (
 from mcpilco.kernels import IPK
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 from mcpilco.visual.plots.style import MODEL, SYSTEM, new_axes
 from mcpilco.visual.plots.volterra import plot_lags
@@ -261,7 +261,12 @@ def write_readme(out: Path) -> None:
     }
     found = {name: trials for name, trials in found.items() if trials}
     third = {name: trials for name, trials in found.items() if name.startswith("third")}
-    parts = [fits_table(found), claims(found), noises(found), machine(found)]
+    parts = [
+        fits_table(found),
+        claims(found),
+        noises(found),
+        places(t for trials in found.values() for t in trials),
+    ]
     if third:
         write_penalties(out / "penalties.png", third)
         parts.insert(1, PENALTIES)
@@ -386,12 +391,6 @@ def noises(found: Trials) -> str:
     return "### Noise found, in parts of the true one\n\n" + markdown(
         ("system", "kernel", "median (least to greatest)"), rows
     )
-
-
-def machine(found: Trials) -> str:
-    told = {json.dumps(trial["machine"]) for trials in found.values() for trial in trials}
-    lines = [f"- {m['cpu']}, {m['cores']} cores" for m in map(json.loads, sorted(told))]
-    return "### Machine\n\n" + "\n".join(lines)
 
 
 # The pictures -------------------------------------------------------------------------------------
