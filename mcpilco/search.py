@@ -231,6 +231,11 @@ class Descent:
             self.over |= self.mark > self._bar
 
 
+def adam(policy: SumOfGaussians, learning_rate: float = 1e-3) -> torch.optim.Adam:
+    """What takes the steps of a search."""
+    return torch.optim.Adam(policy.parameters(), learning_rate, fused=True)
+
+
 class PolicySearch:
     """Improves a policy in a model, from one or several starts."""
 
@@ -281,7 +286,7 @@ class PolicySearch:
     def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
-        optimiser = torch.optim.Adam(policy.parameters(), fused=True)
+        optimiser = adam(policy)
         while not descent.over:
             optimiser.param_groups[0]["lr"] = descent.learning_rate
             numbers = descent.phase.dropout, descent.widening
@@ -306,15 +311,18 @@ class PolicySearch:
             mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
         particles = problem.particles(policy, self.config.particles, self.generator, mask)
         felt = problem.widened(widening).costs(particles).mean(1).sum()
-        optimiser.zero_grad()
-        felt.backward()
-        limit = math.inf if self.config.clip_norm is None else self.config.clip_norm
-        norm = float(torch.nn.utils.clip_grad_norm_(policy.parameters(), limit))
+        learned = list(policy.parameters())
+        slopes = torch.autograd.grad(felt, learned)
+        for parameter, slope in zip(learned, slopes, strict=True):
+            parameter.grad = slope
+        norm = torch.nn.utils.get_total_norm(slopes)
+        if self.config.clip_norm is not None:
+            torch.nn.utils.clip_grads_with_norm_(learned, self.config.clip_norm, norm)
         with torch.no_grad():
             value = float(felt if widening == 1.0 else problem.costs(particles).mean(1).sum())
-        if math.isfinite(value) and math.isfinite(norm):
+        if math.isfinite(value) and norm.isfinite():
             optimiser.step()
-        return value, norm
+        return value, float(norm)
 
     def _judge(self, problem: Problem, policy: SumOfGaussians, steps: int) -> Candidate:
         """What the model says of a policy, without dropout."""

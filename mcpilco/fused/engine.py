@@ -128,7 +128,7 @@ class _Rollout(torch.autograd.Function):
         )
         trace.states[0] = _particles_last(start, padded, dtype)
         mask, noise = _mask(dropout, steps, dtype), _particles_last(noise, padded, dtype)
-        for first, last, width in layout.blocks(particles, dtype):
+        for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
             memory = (
                 layout.policy_memory(controller, width),
                 layout.model_memory(model, width),
@@ -154,7 +154,7 @@ class _Rollout(torch.autograd.Function):
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
         moments = np.zeros((layout.rows_of(controller.centres), columns), dtype)
         gradients = [_particles_last(g, padded, dtype) for g in (gradient_states, gradient_inputs)]
-        for first, last, width in layout.blocks(ctx.particles, dtype):
+        for first, last, width in layout.blocks(ctx.particles, layout.BACKWARD_STRIPS, dtype):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
             further = layout.physics_memory(physics, width)

@@ -21,7 +21,10 @@ from mcpilco.fused.tiles import TALL, pack, strip
 from mcpilco.kernels.base import Term
 from mcpilco.policies import SumOfGaussians
 
-_BLOCK_STRIPS = 4
+FORWARD_STRIPS = 8
+BACKWARD_STRIPS = 4
+"""width of a block: forwards a matrix that was fetched serves more particles in a wider one;
+backwards none is, and what a step needs stays closer to the processor in a narrower one"""
 
 
 def padded(count: int, dtype: np.dtype) -> int:
@@ -29,9 +32,9 @@ def padded(count: int, dtype: np.dtype) -> int:
     return -(-count // strip(dtype)) * strip(dtype)
 
 
-def blocks(particles: int, dtype: np.dtype) -> list[tuple[int, int, int]]:
+def blocks(particles: int, strips: int, dtype: np.dtype) -> list[tuple[int, int, int]]:
     """How particles go through a time step together: (first, last, width) of equal blocks."""
-    width, end = _BLOCK_STRIPS * strip(dtype), padded(particles, dtype)
+    width, end = strips * strip(dtype), padded(particles, dtype)
     whole = end // width * width
     parts = [(0, whole, width), (whole, end, end - whole)]
     return [part for part in parts if part[0] < part[1]]
@@ -394,14 +397,14 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     augmentation, squash = policy.augmentation, policy.squash
     bases, z_width = policy.centres.shape
     pulls = policy.input_dim * (z_width + 1)
-    scale = torch.full_like(squash.centre, squash.scale)
+    bounds = squash.centre.numpy(), squash.half_range.numpy()
     return PolicyArrays(
         plain=np.array(augmentation.plain, dtype=np.int64),
         angles=np.array(augmentation.angles, dtype=np.int64),
         centres=pack(np.zeros((bases, z_width + 2), dtype), TALL),
         inv_scale=np.empty(z_width, dtype),
         pulling=pack(np.zeros((pulls, bases), dtype)),
-        squash=torch.stack([squash.centre, squash.half_range, scale]).numpy().astype(dtype),
+        squash=np.stack([*bounds, np.full_like(bounds[0], squash.scale)]).astype(dtype),
     )
 
 

@@ -36,7 +36,7 @@ from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Problem
-from mcpilco.search import PolicySearch
+from mcpilco.search import PolicySearch, adam
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown
@@ -134,7 +134,7 @@ def make_step(size: Size, engine: str) -> Callable[[], object]:
     phases = (Phase(LEARNING_RATE, DROPOUT),)
     config = SearchConfig(particles=size.particles, phases=phases, clip_norm=None)
     search = PolicySearch(config, generator)
-    optimiser = torch.optim.Adam(policy.parameters(), LEARNING_RATE)
+    optimiser = adam(policy, LEARNING_RATE)
     return lambda: search.step(problem, policy, optimiser, dropout=DROPOUT)
 
 
