@@ -2,7 +2,10 @@ from __future__ import annotations
 
 import sys
 
+import pytest
 
+
+@pytest.mark.slow
 def test_run_trains_its_seeds_and_writes_its_page_and_goes_on(
     run, hasty, tmp_path, monkeypatch, capsys
 ):

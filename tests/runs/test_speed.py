@@ -66,6 +66,7 @@ def numbers(value):
     return [value] if isinstance(value, int | float) else []
 
 
+@pytest.mark.slow
 def test_quick_survey_writes_its_page_from_finite_numbers(yardstick, tmp_path):
     flags = "--all", "--quick", "--repeats", "2", "--yardstick", yardstick, "--out", tmp_path
     done = call(*flags)
