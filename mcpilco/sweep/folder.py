@@ -36,21 +36,22 @@ class SweepFolder:
         self._trials = settings.trials
         known = {"format": FORMAT, **settings.to_json()}
         about = self.path / "sweep.json"
-        if about.is_file():
+        begun = about.is_file()
+        if begun:
             _require_equal(self.path, _completed(read_json(about)), known)
-            return
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            if any(self.path.iterdir()):
+            if not begun and any(self.path.iterdir()):
                 raise RunFolderError(
                     f"{self.path} is not empty and holds no sweep; name a new folder."
                 )
-            (self.path / "seeds").mkdir()
+            (self.path / "seeds").mkdir(exist_ok=True)  # git keeps no empty folder
         except OSError as error:
             raise RunFolderError(
                 f"{self.path} cannot be written ({error.strerror or error}); choose another folder."
             ) from error
-        write_json(about, known)
+        if not begun:
+            write_json(about, known)
 
     def results(self) -> dict[int, dict[str, Any]]:
         """The complete results, by seed; a damaged file counts as missing."""

@@ -24,6 +24,13 @@ def test_results_are_found_again_by_seed(tmp_path):
     assert (folder.path / "seeds" / "0007.json").is_file()
 
 
+def test_a_sweep_of_no_results_goes_on_in_a_copy_that_lost_its_empty_folder(tmp_path):
+    SweepFolder(tmp_path, SETTINGS)
+    (tmp_path / "seeds").rmdir()
+    SweepFolder(tmp_path, SETTINGS).write(7, result(7))
+    assert list(SweepFolder(tmp_path, SETTINGS).results()) == [7]
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"seed": 1}', '{"seed": 1, "trials": [1, 2]}'])
 def test_a_damaged_result_counts_as_missing(tmp_path, content):
     folder = SweepFolder(tmp_path, SETTINGS)
