@@ -104,6 +104,10 @@ class Effect(ABC):
     def probes(self, scale: Scale) -> list[Probe]:
         """Sizes that are small but felt, different in kind."""
 
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        """Values beyond which it explains nothing, however well it fits."""
+        return np.full(len(self.symbols), np.inf)
+
     @property
     def neutral(self) -> Float[np.ndarray, " symbols"]:
         """Values at which it changes nothing."""

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from mcpilco.effects.base import Effect, Probe, Scale, Symbol
 from mcpilco.simulation import Layout, Tables
+
+MOST = 30.0
+"""times what is there that may be missing; beyond that a body would hardly move, as if held fast"""
 
 
 class BodyMass(Effect):
@@ -30,6 +34,9 @@ class BodyMass(Effect):
         chains.mass[system, at] *= factor
         chains.inertia[system, at] *= factor
 
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.array([MOST * scale.mass if scale.mass > 0.0 else np.inf])
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.mass)] if scale.mass > 0.0 else []
 
@@ -51,6 +58,9 @@ class CenterOfMass(Effect):
         if length > 0.0:
             center *= 1.0 + values[0] / length
 
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.array([MOST * scale.length if scale.length > 0.0 else np.inf])
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.length)] if scale.length > 0.0 else []
 
@@ -70,6 +80,9 @@ class BodyInertia(Effect):
         axis = tables.chains.axis[at]
         tables.chains.inertia[system, at] += values[0] * np.outer(axis, axis)
 
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.array([MOST * scale.inertia])
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.inertia)]
 
@@ -86,6 +99,9 @@ class Armature(Effect):
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.chains.armature[system, at] += values[0]
+
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.array([MOST * scale.inertia])
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.inertia)]

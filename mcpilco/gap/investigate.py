@@ -19,7 +19,7 @@ from mcpilco.gap.quiet import quiet
 from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.search import Found, search
-from mcpilco.gap.show import Comparison, Models, compare, path, shrunk
+from mcpilco.gap.show import Comparison, Models, beyond_noise, compare, path, shrunk
 from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.where import Disagreement, locate, located, structure
 from mcpilco.gap.windows import SECONDS, Windows
@@ -38,6 +38,8 @@ MOST = 0.1
 """part of the gap that effects may leave over and still stay where a force is learned too"""
 LARGE, UNEVEN = 3.0, 3.0
 """misfit of a sample over the noise, and its unevenness, that no noise has"""
+CLOSED, FAR = 0.5, 2.0
+"""part of the held-out error that effects must take away, where it is so many times the least"""
 EVERY_S = 0.3
 """between the starts of two held-out windows [s]"""
 SEARCHED = 28
@@ -117,9 +119,9 @@ def investigate(
         everything = _windows(given)
         found, best, windows, masked = _found(given, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
-    unknown = _something_else(best, null, windows)
-    where = locate(best if unknown else null, windows)
     spans, final = (*pushes, *events(masked, recordings)), best
+    unknown = _something_else(best, null, windows) or _mispredicts(best, null, given, spans)
+    where = locate(best if unknown else null, windows)
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
         named = named if _explains_most(best, null, windows) else ()
         spans, final = (*pushes, *learned.spans), learned.fit
@@ -259,6 +261,14 @@ def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
     if left.usual > max(LARGE, LEFT * gap.usual):  # few windows can make the whole gap seem closed
         return True
     return explain(respond(best, windows)).share > PREDICTED
+
+
+def _mispredicts(best: Fit, null: Fit, given: Given, spans: Sequence[Event]) -> bool:
+    """Whether effects that fit their recordings leave much of the error on those held out."""
+    if not best.model.named:
+        return False
+    clear = outside(spans, _unseen(given), given.names[1])
+    return shrunk(null, best, clear).value < CLOSED and beyond_noise(best, clear) > FAR
 
 
 def _explains_most(best: Fit, null: Fit, windows: Windows) -> bool:

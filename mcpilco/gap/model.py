@@ -144,6 +144,14 @@ class Model:
         free = np.full(self._coordinates, np.inf)
         return np.append(low, -free), np.append(high, free)
 
+    def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
+        """Whether no effect is larger than what could be meant."""
+        values = self.decode(theta[None])[1]
+        return all(
+            bool(np.all(value[0] <= active.effect.largest(self.scales[active.target])))
+            for active, value in zip(self.actives, values, strict=True)
+        )
+
     @cached_property
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""

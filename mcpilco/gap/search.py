@@ -60,7 +60,8 @@ class Found:
         """This search with its best fit, and all that were seen, judged by what that leaves."""
         yardstick = Yardstick.of(best, self.windows)
         judged = [(found, yardstick.bic(found)) for found in seen if found is not best]
-        rest = sorted(judged, key=lambda pair: pair[1])
+        finite = [pair for pair in judged if math.isfinite(pair[1])]
+        rest = sorted(finite, key=lambda pair: pair[1])
         return replace(self, best=best, ranked=((best, yardstick.bic(best)), *rest))
 
 
@@ -190,8 +191,12 @@ class Yardstick:
     def bic(self, found: Fit) -> float:
         """Bayesian information criterion; no window weighs more than some times the median.
 
+        It is infinite where an effect is larger than what could be meant.
+
         Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
         """
+        if not found.model.plausible(found.theta):
+            return math.inf
         prior = float((found.model.precision * found.theta**2).sum())
         parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
         return self.misfit(found) / self.inflation + prior + parameters * math.log(self.samples)

@@ -117,10 +117,7 @@ def compare(models: Models, windows: Windows) -> Comparison:
     """
     T = windows.y.shape[2]
     best = models.corrected
-    kept = remembered(best.model, windows, best.theta, windows.guess)
-    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
-    if whole.sum() >= FEWEST:
-        windows = windows[np.flatnonzero(whole)]
+    windows = lasting(best, windows)
     plants = models.named()
     runs = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
     errors = {name: error(windows, y) for name, y in runs.items()}
@@ -151,6 +148,13 @@ def compare(models: Models, windows: Windows) -> Comparison:
         windows=windows,
         runs=runs,
     )
+
+
+def lasting(found: Fit, windows: Windows) -> Windows:
+    """The windows whose motion remembers its start to their end, if there are some."""
+    kept = remembered(found.model, windows, found.theta, windows.guess)
+    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
+    return windows[np.flatnonzero(whole)] if whole.sum() >= FEWEST else windows
 
 
 def free_run(
@@ -242,10 +246,7 @@ def shrunk(before: Fit, after: Fit, windows: Windows) -> Interval:
         after: another.
         windows: that neither has seen.
     """
-    kept = remembered(after.model, windows, after.theta, windows.guess)
-    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
-    if whole.sum() >= FEWEST:
-        windows = windows[np.flatnonzero(whole)]
+    windows = lasting(after, windows)
     ends = [at_end(error(windows, free_run(f.model, f.theta, windows))) for f in (before, after)]
 
     def part(drawn: np.ndarray) -> np.ndarray:
@@ -254,6 +255,14 @@ def shrunk(before: Fit, after: Fit, windows: Windows) -> Interval:
 
     low, high = np.percentile(part(_draws(len(windows))), [2.5, 97.5])
     return Interval(float(part(np.ones((1, len(windows))))[0]), float(low), float(high))
+
+
+def beyond_noise(found: Fit, windows: Windows) -> float:
+    """The error at the end of windows, in parts of that of a model without error [-]."""
+    windows = lasting(found, windows)
+    simulated = free_run(found.model, found.theta, windows)
+    floor = noise_floor(found.model, found.theta, windows)
+    return _rms(at_end(error(windows, simulated))) / _rms(at_end(floor))
 
 
 def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:

@@ -19,6 +19,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.screen import screen
 from mcpilco.gap.search import PROMISING, Found, Yardstick
+from mcpilco.gap.show import Interval
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
@@ -125,6 +126,42 @@ def test_an_effect_must_explain_a_part_of_what_is_left_over(
     yardstick = Yardstick(many, cap=9.0, inflation=3.0, samples=samples.sum())
     assert yardstick.bic(smaller) - yardstick.bic(larger) > 100.0
     assert yardstick.prefers(larger, smaller, smaller) == worth
+
+
+@pytest.mark.parametrize(("times", "meant"), [(2.0, True), (1e6, False)])
+def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
+    lagging: tuple[Given, Windows, Fit], times: float, meant: bool
+) -> None:
+    _, windows, null = lagging
+    armature = active("armature", "pendulum")
+    value = times * null.model.scales["pendulum"].inertia
+    model, theta = null.model.grown(null.theta, armature, [value])
+    perfect = replace(null, model=model, theta=theta, by_window=0.0 * null.by_window, chi2=0.0)
+    yardstick = Yardstick.of(null, windows)
+    assert yardstick.prefers(perfect, null, null) == meant
+    found = Found(null, null, (), (), windows).with_best(null, [null, perfect])
+    assert [known for known, _ in found.ranked] == ([null, perfect] if meant else [null])
+
+
+@pytest.mark.parametrize(
+    ("closed", "beyond", "bad"), [(0.9, 50.0, False), (0.3, 1.2, False), (0.3, 4.0, True)]
+)
+def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
+    lagging: tuple[Given, Windows, Fit],
+    monkeypatch: pytest.MonkeyPatch,
+    closed: float,
+    beyond: float,
+    bad: bool,
+) -> None:
+    known, _, null = lagging
+    model, theta = null.model.grown(null.theta, active("armature", "pendulum"), [0.01])
+    module = importlib.import_module("mcpilco.gap.investigate")
+    monkeypatch.setattr(module, "shrunk", lambda *fits: Interval(closed, closed, closed))
+    monkeypatch.setattr(module, "beyond_noise", lambda found, windows: beyond)
+    monkeypatch.setattr(module, "_unseen", lambda given: None)
+    monkeypatch.setattr(module, "outside", lambda spans, windows, names: windows)
+    assert module._mispredicts(replace(null, model=model, theta=theta), null, known, ()) == bad
+    assert not module._mispredicts(null, null, known, ())
 
 
 @pytest.mark.parametrize(("usual", "unknown"), [(0.5, False), (50.0, True)])

@@ -7,7 +7,7 @@ import numpy as np
 from mcpilco.gap import Gap
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.search import Found
-from mcpilco.gap.show import path
+from mcpilco.gap.show import beyond_noise, path
 from mcpilco.plant import Active
 
 
@@ -37,6 +37,13 @@ def test_errors_over_time_lie_within_their_bands_and_grow_only_without_the_effec
     end = {name: values[-1] for name, values in found.comparison.over_time.items()}
     assert end["nominal"] > 10.0 > 2.0 > end["corrected"]
     assert 0.5 < end["noise_floor"] < 2.0
+
+
+def test_only_the_corrected_plant_predicts_as_well_as_noise_lets_it(found: Gap) -> None:
+    assert found.comparison is not None
+    assert found.models is not None
+    models, windows = found.models, found.comparison.windows
+    assert beyond_noise(models.corrected, windows) < 2.0 < 5.0 < beyond_noise(models.refit, windows)
 
 
 def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_it(
