@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mcpilco.archive import write_bytes
 from mcpilco.run_folder import read_json
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
 from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def marks(name: str) -> tuple[str, str]:
@@ -33,6 +37,18 @@ def read_summaries(results: Path, names: Iterable[str]) -> dict[str, dict[str, A
     """
     paths = {name: results / name / "summary.json" for name in names}
     return {name: read_json(path) for name, path in paths.items() if path.exists()}
+
+
+def write_picture(path: Path, figure: Figure, dpi: int = 110) -> None:
+    """Draw a figure into a PNG file; its folder is made.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=dpi)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, content.getvalue())
 
 
 def fill(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,13 +9,12 @@ import numpy as np
 from cartpole_swingup.run import EXPERIENCE, PUBLISHED
 from matplotlib.figure import Figure
 
-from mcpilco.archive import write_bytes
 from mcpilco.comparison import Run
 from mcpilco.comparison.statistics import MEASURES, Measure, estimate
+from mcpilco.sweep.page import write_picture
 from mcpilco.visual.plots.comparison import Curve, plain_log_axis, plot_curves
 from mcpilco.visual.plots.style import SYSTEM
 
-_DPI = 110
 _BY_KEY = {measure.key: measure for measure in MEASURES}
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}
 """of the thesis's figures"""
@@ -40,7 +38,7 @@ def write_trials(path: Path, runs: Sequence[Run], published: bool) -> None:
         for name, values in PUBLISHED.get(key, {}).items() if published else ():
             ax.plot(EXPERIENCE, values, _LINES[name], color=SYSTEM, label=f"{name}, thesis")
     _add_legend(figure)
-    _write(path, figure)
+    write_picture(path, figure)
 
 
 def write_experience(path: Path, runs: Sequence[Run]) -> None:
@@ -56,7 +54,7 @@ def write_experience(path: Path, runs: Sequence[Run]) -> None:
     for ax in axes:
         plain_log_axis(ax)
     _add_legend(figure)
-    _write(path, figure)
+    write_picture(path, figure)
 
 
 def _add_legend(figure: Figure) -> None:
@@ -93,10 +91,3 @@ def _over_time(curve: Curve, run: Run) -> Curve:
     """The same over processor time."""
     spent = [np.median(list(run.at(float(a), "cpu_s").values())) for a in curve.experience_s]
     return Curve(curve.name, np.array(spent), curve.values, curve.low, curve.high)
-
-
-def _write(path: Path, figure: Figure) -> None:
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DPI)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, content.getvalue())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from mcpilco.archive import write_bytes
+from mcpilco.sweep.page import write_picture
 from mcpilco.visual.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 
-_DPI = 110
 COLOURS = {"PP": "tab:red", "SP": "tab:orange", "FC": MODEL, "PP of motions": PARTICLES}
 
 
@@ -43,7 +41,7 @@ def write_errors(path: Path, trials: Sequence[Mapping[str, Any]]) -> None:
         ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         ax.yaxis.set_minor_locator(NullLocator())
     add_legend(figure.axes[0])
-    _write(path, figure)
+    write_picture(path, figure)
 
 
 def write_currents(path: Path, shown: Mapping[str, np.ndarray]) -> None:
@@ -76,10 +74,4 @@ def write_currents(path: Path, shown: Mapping[str, np.ndarray]) -> None:
             ax.axhline(sign * limit, color=SYSTEM, linewidth=0.8, linestyle=":")
         ax.set_ylabel(f"residual of {kind} [A]")
     residuals[-1].set(xlabel="time [s]", xlim=(time[0], time[-1]))
-    _write(path, figure)
-
-
-def _write(path: Path, figure: Figure) -> None:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=_DPI, format="png", metadata={"Software": None})
-    write_bytes(path, buffer.getvalue())
+    write_picture(path, figure)

@@ -38,7 +38,7 @@ from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch, adam
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
+from mcpilco.sweep.page import fill, write_picture
 from mcpilco.sweep.summary import markdown
 from mcpilco.task import TaskSpec
 
@@ -245,7 +245,7 @@ def write_plot(rows: Mapping[str, Any], path: Path) -> None:
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     for axis, ax in zip(rows, figure.subplots(1, len(rows)), strict=True):
         plot_growth(axis, rows[axis], ax)
-    figure.savefig(path, dpi=150)
+    write_picture(path, figure, dpi=150)
 
 
 def plot_growth(axis: str, row: Mapping[str, Any], ax: Axes) -> Axes:

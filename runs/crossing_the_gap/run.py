@@ -12,10 +12,8 @@ from all results that are there. What a seed has recorded and trained lies in ru
 from __future__ import annotations
 
 import json
-import math
-import statistics
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +23,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # the settings of runs/recipe
 
+from crossing_the_gap import pages
 from recipe.run import DEFAULT, hasty
 
 import envs  # noqa: F401  registers its ids
@@ -37,8 +36,6 @@ from mcpilco.crossing import read_crossing
 from mcpilco.run_folder import read_json
 from mcpilco.stopwatch import Stopwatch
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
 WORK = Path("runs/out/crossing")
@@ -46,8 +43,6 @@ DT = 0.02
 """sampling time of the recordings [s]"""
 TRIALS = 5
 """policies to learn on the system, in legs c and d"""
-SOLVED = 0.9
-"""least success rate of a policy that solves the task"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
 LEGS = ("a", "b", "c", "d", "e")
 Leg = Literal["a", "b", "c", "d", "e"]
@@ -84,7 +79,7 @@ def main() -> int:
                 print(
                     f"seed {seed}, {found['kind']}, {leg}: {told(found['legs'][leg])}", flush=True
                 )
-        write_readme(out)  # a stop loses no table
+        pages.write(out)  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")
     return 0
 
@@ -218,114 +213,12 @@ LEARN: Mapping[str, Callable[[int, Mapping[str, Any], Path], dict[str, Any]]] = 
 }
 
 
-# The tables ---------------------------------------------------------------------------------------
-
-
 def told(outcome: Mapping[str, Any]) -> str:
     if "p" in outcome:
         return "success " + ", ".join(f"{100 * p:.0f} %" for p in outcome["p"])
     if "happened" in outcome:
         return f"promised {100 * outcome['promised']:.0f} %, was {100 * outcome['happened']:.0f} %"
     return "; ".join(f"{leg}: {told(found)}" for leg, found in outcome.items())
-
-
-def write_readme(out: Path) -> None:
-    """Put the tables of the results that are there into README.md."""
-    found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
-    parts = ["Not measured yet."]
-    if found:
-        parts = [
-            "### Success on the system",
-            policies(found),
-            "### Learning on the system itself",
-            experience(found),
-            "### Seed by seed",
-            by_seed(found),
-            places(found),
-        ]
-    fill(out / "README.md", parts, template=HERE / "README.md")
-
-
-def policies(found: Sequence[Mapping[str, Any]]) -> str:
-    """What simulations promised and what happened, over seeds."""
-    rows = []
-    for name, outcomes in (
-        ("a: MC-PILCO in the nominal simulation", of_leg(found, "a")),
-        ("b: MC-PILCO in the corrected simulation", of_leg(found, "b")),
-        ("e: SAC in the nominal simulation", of_leg(found, "e", "nominal")),
-        ("e: SAC in the corrected simulation", of_leg(found, "e", "corrected")),
-    ):
-        if outcomes:
-            shares = [outcome["happened"] for outcome in outcomes]
-            rows.append(
-                (
-                    name,
-                    str(len(outcomes)),
-                    share([outcome["promised"] for outcome in outcomes]),
-                    share(shares),
-                    f"{sum(p >= SOLVED for p in shares)} of {len(shares)}",
-                    f"{statistics.median(outcome['return'] for outcome in outcomes):.1f}",
-                )
-            )
-    header = ("trained", "seeds", "promised [%]", "on the system [%]", "solved", "return there")
-    return markdown(header, rows)
-
-
-def of_leg(found: Sequence[Mapping[str, Any]], leg: str, part: str | None = None) -> list[Any]:
-    there = [seed["legs"][leg] for seed in found if leg in seed["legs"]]
-    return there if part is None else [outcome[part] for outcome in there]
-
-
-def share(values: Sequence[float]) -> str:
-    """Mean share [%], in brackets the least and the greatest."""
-    return f"{100 * np.mean(values):.0f} ({100 * min(values):.0f}–{100 * max(values):.0f})"
-
-
-def experience(found: Sequence[Mapping[str, Any]]) -> str:
-    """Success after each amount of experience, and what a solution takes."""
-    rows = []
-    for leg, name in (("c", "c: from nothing"), ("d", "d: corrected simulation as prior mean")):
-        outcomes = of_leg(found, leg)
-        if outcomes:
-            p = np.array([outcome["p"] for outcome in outcomes])
-            seconds = [solved(outcome) for outcome in outcomes]
-            rows.append(
-                (
-                    name,
-                    str(len(outcomes)),
-                    *(share(list(column)) for column in p.T),
-                    f"{statistics.median(seconds):g} ({sum(map(math.isfinite, seconds))})",
-                )
-            )
-    if not rows:
-        return "Not measured yet."
-    amounts = (of_leg(found, "c") or of_leg(found, "d"))[0]["experience_s"]
-    header = ["model", "seeds", *(f"after {s:g} s [%]" for s in amounts)]
-    return markdown([*header, "solved after [s] (seeds)"], rows)
-
-
-def solved(outcome: Mapping[str, Any]) -> float:
-    """Experience behind the first policy that solves the task [s]; inf where none does."""
-    pairs = zip(outcome["experience_s"], outcome["p"], strict=True)
-    return next((seconds for seconds, p in pairs if p >= SOLVED), math.inf)
-
-
-def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
-    for seed in found:
-        legs = seed["legs"]
-        hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
-        named = "; ".join(legs["b"]["named"]) or legs["b"]["verdict"] if "b" in legs else ""
-        cells = [f"{100 * legs[leg]['happened']:.0f}" if leg in legs else "" for leg in "ab"]
-        cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
-        rows.append((str(seed["seed"]), hidden_here, named, *cells))
-    header = ("seed", "hidden", "named", "a [%]", "b [%]", "c solved [s]", "d solved [s]")
-    return markdown(header, rows)
-
-
-def in_words(effect: Mapping[str, Any]) -> str:
-    numbers = ", ".join(f"{name} = {value:g}" for name, value in effect["parameters"].items())
-    return f"{effect['name']} at {effect['target']} ({numbers})"
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mcpilco.archive import write_bytes
-from mcpilco.sweep.page import fill, places
+from mcpilco.sweep.page import fill, places, write_picture
 from mcpilco.sweep.summary import markdown
 
 Trials = Sequence[Mapping[str, Any]]
@@ -25,7 +23,6 @@ COLOURS = {
     "rbf": "tab:orange",
     "nn": "tab:red",
 }
-_DPI = 110
 
 
 def write(out: Path, found: Mapping[str, Trials], template: Path) -> None:
@@ -186,7 +183,7 @@ def _boxes(path: Path, trials: Trials) -> None:
         ax.set(title=joint, yscale="log", xticks=range(1, len(names) + 1), xticklabels=names)
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("nMSE [-]")
-    _save(path, figure)
+    write_picture(path, figure)
 
 
 def _curves(path: Path, trials: Trials) -> None:
@@ -208,10 +205,4 @@ def _curves(path: Path, trials: Trials) -> None:
     )
     ax.minorticks_off()
     ax.legend(frameon=False, fontsize="small")
-    _save(path, figure)
-
-
-def _save(path: Path, figure: Figure) -> None:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=_DPI)
-    write_bytes(path, buffer.getvalue())
+    write_picture(path, figure)

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mcpilco.effects import CATALOGUE
+from mcpilco.sweep.page import write_picture
 
 OUTSIDE = ("detent", "feed", "patch", "coupling")
 HIDDEN = (*CATALOGUE, "none", *OUTSIDE)
@@ -62,7 +63,7 @@ def plot_confusions(counts: Mapping[tuple[str, str], float], ax: Axes) -> Axes:
     return ax
 
 
-def write_picture(tier: str, cases: Sequence[Mapping[str, Any]], path: Path) -> Path:
+def write_confusion(tier: str, cases: Sequence[Mapping[str, Any]], path: Path) -> Path:
     """The path of the picture written."""
     counts = confusions(cases)
     rows = len({hidden for hidden, _ in counts})
@@ -70,5 +71,5 @@ def write_picture(tier: str, cases: Sequence[Mapping[str, Any]], path: Path) -> 
     figure = Figure(figsize=(3.2 + 0.34 * columns, 2.4 + 0.34 * rows), layout="constrained")
     ax = plot_confusions(counts, figure.add_subplot())
     ax.set_title(f"{tier}, {len(cases)} cases", fontsize="medium")
-    figure.savefig(path, dpi=110)
+    write_picture(path, figure)
     return path

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from cases import TIERS
-from confusion import write_picture
+from confusion import write_confusion
 from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, right
 
 from mcpilco.sweep.page import fill
@@ -143,7 +143,7 @@ def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 def pictures(found: Mapping[str, Sequence[Mapping[str, Any]]], out: Path) -> str:
     """What was hidden against what was named, a picture a tier."""
     paths = {
-        tier: write_picture(tier, cases, out / f"confusion-{tier}.png")
+        tier: write_confusion(tier, cases, out / f"confusion-{tier}.png")
         for tier, cases in found.items()
     }
     lines = [f"![Hidden against named, {tier}]({path.name})" for tier, path in paths.items()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +13,9 @@ from matplotlib.figure import Figure
 from model_learning.forecasts import Forecast
 from model_learning.tables import SHOWN, Gathered
 
-from mcpilco.archive import write_bytes
+from mcpilco.sweep.page import write_picture
 from mcpilco.visual.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 
-_DPI = 110
 _LINES = 60
 """particles that are drawn"""
 _COLOURS = {"pilco": "tab:red", "rbf": "tab:orange", "mpk": "tab:green", "rbf+mpk": "tab:blue"}
@@ -54,7 +52,7 @@ def write_example(path: Path, examples: Sequence[Example]) -> None:
         ax.set_xlabel("time [s]")
     for ax, kind in zip(axes[:, 0], kinds, strict=True):
         ax.set_ylabel(f"{kind}: pole angle [rad]")
-    _write(path, figure)
+    write_picture(path, figure)
 
 
 def plot_example(example: Example, ax: Axes) -> Axes:
@@ -92,7 +90,7 @@ def write_errors(path: Path, found: Gathered) -> None:
     add_legend(axes[0, 0])
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
-    _write(path, figure)
+    write_picture(path, figure)
 
 
 def plot_band(of_it: Mapping[str, Mapping[str, np.ndarray]], column: str, ax: Axes) -> Axes:
@@ -113,10 +111,3 @@ def plot_coverage(of_it: Mapping[str, Mapping[str, np.ndarray]], ax: Axes) -> Ax
     ax.axhline(95.0, color=SYSTEM, linewidth=1, linestyle=":")
     ax.set(ylabel="truth within 95 % interval [%]", ylim=(0, 102))
     return ax
-
-
-def _write(path: Path, figure: Figure) -> None:
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DPI)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, content.getvalue())

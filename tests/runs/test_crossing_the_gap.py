@@ -59,13 +59,14 @@ def test_kinds_take_turns(run):
 
 
 def test_solved_is_the_experience_behind_the_first_good_policy(run):
-    assert run.solved(LEARNED) == 9.0
-    assert run.solved({**LEARNED, "p": [0.0, 0.2, 0.8]}) == math.inf
+    assert run.pages.solved(LEARNED) == 9.0
+    assert run.pages.solved({**LEARNED, "p": [0.0, 0.2, 0.8]}) == math.inf
 
 
 def test_page_holds_every_leg_and_every_seed(run, results):
-    run.write_readme(results)
+    run.pages.write(results)
     text = (results / "README.md").read_text().split(BEGIN)[1].split(END)[0]
+    assert (results / "crossing.png").read_bytes().startswith(b"\x89PNG")
     assert "| a: MC-PILCO in the nominal simulation | 2 |" in text
     assert "| b: MC-PILCO in the corrected simulation | 1 | 100 (100–100) | 98 (98–98) |" in text
     assert "| c: from nothing | 1 | 0 (0–0) | 20 (20–20) | 95 (95–95) | 9 (1) |" in text
@@ -75,5 +76,5 @@ def test_page_holds_every_leg_and_every_seed(run, results):
 
 
 def test_page_without_results_says_so(run, tmp_path):
-    run.write_readme(tmp_path)
+    run.pages.write(tmp_path)
     assert "Not measured yet." in (tmp_path / "README.md").read_text()

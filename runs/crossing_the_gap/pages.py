@@ -1,0 +1,178 @@
+"""Tables and the picture of what was measured."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mcpilco.run_folder import read_json
+from mcpilco.sweep.page import fill, places, write_picture
+from mcpilco.sweep.summary import markdown
+
+HERE = Path(__file__).parent
+SOLVED = 0.9
+"""least success rate of a policy that solves the task"""
+
+
+def write(out: Path) -> None:
+    """Put picture and tables of the results that are there into README.md."""
+    found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
+    parts = ["Not measured yet."]
+    if found:
+        write_picture(out / "crossing.png", picture(found))
+        parts = [
+            "![What simulations promised, what happened, and learning on the system](crossing.png)",
+            "### Success on the system",
+            policies(found),
+            "### Learning on the system itself",
+            experience(found),
+            "### Seed by seed",
+            by_seed(found),
+            places(found),
+        ]
+    fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def policies(found: Sequence[Mapping[str, Any]]) -> str:
+    """What simulations promised and what happened, over seeds."""
+    rows = []
+    for name, outcomes in (
+        ("a: MC-PILCO in the nominal simulation", of_leg(found, "a")),
+        ("b: MC-PILCO in the corrected simulation", of_leg(found, "b")),
+        ("e: SAC in the nominal simulation", of_leg(found, "e", "nominal")),
+        ("e: SAC in the corrected simulation", of_leg(found, "e", "corrected")),
+    ):
+        if outcomes:
+            shares = [outcome["happened"] for outcome in outcomes]
+            rows.append(
+                (
+                    name,
+                    str(len(outcomes)),
+                    share([outcome["promised"] for outcome in outcomes]),
+                    share(shares),
+                    f"{sum(p >= SOLVED for p in shares)} of {len(shares)}",
+                    f"{statistics.median(outcome['return'] for outcome in outcomes):.1f}",
+                )
+            )
+    header = ("trained", "seeds", "promised [%]", "on the system [%]", "solved", "return there")
+    return markdown(header, rows)
+
+
+def of_leg(found: Sequence[Mapping[str, Any]], leg: str, part: str | None = None) -> list[Any]:
+    there = [seed["legs"][leg] for seed in found if leg in seed["legs"]]
+    return there if part is None else [outcome[part] for outcome in there]
+
+
+def share(values: Sequence[float]) -> str:
+    """Mean share [%], in brackets the least and the greatest."""
+    return f"{100 * np.mean(values):.0f} ({100 * min(values):.0f}–{100 * max(values):.0f})"
+
+
+def experience(found: Sequence[Mapping[str, Any]]) -> str:
+    """Success after each amount of experience, and what a solution takes."""
+    rows = []
+    for leg, name in (("c", "c: from nothing"), ("d", "d: corrected simulation as prior mean")):
+        outcomes = of_leg(found, leg)
+        if outcomes:
+            p = np.array([outcome["p"] for outcome in outcomes])
+            seconds = [solved(outcome) for outcome in outcomes]
+            rows.append(
+                (
+                    name,
+                    str(len(outcomes)),
+                    *(share(list(column)) for column in p.T),
+                    f"{statistics.median(seconds):g} ({sum(map(math.isfinite, seconds))})",
+                )
+            )
+    if not rows:
+        return "Not measured yet."
+    amounts = (of_leg(found, "c") or of_leg(found, "d"))[0]["experience_s"]
+    header = ["model", "seeds", *(f"after {s:g} s [%]" for s in amounts)]
+    return markdown([*header, "solved after [s] (seeds)"], rows)
+
+
+def solved(outcome: Mapping[str, Any]) -> float:
+    """Experience behind the first policy that solves the task [s]; inf where none does."""
+    pairs = zip(outcome["experience_s"], outcome["p"], strict=True)
+    return next((seconds for seconds, p in pairs if p >= SOLVED), math.inf)
+
+
+def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for seed in found:
+        legs = seed["legs"]
+        hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
+        named = "; ".join(legs["b"]["named"]) or legs["b"]["verdict"] if "b" in legs else ""
+        cells = [f"{100 * legs[leg]['happened']:.0f}" if leg in legs else "" for leg in "ab"]
+        cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
+        rows.append((str(seed["seed"]), hidden_here, named, *cells))
+    header = ("seed", "hidden", "named", "a [%]", "b [%]", "c solved [s]", "d solved [s]")
+    return markdown(header, rows)
+
+
+def in_words(effect: Mapping[str, Any]) -> str:
+    numbers = ", ".join(f"{name} = {value:g}" for name, value in effect["parameters"].items())
+    return f"{effect['name']} at {effect['target']} ({numbers})"
+
+
+def picture(found: Sequence[Mapping[str, Any]]) -> Figure:
+    """What simulations promised beside what happened, and success over experience."""
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
+    plot_promises(found, left)
+    plot_learning(found, right)
+    return figure
+
+
+def plot_promises(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
+    """Success in the simulation and on the system, a line a seed; black is their mean."""
+    legs = [leg for leg in "ab" if of_leg(found, leg)]
+    kinds = sorted({seed["kind"] for seed in found})
+    for place, leg in enumerate(legs):
+        ends = np.array([2.0 * place, 2.0 * place + 1.0])
+        for number, kind in enumerate(kinds):
+            ours = of_leg([seed for seed in found if seed["kind"] == kind], leg)
+            shift = 0.04 * (number - (len(kinds) - 1) / 2)  # equal lines lie side by side
+            for at, outcome in enumerate(ours):
+                label = kind if place == 0 and at == 0 else None
+                ax.plot(ends + shift, _percent(outcome), ".-", color=f"C{number}", label=label)
+        mean = np.mean([_percent(outcome) for outcome in of_leg(found, leg)], axis=0)
+        ax.plot(ends, mean, "o-", color="black", linewidth=3, label="mean" if place == 0 else None)
+    names = {"a": "nominal", "b": "corrected"}
+    labels = [f"{names[leg]}\n{what}" for leg in legs for what in ("promised", "happened")]
+    ax.set(ylabel="success [%]", ylim=(-4, 104), xlim=(-0.4, 2.0 * len(legs) - 0.6))
+    ax.set_xticks(range(len(labels)), labels)
+    ax.set_title("policies of a simulation", fontsize="medium")
+    ax.legend(frameon=False, fontsize="small", loc="center", bbox_to_anchor=(0.5, 0.35))
+    return ax
+
+
+def plot_learning(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
+    """Success over experience of the system: mean over seeds, quartiles as a band."""
+    for leg, colour, name in (
+        ("c", "tab:gray", "from nothing"),
+        ("d", "tab:blue", "with b's mean"),
+    ):
+        outcomes = of_leg(found, leg)
+        if outcomes:
+            seconds = outcomes[0]["experience_s"]
+            p = 100 * np.array([outcome["p"] for outcome in outcomes])
+            ax.plot(seconds, p.mean(0), "o-", color=colour, label=name)
+            ax.fill_between(seconds, *np.percentile(p, (25, 75), axis=0), color=colour, alpha=0.2)
+            ax.set_xticks(seconds)
+    ax.set(xlabel="experience of the system [s]")
+    ax.set_title("learning on the system", fontsize="medium")
+    if ax.has_data():
+        ax.legend(frameon=False, fontsize="small", loc="lower right")
+    return ax
+
+
+def _percent(outcome: Mapping[str, Any]) -> tuple[float, float]:
+    return 100 * outcome["promised"], 100 * outcome["happened"]
