@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
 from mcpilco.archive import write_bytes
@@ -29,7 +30,7 @@ from mcpilco.cli.sweep import parse_seeds
 from mcpilco.identification import METHODS
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places
+from mcpilco.sweep.page import fill, places, write_picture
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
@@ -117,7 +118,9 @@ def write_readme(out: Path) -> None:
         for cell in CELLS
     }
     found = {cell: trials for cell, trials in found.items() if trials}
+    write_picture(out / "figure2.png", picture(found))
     parts = [
+        "![Figure 2: errors of all methods, on the clean and the noisy test](figure2.png)",
         "### nMSE on the clean test: mean, in brackets median (least to greatest)",
         errors_table(found, "clean"),
         "### nMSE on the noisy test: mean, in brackets median (least to greatest)",
@@ -129,6 +132,37 @@ def write_readme(out: Path) -> None:
         places(t for trials in found.values() for t in trials),
     ]
     fill(out / "README.md", parts, template=HERE / "README.md")
+
+
+def picture(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Mean errors by cell and method; lines go from the least to the greatest trial: figure 2."""
+    levels = sorted({CELLS[cell][0] for cell in found})
+    figure = Figure(figsize=(11.0, 1.2 + 2.4 * len(levels)), layout="constrained")
+    panels = figure.subplots(len(levels), 2, squeeze=False)
+    width = 0.8 / len(METHODS)
+    for snr, row in zip(levels, panels, strict=True):
+        cells = [cell for cell in found if CELLS[cell][0] == snr]
+        labels = [f"{CELLS[c][1]} redundant,\n{90 - CELLS[c][1]} irrelevant" for c in cells]
+        for test, ax in zip(("clean", "noisy"), row, strict=True):
+            for m, name in enumerate(METHODS):
+                errors = [[trial[test][name] for trial in found[cell]] for cell in cells]
+                mean, low, high = (np.array([f(e) for e in errors]) for f in (np.mean, min, max))
+                colour = "black" if name == OURS else f"C{m}"
+                at = np.arange(len(cells)) + width * (m - (len(METHODS) - 1) / 2)
+                lines = {"elinewidth": 0.8, "ecolor": "0.5"}
+                ax.bar(
+                    at,
+                    mean,
+                    width,
+                    yerr=[mean - low, high - mean],
+                    color=colour,
+                    label=name,
+                    error_kw=lines,
+                )
+            ax.set(title=f"SNR {snr}, {test} test", ylabel="nMSE [-]")
+            ax.set_xticks(range(len(cells)), labels, fontsize="small")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=8)
+    return figure
 
 
 def row_name(cell: str) -> str:
