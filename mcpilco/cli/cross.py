@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -29,10 +28,6 @@ TRIALS = 4
 """of an algorithm that learns by trials"""
 PHYSICS_MODEL = "physics+rbf"
 """the equations of the simulation, and what they leave"""
-LAG_TOLD = 3.0
-"""time constants of a lag after which an input no longer matters"""
-UNWRITTEN = ("backlash", "sensor_offset", "sensor_scale", "sensor_delay")
-"""effects that the equations of a model do not hold"""
 LEGS = ("nominal", "corrected")
 """the policies that are compared, by the simulation that they are trained in"""
 
@@ -278,28 +273,20 @@ class Cross:
 
     def _model(self, leg: str) -> dict[str, Any]:
         """What MC-PILCO knows of a simulation: its equations, and the inputs that it remembers."""
+        from mcpilco.contract import task_of
         from mcpilco.correction import read_correction
+        from mcpilco.crossing import has_equations, remembered_inputs
 
         if leg == "nominal":
             return {"model": PHYSICS_MODEL}
         path = self._gap / "corrected.json"
         correction = read_correction(path)
-        slow = [
-            parameters.get("d", 0.0) + LAG_TOLD * parameters.get("T", 0.0)
-            for name, parameters in ((e.name, e.parameters) for e in correction.effects)
-            if name in ("actuator_delay", "actuator_lag")
-        ]
-        known: dict[str, Any] = {"memory": self._steps(sum(slow))} if slow else {}
-        if correction.learned or any(e.name in UNWRITTEN for e in correction.effects):
-            return known
-        return {**known, "model": PHYSICS_MODEL, "prior": path}
-
-    def _steps(self, seconds: float) -> int:
-        """Samples of the simulation that a time spans."""
-        from mcpilco.contract import task_of
-
         with contextlib.closing(open_env(self.sim, keywords("", self.sim_kwargs))) as env:
-            return math.ceil(seconds / task_of(env, None, quiet=True).dt)
+            memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
+        known: dict[str, Any] = {"memory": memory} if memory else {}
+        return (
+            {**known, "model": PHYSICS_MODEL, "prior": path} if has_equations(correction) else known
+        )
 
     def _told(self) -> str:
         return f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"

@@ -9,13 +9,16 @@ from mcpilco.crossing.outcomes import (
     read_crossing,
     write_crossing,
 )
+from mcpilco.crossing.prior import has_equations, remembered_inputs
 
 __all__ = [
     "Crossing",
     "Outcome",
     "Place",
     "cross",
+    "has_equations",
     "read_crossing",
+    "remembered_inputs",
     "write_crossing",
     "write_film",
 ]

@@ -32,7 +32,8 @@ from mcpilco.cli.cross import Cross
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE, Config
-from mcpilco.crossing import read_crossing
+from mcpilco.correction import read_correction
+from mcpilco.crossing import has_equations, read_crossing, remembered_inputs
 from mcpilco.run_folder import read_json
 from mcpilco.stopwatch import Stopwatch
 from mcpilco.sweep import job
@@ -41,6 +42,10 @@ HERE = Path(__file__).parent
 WORK = Path("runs/out/crossing")
 DT = 0.02
 """sampling time of the recordings [s]"""
+STEP = 0.1
+"""of a policy [s]"""
+UNCERTAINTY = 0.05
+"""prior std of what the recordings have told [-]"""
 TRIALS = 5
 """policies to learn on the system, in legs c and d"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
@@ -181,8 +186,12 @@ def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, 
 
 def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """MC-PILCO on the system, with the corrected simulation as its model's mean."""
-    correction = read_json(path / "crossing" / "gap" / "corrected.json")
-    model = replace(DEFAULT.model, mean="physics", plant=correction, uncertainty=0.05)
+    file = path / "crossing" / "gap" / "corrected.json"
+    correction = read_correction(file)
+    model = replace(DEFAULT.model, memory=remembered_inputs(correction, STEP))
+    if has_equations(correction):
+        physics = {"mean": "physics", "plant": read_json(file), "uncertainty": UNCERTAINTY}
+        model = replace(model, kernel="rbf", **physics)
     return learned(replace(DEFAULT, model=model), seed, found, path)
 
 
