@@ -40,7 +40,7 @@ def test_step_is_the_motion_under_a_constant_input(system):
     env = system.single()
     _, info = env.reset(seed=0)
     held = system.action(0.4)
-    expected = env.swing_up.dynamics.advance(info["state"], np.float64(held[0]), 0.1)[-1]
+    expected = env.swing_up.dynamics.advance(info["state"], np.float64(held[0]), env.task.dt)[-1]
     np.testing.assert_allclose(env.step(held)[4]["state"], expected, rtol=0, atol=1e-12)
 
 
