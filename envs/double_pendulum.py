@@ -27,7 +27,7 @@ from mcpilco.typing import Cost
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
 
-COST = SaturatingCost((0, 2), (math.pi, 0.0), (2.0, 1.0), (True, True))
+COST = SaturatingCost((0, 2), (math.pi, 0.0), (1.5, 0.75), (True, True))
 """the default cost, of both angles"""
 NOISE_STD = 0.001, 0.02, 0.001, 0.02
 """of the measured states [rad, rad/s]"""
@@ -125,7 +125,7 @@ class PendubotEnv(DoublePendulumEnv):
 
     1 - cost of the true state after the step and of the torque held in it, with the cost in [0, 1]
 
-        cost = 1 - exp( -((|q1| - pi) / 2 rad)^2 - (q2 / 1 rad)^2 )
+        cost = 1 - exp( -((|q1| - pi) / 1.5 rad)^2 - (q2 / 0.75 rad)^2 )
 
     a `mcpilco.costs.SaturatingCost`.
 

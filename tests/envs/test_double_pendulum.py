@@ -39,7 +39,7 @@ def test_defaults_are_those_of_the_docstring(name):
     assert env.swing_up.noise_std == (0.001, 0.02, 0.001, 0.02)
     assert env.task.dt == 0.05
     assert env.action_space.high == np.float32(6.0) == -env.action_space.low
-    assert env.task.cost == SaturatingCost((0, 2), (math.pi, 0.0), (2.0, 1.0), (True, True))
+    assert env.task.cost == SaturatingCost((0, 2), (math.pi, 0.0), (1.5, 0.75), (True, True))
 
 
 def test_lifting_and_falling_take_what_the_docstring_says():
