@@ -52,7 +52,7 @@ class DoublePendulumEnv(SwingUpEnv):
         **constants: Any,
     ) -> None:
         """The keywords are listed in the docstrings of the envs under Arguments."""
-        dynamics, plant = correct(self.equations(**constants), self.plant(), effects)
+        dynamics, plant = correct(self.equations(**constants), type(self).plant(), effects)
         swing_up = SwingUp(
             dynamics=dynamics,
             input_limit=torque_limit,

@@ -65,7 +65,8 @@ class UprightJudge:
 
     def watch(self, states: Float[np.ndarray, "T *b X"]) -> None:
         """Takes in the next T samples of the state."""
-        up = is_up(states[..., self._links].cumsum(axis=-1)).all(axis=-1)
+        angles = states[..., self._links].cumsum(axis=-1)
+        up = np.logical_and.reduce(is_up(angles), axis=-1)
         unbroken = np.logical_and.accumulate(up[::-1]).sum(axis=0)
         self._up_until_now[...] = np.where(
             unbroken == len(up), self._up_until_now + unbroken, unbroken

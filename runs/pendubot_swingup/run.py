@@ -5,7 +5,7 @@ python runs/pendubot_swingup/run.py                    # both models, seeds 0:10
 python runs/pendubot_swingup/run.py --models physics+rbf --seeds 0:2
 
 Results are kept in results/<model>/, a file a seed, rewritten after each trial. The same command
-goes on where it was stopped, and rewrites README.md between its marked lines from all that is there.
+goes on where it was stopped, and rewrites README.md between its marked lines from all results.
 A seed ends with the first policy that succeeds in its test rollout and in 9 of 10 fresh ones, or
 after 60 s of experience.
 """
@@ -48,7 +48,7 @@ CONFIG = Config(
         particles=48,
         evaluation_particles=96,
         restarts=(1,),
-        rates=(1.0, 1.0, 0.7, 0.5),
+        rates=(1.0, 1.0, 0.7, 0.5, 0.3),
         failing=0.02,
         phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
         widening=2.0,

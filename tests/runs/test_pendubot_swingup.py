@@ -71,7 +71,8 @@ def test_table_counts_seeds_that_succeeded_and_those_that_were_solved(run):
     (row,) = [line for line in run.table({"rbf+mpk": seeds}).split("\n") if "`rbf+mpk`" in line]
     name, count, succeeded, solved, seconds, *_ = [cell.strip() for cell in row.split("|")[1:]]
     assert (name, count) == ("`rbf+mpk`", "3")
-    assert succeeded.startswith("66.7") and solved.startswith("33.3")
+    assert succeeded.startswith("66.7")
+    assert solved.startswith("33.3")
     assert seconds == "7.5 (7.5–7.5)"
 
 
