@@ -73,5 +73,5 @@ gymnasium.register(
     id="mcpilco/Acrobot-v0",
     entry_point="envs.double_pendulum:AcrobotEnv",
     vector_entry_point="envs.double_pendulum_vector:AcrobotVectorEnv",
-    max_episode_steps=100,
+    max_episode_steps=50,
 )

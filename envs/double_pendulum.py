@@ -204,7 +204,7 @@ class AcrobotEnv(DoublePendulumEnv):
 
     ## Episode End
 
-    The episode never terminates. It is truncated after 100 steps (5 s) when the env is made by id.
+    The episode never terminates. It is truncated after 50 steps (2.5 s) when the env is made by id.
 
     ## Version History
 

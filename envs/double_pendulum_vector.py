@@ -31,7 +31,7 @@ class AcrobotVectorEnv(SwingUpVectorEnv):
     """`num_envs` acrobots in one batch; see `SwingUpVectorEnv` and `AcrobotEnv`."""
 
     def __init__(
-        self, num_envs: int = 1, *, max_episode_steps: int | None = 100, **options: Any
+        self, num_envs: int = 1, *, max_episode_steps: int | None = 50, **options: Any
     ) -> None:
         """A batch of envs with the same physics.
 

@@ -24,6 +24,8 @@ class System:
     batch: type[SwingUpVectorEnv]
     steps: int
     """of an episode"""
+    chaotic: bool = False
+    """whether two ways of rounding part within an episode"""
 
     @property
     def width(self) -> int:
@@ -57,8 +59,8 @@ SYSTEMS = [
         30,
     ),
     System("mcpilco/Pendulum-v0", envs.PendulumEnv, envs.PendulumVectorEnv, 40),
-    System("mcpilco/Pendubot-v0", envs.PendubotEnv, envs.PendubotVectorEnv, 50),
-    System("mcpilco/Acrobot-v0", envs.AcrobotEnv, envs.AcrobotVectorEnv, 100),
+    System("mcpilco/Pendubot-v0", envs.PendubotEnv, envs.PendubotVectorEnv, 50, chaotic=True),
+    System("mcpilco/Acrobot-v0", envs.AcrobotEnv, envs.AcrobotVectorEnv, 50, chaotic=True),
 ]
 
 each_system = pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.id)
