@@ -28,6 +28,11 @@ class System:
     """whether two ways of rounding part within an episode"""
 
     @property
+    def followed(self) -> int:
+        """Steps over which motions are compared, at most an episode."""
+        return 10 if self.chaotic else self.steps
+
+    @property
     def width(self) -> int:
         """How many states it has."""
         return self.single().swing_up.width
