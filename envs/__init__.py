@@ -11,6 +11,9 @@ import gymnasium
 from envs.cartpole import CartPoleSwingUpEnv
 from envs.cartpole_dynamics import CartPoleDynamics
 from envs.cartpole_vector import CartPoleSwingUpVectorEnv
+from envs.double_pendulum import AcrobotEnv, PendubotEnv
+from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
+from envs.double_pendulum_vector import AcrobotVectorEnv, PendubotVectorEnv
 from envs.judge import UprightJudge
 from envs.pendulum import PendulumEnv
 from envs.pendulum_dynamics import PendulumDynamics
@@ -19,9 +22,15 @@ from envs.plants import PLANTS
 
 __all__ = [
     "PLANTS",
+    "AcrobotDynamics",
+    "AcrobotEnv",
+    "AcrobotVectorEnv",
     "CartPoleDynamics",
     "CartPoleSwingUpEnv",
     "CartPoleSwingUpVectorEnv",
+    "PendubotDynamics",
+    "PendubotEnv",
+    "PendubotVectorEnv",
     "PendulumDynamics",
     "PendulumEnv",
     "PendulumVectorEnv",
@@ -53,4 +62,16 @@ gymnasium.register(
     entry_point="envs.pendulum:PendulumEnv",
     vector_entry_point="envs.pendulum_vector:PendulumVectorEnv",
     max_episode_steps=40,
+)
+gymnasium.register(
+    id="mcpilco/Pendubot-v0",
+    entry_point="envs.double_pendulum:PendubotEnv",
+    vector_entry_point="envs.double_pendulum_vector:PendubotVectorEnv",
+    max_episode_steps=50,
+)
+gymnasium.register(
+    id="mcpilco/Acrobot-v0",
+    entry_point="envs.double_pendulum:AcrobotEnv",
+    vector_entry_point="envs.double_pendulum_vector:AcrobotVectorEnv",
+    max_episode_steps=50,
 )

@@ -202,7 +202,7 @@ def cart_pole_swing_up(
         start_std=read_stds("start_std", start_std, 4),
         noise_std=read_stds("noise_std", noise_std, 4),
         cost=_read_cost(cost, cost_lengthscales),
-        angle=2,
+        links=(2,),
         cart=0,
         plant=plant,
         measured=MEASURED[measured],

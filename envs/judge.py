@@ -33,18 +33,24 @@ class UprightJudge:
     """
 
     def __init__(
-        self, sample_s: float, batch: tuple[int, ...] = (), *, angle: int, cart: int | None = None
+        self,
+        sample_s: float,
+        batch: tuple[int, ...] = (),
+        *,
+        links: tuple[int, ...],
+        cart: int | None = None,
     ) -> None:
         """A judge that has seen nothing yet.
 
         Args:
             sample_s: time between two samples [s].
             batch: shape of the batch of systems; () for one.
-            angle: which state is the pole's angle [rad], 0 hanging.
+            links: which states are the angles of the links, each relative to the one before it and
+                0 hanging [rad]; for a pole its angle. All of them must be up.
             cart: which state is the position of a cart [m]; None where there is no cart.
         """
         self._sample_s = sample_s
-        self._angle, self._cart = angle, cart
+        self._links, self._cart = list(links), cart
         # rounding must not turn 1 s / 0.01 s into 101 samples
         self._needed = math.ceil(HOLD_S / sample_s - 1e-9)
         self._samples = np.zeros(batch, dtype=int)
@@ -59,7 +65,8 @@ class UprightJudge:
 
     def watch(self, states: Float[np.ndarray, "T *b X"]) -> None:
         """Takes in the next T samples of the state."""
-        up = is_up(states[..., self._angle])
+        angles = states[..., self._links].cumsum(axis=-1)
+        up = np.logical_and.reduce(is_up(angles), axis=-1)
         unbroken = np.logical_and.accumulate(up[::-1]).sum(axis=0)
         self._up_until_now[...] = np.where(
             unbroken == len(up), self._up_until_now + unbroken, unbroken

@@ -143,7 +143,7 @@ class PendulumEnv(SwingUpEnv):
             start_std=read_stds("start_std", start_std, 2),
             noise_std=read_stds("noise_std", noise_std, 2),
             cost=cost,
-            angle=0,
+            links=(0,),
             plant=plant,
         )
         super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from envs.drawing import Canvas, Point
+from envs.drawing import Canvas
 from envs.look import (
     BACKGROUND,
     FIXED_COLOR,
     HEIGHT,
-    INPUT_COLOR,
     POLE_COLOR,
     POLE_RADIUS,
     TARGET_COLOR,
     WIDTH,
     hanging,
+    twist,
 )
 from envs.pendulum_dynamics import PendulumDynamics
 from mcpilco.visual.scene import Pose, Scene, Shape
@@ -72,15 +71,5 @@ def picture(
     canvas.line((0.0, 0.0), (x, z), POLE_RADIUS, FIXED_COLOR)
     canvas.disc((x, z), MASS_RADIUS, POLE_COLOR)
     canvas.disc((0.0, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
-    if push:
-        *arc, (start, end) = pairwise(_arc(push))
-        for piece in arc:
-            canvas.line(*piece, 0.02, INPUT_COLOR)
-        canvas.arrow(start, end, 0.02, INPUT_COLOR)
+    twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
     return canvas.image()
-
-
-def _arc(push: float) -> list[Point]:
-    """Points around the hinge, from below: to positive x for a positive torque."""
-    angles = np.linspace(0.0, 0.75 * np.pi * push, 13)
-    return [(ARC_RADIUS * np.sin(angle), -ARC_RADIUS * np.cos(angle)) for angle in angles.tolist()]

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 
+from envs.double_pendulum_dynamics import (
+    AcrobotDynamics,
+    DoublePendulumDynamics,
+    PendubotDynamics,
+)
 from mcpilco import known_plants
 from mcpilco.effects import CATALOGUE
 from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
@@ -102,6 +108,28 @@ def double_pendulum() -> Plant:
     They are uniform, unless their centers of mass and inertias are set: `upper_center` is relative
     to the rod's length l, `upper_inertia`, about the center, to its m l^2.
     """
+    gains = {"shoulder_torque": "shoulder_gain", "elbow_torque": "elbow_gain"}
+    return _two_rods("mcpilco/DoublePendulum-v0", ("shoulder_torque", "elbow_torque"), gains)
+
+
+def pendubot() -> Plant:
+    """The double pendulum of `envs.double_pendulum_dynamics` with a motor in its shoulder."""
+    return _with_one_motor("mcpilco/Pendubot-v0", PendubotDynamics())
+
+
+def acrobot() -> Plant:
+    """The double pendulum of `envs.double_pendulum_dynamics` with a motor in its elbow."""
+    return _with_one_motor("mcpilco/Acrobot-v0", AcrobotDynamics())
+
+
+def _with_one_motor(name: str, dynamics: DoublePendulumDynamics) -> Plant:
+    plant = _two_rods(name, (dynamics.input_name,), {"actuator": "torque_gain"})
+    return plant.where(**asdict(dynamics))
+
+
+def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> Plant:
+    """Two rods behind their actuators, each with the parameter that is its gain."""
+    motors = {"shoulder_torque": 0, "elbow_torque": 1}
 
     def build(p: Mapping[str, float]) -> Chain:
         def link(name: str, parent: int, joint: str, below: float = 0.0) -> Body:
@@ -118,11 +146,11 @@ def double_pendulum() -> Plant:
         slides=(False, False),
         bodies=("upper", "lower"),
         states=("shoulder_angle", "shoulder_velocity", "elbow_angle", "elbow_velocity"),
-        inputs=("shoulder_torque", "elbow_torque"),
-        drives=(0, 1),
+        inputs=inputs,
+        drives=tuple(motors[torque] for torque in inputs),
     )
     return Plant(
-        name="mcpilco/DoublePendulum-v0",
+        name=name,
         layout=layout,
         parameters=(
             Parameter("upper_mass", 0.6, "kg", low=1e-6),
@@ -131,8 +159,7 @@ def double_pendulum() -> Plant:
             Parameter("lower_length", 0.3, "m", low=1e-6),
             Parameter("shoulder_friction", 0.01, "N m s/rad"),
             Parameter("elbow_friction", 0.01, "N m s/rad"),
-            Parameter("shoulder_gain", 1.0, "-"),
-            Parameter("elbow_gain", 1.0, "-"),
+            *(Parameter(gain, 1.0, "-") for gain in gains.values()),
             Parameter("gravity", 9.82, "m/s^2", uncertain=False),
             Parameter("upper_center", MIDDLE, "-", uncertain=False, low=1e-6),
             Parameter("upper_inertia", UNIFORM, "-", uncertain=False, low=1e-6),
@@ -143,8 +170,7 @@ def double_pendulum() -> Plant:
         base=(
             Base(Active(VISCOUS, "shoulder"), ("shoulder_friction",)),
             Base(Active(VISCOUS, "elbow"), ("elbow_friction",)),
-            Base(Active(GAIN, "shoulder_torque"), ("shoulder_gain",)),
-            Base(Active(GAIN, "elbow_torque"), ("elbow_gain",)),
+            *(Base(Active(GAIN, actuator), (gain,)) for actuator, gain in gains.items()),
         ),
         angles=(0, 2),
         masses={"upper": "upper_mass", "lower": "lower_mass"},
@@ -180,6 +206,8 @@ PLANTS = {
     "mcpilco/CartPoleSwingUp-v0": cart_pole,
     "mcpilco/Pendulum-v0": pendulum,
     "mcpilco/DoublePendulum-v0": double_pendulum,
+    "mcpilco/Pendubot-v0": pendubot,
+    "mcpilco/Acrobot-v0": acrobot,
 }
 """by the id of their env"""
 

@@ -36,8 +36,9 @@ class SwingUp:
     """standard deviation of each state's measurement noise, in its unit"""
     cost: Cost
     """of (states, inputs); the reward is 1 - cost"""
-    angle: int
-    """which state is the angle that must be upright, pi [rad]"""
+    links: tuple[int, ...]
+    """which states are the angles of the links, each relative to the one before it, that must be
+    upright: the first at pi, the others at 0 [rad]"""
     cart: int | None = None
     """which state is the position of a cart [m]; None where there is none"""
     plant: Plant | None = None
@@ -146,7 +147,7 @@ class SwingUp:
 
     def judge(self, *batch: int) -> UprightJudge:
         """A judge of so many systems that has seen nothing yet."""
-        return UprightJudge(self.sample_s, batch, angle=self.angle, cart=self.cart)
+        return UprightJudge(self.sample_s, batch, links=self.links, cart=self.cart)
 
 
 def read_start(

@@ -24,6 +24,13 @@ class System:
     batch: type[SwingUpVectorEnv]
     steps: int
     """of an episode"""
+    chaotic: bool = False
+    """whether two ways of rounding part within an episode"""
+
+    @property
+    def followed(self) -> int:
+        """Steps over which motions are compared, at most an episode."""
+        return 10 if self.chaotic else self.steps
 
     @property
     def width(self) -> int:
@@ -37,7 +44,7 @@ class System:
 
     def state(self, angle: float = 0.0, speed: float = 0.0) -> np.ndarray:
         """All at rest but the angle that must be upright."""
-        state, index = np.zeros(self.width), self.single().swing_up.angle
+        state, index = np.zeros(self.width), self.single().swing_up.links[0]
         state[index : index + 2] = angle, speed
         return state
 
@@ -57,6 +64,8 @@ SYSTEMS = [
         30,
     ),
     System("mcpilco/Pendulum-v0", envs.PendulumEnv, envs.PendulumVectorEnv, 40),
+    System("mcpilco/Pendubot-v0", envs.PendubotEnv, envs.PendubotVectorEnv, 50, chaotic=True),
+    System("mcpilco/Acrobot-v0", envs.AcrobotEnv, envs.AcrobotVectorEnv, 50, chaotic=True),
 ]
 
 each_system = pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.id)

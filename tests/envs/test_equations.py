@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 from envs.cartpole_dynamics import CartPoleDynamics
+from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
 from envs.equations import EquationsOfMotion, _solve
 from envs.pendulum_dynamics import PendulumDynamics
 
 SYSTEMS = pytest.mark.parametrize(
     "dynamics",
-    [CartPoleDynamics(cart_friction=0.7), PendulumDynamics(friction=0.2)],
-    ids=["cart-pole", "pendulum"],
+    [
+        CartPoleDynamics(cart_friction=0.7),
+        PendulumDynamics(friction=0.2),
+        PendubotDynamics(elbow_friction=0.2),
+        AcrobotDynamics(shoulder_friction=0.2),
+    ],
+    ids=["cart-pole", "pendulum", "pendubot", "acrobot"],
 )
 
 

@@ -19,7 +19,7 @@ def states(angles, cart=0.0) -> np.ndarray:
 
 
 def verdict(angles) -> dict:
-    judge = UprightJudge(0.01, angle=2, cart=0)
+    judge = UprightJudge(0.01, links=(2,), cart=0)
     judge.watch(states(angles))
     return judge.verdict()
 
@@ -53,7 +53,7 @@ def test_falling_at_the_last_sample_is_no_success():
 def test_verdict_does_not_depend_on_how_samples_are_cut_into_steps():
     rng = np.random.default_rng(0)
     angles = np.where(rng.random(300) < 0.02, DOWN, UP)
-    whole, steps = UprightJudge(0.01, angle=2, cart=0), UprightJudge(0.01, angle=2, cart=0)
+    whole, steps = UprightJudge(0.01, links=(2,), cart=0), UprightJudge(0.01, links=(2,), cart=0)
     for step in range(30):
         part = states(angles[10 * step : 10 * step + 10])
         steps.watch(part)
@@ -66,7 +66,7 @@ def test_verdict_does_not_depend_on_how_samples_are_cut_into_steps():
 
 
 def test_batch_is_judged_one_by_one_and_restarted_one_by_one():
-    judge = UprightJudge(0.01, (2,), angle=2, cart=0)
+    judge = UprightJudge(0.01, (2,), links=(2,), cart=0)
     judge.watch(states([[UP, DOWN]] * 100, cart=[-0.5, 2.0]))
     result = judge.verdict()
     assert result["is_success"].tolist() == [True, False]
@@ -78,7 +78,7 @@ def test_batch_is_judged_one_by_one_and_restarted_one_by_one():
 
 
 def test_sampling_time_that_does_not_divide_1_s_needs_a_little_longer():
-    judge = UprightJudge(0.03, angle=2)
+    judge = UprightJudge(0.03, links=(2,))
     judge.watch(states([UP] * 33))
     assert not judge.verdict()["is_success"]
     judge.watch(states([UP]))
@@ -86,6 +86,6 @@ def test_sampling_time_that_does_not_divide_1_s_needs_a_little_longer():
 
 
 def test_system_without_a_cart_is_judged_by_its_angle_alone():
-    judge = UprightJudge(0.01, angle=0)
+    judge = UprightJudge(0.01, links=(0,))
     judge.watch(np.full((100, 2), UP))
     assert judge.verdict() == {"is_success": True, "time_up_s": pytest.approx(1.0)}

@@ -8,6 +8,7 @@ import pytest
 
 import envs  # noqa: F401  registers the ids
 from envs.cartpole_dynamics import CartPoleDynamics
+from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.plants import PLANTS, double_pendulum
 from mcpilco.mechanics import accelerations
@@ -15,6 +16,8 @@ from mcpilco.mechanics import accelerations
 DYNAMICS = {
     "mcpilco/CartPoleSwingUp-v0": CartPoleDynamics(),
     "mcpilco/Pendulum-v0": PendulumDynamics(),
+    "mcpilco/Pendubot-v0": PendubotDynamics(),
+    "mcpilco/Acrobot-v0": AcrobotDynamics(),
 }
 
 

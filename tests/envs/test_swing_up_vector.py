@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from mcpilco.typing import InputError
 from tests.envs.systems import each_drawn_system, each_system
@@ -27,10 +27,10 @@ def test_make_vec_gives_the_vector_env(system):
 @each_system
 def test_vector_env_is_a_loop_of_single_envs_through_resets(system):
     """Over two time limits, so that the automatic resets are compared too."""
-    n, rng = 4, np.random.default_rng(0)
+    n, rng, steps = 4, np.random.default_rng(0), system.followed
     starts = np.array([system.state(*pair) for pair in rng.normal(size=(n, 2)) * [3.0, 1.0]])
-    batch = gym.make_vec(system.id, num_envs=n, **QUIET)
-    loop = gym.make_vec(system.id, num_envs=n, vectorization_mode="sync", **QUIET)
+    batch = system.batch(n, max_episode_steps=steps, **QUIET)
+    loop = SyncVectorEnv([lambda: gym.make(system.id, max_episode_steps=steps, **QUIET)] * n)
     batch_return = batch.reset(seed=0, options={"state": starts})
     loop.reset(seed=0)
     firsts = [
@@ -38,7 +38,7 @@ def test_vector_env_is_a_loop_of_single_envs_through_resets(system):
         for single, start in zip(loop.envs, starts, strict=True)
     ]
     np.testing.assert_array_equal(batch_return[0], [observation for observation, _ in firsts])
-    for step in range(2 * system.steps + 10):
+    for step in range(2 * steps + 10):
         actions = (1.2 * system.limit * rng.uniform(-1, 1, (n, 1))).astype(np.float32)
         ours, theirs = batch.step(actions), loop.step(actions)
         for mine, yours in zip(ours[:4], theirs[:4], strict=True):
@@ -63,16 +63,16 @@ def test_episodes_that_end_at_different_times_restart_alone(system):
     assert rewards[1] == pytest.approx(1.0)
     assert not truncated.any()
     np.testing.assert_array_equal(observations[0], np.zeros(system.width))
-    assert infos["time_up_s"] == pytest.approx([0.0, 0.3])
+    assert infos["time_up_s"] == pytest.approx([0.0, 3 * batch.task.dt])
 
 
 @each_system
 def test_equal_seeds_give_equal_batches_of_different_episodes(system):
     def run(seed):
-        batch = system.batch(3)
+        batch = system.batch(3, max_episode_steps=system.followed)
         batch.action_space.seed(0)
         observations = [batch.reset(seed=seed)[0]]
-        steps = range(system.steps + 5)
+        steps = range(system.followed + 5)
         observations += [batch.step(batch.action_space.sample())[0] for _ in steps]
         return np.array(observations)
 
