@@ -22,7 +22,10 @@ SOLVED = 0.9
 
 
 def write(out: Path) -> None:
-    """Put picture and tables of the results that are there into README.md."""
+    """Put picture and tables of the results that are there into README.md.
+
+    Those of this folder go into the README of the project as well, in short.
+    """
     found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
     parts = ["Not measured yet."]
     if found:
@@ -38,6 +41,33 @@ def write(out: Path) -> None:
             places(found),
         ]
     fill(out / "README.md", parts, template=HERE / "README.md")
+    if found and out == HERE:
+        fill(HERE.parents[1] / "README.md", [story(found)], name="crossing")
+
+
+def story(found: Sequence[Mapping[str, Any]]) -> str:
+    """All legs in one table."""
+    rows = []
+    for leg, name in (("a", "in the nominal simulation"), ("b", "in the corrected simulation")):
+        if outcomes := of_leg(found, leg):
+            promised = 100 * np.mean([outcome["promised"] for outcome in outcomes])
+            shares = [outcome["happened"] for outcome in outcomes]
+            seconds = outcomes[0]["experience_s"]
+            rows.append((name, len(shares), f"{promised:.0f}", *_on_system(shares), f"{seconds:g}"))
+    for leg, name in (
+        ("c", "on the system, from nothing"),
+        ("d", "on the system, with the corrected simulation's equations"),
+    ):
+        if outcomes := of_leg(found, leg):
+            shares, seconds = [o["p"][-1] for o in outcomes], outcomes[0]["experience_s"][-1]
+            told = f"{seconds:g}" if leg == "c" else f"60 and {seconds:g}"
+            rows.append((name, len(shares), "", *_on_system(shares), told))
+    header = ("learned", "seeds", "promised [%]", "succeeds [%]", "solved", "seconds of the system")
+    return markdown(header, [tuple(map(str, row)) for row in rows])
+
+
+def _on_system(shares: Sequence[float]) -> tuple[str, str]:
+    return share(shares), f"{sum(p >= SOLVED for p in shares)} of {len(shares)}"
 
 
 def policies(found: Sequence[Mapping[str, Any]]) -> str:

@@ -31,7 +31,7 @@ from mcpilco.archive import write_bytes
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
-from mcpilco.config import CART_POLE, Config
+from mcpilco.config import CART_POLE, PRESETS, Config
 from mcpilco.correction import read_correction
 from mcpilco.crossing import has_equations, read_crossing, remembered_inputs
 from mcpilco.run_folder import read_json
@@ -192,7 +192,7 @@ def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any
     if has_equations(correction):
         physics = {"mean": "physics", "plant": read_json(file), "uncertainty": UNCERTAINTY}
         model = replace(model, kernel="rbf", **physics)
-    return learned(replace(DEFAULT, model=model), seed, found, path)
+    return learned(replace(PRESETS["thorough"].config, model=model), seed, found, path)
 
 
 def learned(config: Config, seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:

@@ -199,10 +199,11 @@ def test_balanced_pole_is_a_success_after_exactly_1_s(system, upright):
     env = system.single()
     _, info = env.reset(options={"state": system.state(upright)})
     assert (info["is_success"], info["time_up_s"]) == (False, 0.0)
-    for step in range(1, 16):
+    dt = env.swing_up.dt
+    for step in range(1, round(1.5 / dt) + 1):
         *_, info = env.step(system.action())
-        assert info["is_success"] is (step >= 10)
-        assert info["time_up_s"] == pytest.approx(0.1 * step)
+        assert info["is_success"] is (step >= round(1.0 / dt))
+        assert info["time_up_s"] == pytest.approx(dt * step)
     env.reset(options={"state": system.state()})
     assert env.step(system.action())[4]["time_up_s"] == 0.0
 

@@ -75,6 +75,18 @@ def test_page_holds_every_leg_and_every_seed(run, results):
     assert "SAC" not in text
 
 
+def test_story_says_what_each_leg_took_of_the_system(run, results):
+    found = [json.loads(path.read_text()) for path in (results / "results" / "seeds").iterdir()]
+    rows = run.pages.story(found).splitlines()[2:]
+    assert rows == [
+        "| in the nominal simulation | 2 | 100 | 5 (5–5) | 0 of 2 | 0 |",
+        "| in the corrected simulation | 1 | 100 | 98 (98–98) | 1 of 1 | 0 |",
+        "| on the system, from nothing | 1 |  | 95 (95–95) | 1 of 1 | 9 |",
+        "| on the system, with the corrected simulation's equations | 1 |  "
+        "| 100 (100–100) | 1 of 1 | 60 and 9 |",
+    ]
+
+
 def test_page_without_results_says_so(run, tmp_path):
     run.pages.write(tmp_path)
     assert "Not measured yet." in (tmp_path / "README.md").read_text()
