@@ -158,6 +158,8 @@ def picture(found: Sequence[Mapping[str, Any]]) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     plot_promises(found, left)
     plot_learning(found, right)
+    handles = [handle for ax in (left, right) for handle in ax.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize="small")
     return figure
 
 
@@ -180,7 +182,6 @@ def plot_promises(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
     ax.set(ylabel="success [%]", ylim=(-4, 104), xlim=(-0.4, 2.0 * len(legs) - 0.6))
     ax.set_xticks(range(len(labels)), labels)
     ax.set_title("policies of a simulation", fontsize="medium")
-    ax.legend(frameon=False, fontsize="small", loc="center", bbox_to_anchor=(0.5, 0.35))
     return ax
 
 
@@ -188,7 +189,7 @@ def plot_learning(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
     """Success over experience of the system: mean over seeds, quartiles as a band."""
     for leg, colour, name in (
         ("c", "tab:gray", "from nothing"),
-        ("d", "tab:blue", "with b's mean"),
+        ("d", "tab:blue", "with the corrected equations"),
     ):
         outcomes = of_leg(found, leg)
         if outcomes:
@@ -199,8 +200,6 @@ def plot_learning(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
             ax.set_xticks(seconds)
     ax.set(xlabel="experience of the system [s]")
     ax.set_title("learning on the system", fontsize="medium")
-    if ax.has_data():
-        ax.legend(frameon=False, fontsize="small", loc="lower right")
     return ax
 
 
