@@ -314,7 +314,7 @@ class PolicySearch:
         learned = list(policy.parameters())
         slopes = torch.autograd.grad(felt, learned)
         for parameter, slope in zip(learned, slopes, strict=True):
-            parameter.grad = slope
+            parameter.grad = slope.contiguous()  # the fused Adam reads memory, not strides
         norm = torch.nn.utils.get_total_norm(slopes)
         if self.config.clip_norm is not None:
             torch.nn.utils.clip_grads_with_norm_(learned, self.config.clip_norm, norm)

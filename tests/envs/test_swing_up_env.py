@@ -188,7 +188,7 @@ def test_wrong_keyword_value_is_refused_by_name(unchecked_shapes, system, name, 
 def test_episode_is_truncated_at_its_end_and_never_terminates(system):
     env = gym.make(system.id)
     env.reset(seed=0)
-    ends = [env.step(system.action(1.0))[2:4] for _ in range(system.steps)]
+    ends = [env.step(system.action(0.1))[2:4] for _ in range(system.steps)]
     assert ends == [(False, False)] * (system.steps - 1) + [(False, True)]
 
 

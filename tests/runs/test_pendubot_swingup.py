@@ -4,6 +4,7 @@ import json
 import sys
 
 import numpy as np
+import pytest
 
 import envs
 from mcpilco.sweep.page import BEGIN, END
@@ -34,6 +35,7 @@ def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run):
     assert run.config_of("rbf+mpk", 3).model.plant is None
 
 
+@pytest.mark.slow
 def test_quick_learns_a_seed_of_each_model_and_goes_on(run, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["run.py", "--quick", "--out", str(tmp_path)])
     texts = []

@@ -30,7 +30,13 @@ def parts(states: Gaussian, inputs: Gaussian) -> list[torch.Tensor]:
     return [states.mean, states.cov, inputs.mean, inputs.cov]
 
 
-@pytest.mark.parametrize("name", SYSTEMS)
+SLOW = ("two angles, two inputs",)
+"""compiles for half a minute what a cart-pole does not need"""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in SYSTEMS]
+)
 def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
     system = SYSTEMS[name]
     dynamics = random_dynamics(**system)

@@ -28,6 +28,8 @@ from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import STD, Force, record
 
+pytestmark = pytest.mark.xdist_group("learned force")  # one process learns it for all of them
+
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
 
 
