@@ -284,9 +284,9 @@ class Cross:
         with contextlib.closing(open_env(self.sim, keywords("", self.sim_kwargs))) as env:
             memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
         known: dict[str, Any] = {"memory": memory} if memory else {}
-        return (
-            {**known, "model": PHYSICS_MODEL, "prior": path} if has_equations(correction) else known
-        )
+        if has_equations(correction):
+            known |= {"model": PHYSICS_MODEL, "prior": path}
+        return known
 
     def _told(self) -> str:
         return f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"

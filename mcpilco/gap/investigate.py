@@ -136,7 +136,7 @@ def investigate(
         named=named,
         corrected=_corrected(final),
         where=where,
-        comparison=compare(models, outside(spans, _unseen(given), held_out)),
+        comparison=compare(models, _clear(given, spans)),
         events=spans,
         experiments=tuple(experiments(found, best, windows)),
         train=train,
@@ -177,9 +177,9 @@ def _found(
     return found, best, windows, masked
 
 
-def _unseen(given: Given) -> Windows:
-    """Held-out windows."""
-    return given.windows(given.held_out, every=EVERY_S)
+def _clear(given: Given, spans: Sequence[Event]) -> Windows:
+    """Held-out windows without events."""
+    return outside(spans, given.windows(given.held_out, every=EVERY_S), given.names[1])
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _learned(
 
 def _worth(found: Fit, others: Sequence[Fit], given: Given, spans: Sequence[Event]) -> bool:
     """Whether a model's error on held-out windows without events is surely less than others'."""
-    clear = outside(spans, _unseen(given), given.names[1])
+    clear = _clear(given, spans)
     return all(shrunk(known, found, clear).low > 0.0 for known in others)
 
 
@@ -267,7 +267,7 @@ def _mispredicts(best: Fit, null: Fit, given: Given, spans: Sequence[Event]) -> 
     """Whether effects that fit their recordings leave much of the error on those held out."""
     if not best.model.named:
         return False
-    clear = outside(spans, _unseen(given), given.names[1])
+    clear = _clear(given, spans)
     return shrunk(null, best, clear).value < CLOSED and beyond_noise(best, clear) > FAR
 
 

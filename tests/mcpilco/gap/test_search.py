@@ -158,8 +158,7 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     module = importlib.import_module("mcpilco.gap.investigate")
     monkeypatch.setattr(module, "shrunk", lambda *fits: Interval(closed, closed, closed))
     monkeypatch.setattr(module, "beyond_noise", lambda found, windows: beyond)
-    monkeypatch.setattr(module, "_unseen", lambda given: None)
-    monkeypatch.setattr(module, "outside", lambda spans, windows, names: windows)
+    monkeypatch.setattr(module, "_clear", lambda given, spans: None)
     assert module._mispredicts(replace(null, model=model, theta=theta), null, known, ()) == bad
     assert not module._mispredicts(null, null, known, ())
 
