@@ -68,7 +68,7 @@ def write_confusion(tier: str, cases: Sequence[Mapping[str, Any]], path: Path) -
     counts = confusions(cases)
     rows = len({hidden for hidden, _ in counts})
     columns = len({told for _, told in counts} | ALWAYS)
-    figure = Figure(figsize=(3.2 + 0.34 * columns, 2.4 + 0.34 * rows), layout="constrained")
+    figure = Figure(figsize=(3.2 + 0.34 * columns, 3.4 + 0.34 * rows), layout="constrained")
     ax = plot_confusions(counts, figure.add_subplot())
     ax.set_title(f"{tier}, {len(cases)} cases", fontsize="medium")
     write_picture(path, figure)
