@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import torch
 
 from mcpilco.callbacks import Callback
@@ -11,10 +14,12 @@ from mcpilco.learning import SearchRequest
 from mcpilco.model import Model
 from mcpilco.model_based import ModelBasedAgent
 from mcpilco.perception import Perception
+from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
 from mcpilco.task import TaskSpec
+from mcpilco.typing import UncertainDynamics
 
 
 class MCPILCO(ModelBasedAgent):
@@ -63,9 +68,16 @@ class MCPILCO(ModelBasedAgent):
             observer=observer,
             correlation=self.config.search.correlation_of(trial),
             judged=len(self.task.state_names),
+            easier=None if trial > 1 else self._easier(dynamics),
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy(generator)
         search = PolicySearch(self.config.search, generator, events.on_policy_step)
         return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
+
+    def _easier(self, dynamics: Any) -> Callable[[float], UncertainDynamics] | None:
+        """Dynamics on the way to these, where the plant in them has effects."""
+        if not self.config.search.continuation or not isinstance(dynamics, PhysicsDynamics):
+            return None
+        return dynamics.weakened if dynamics.physics.plant.added else None

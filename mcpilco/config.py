@@ -220,6 +220,9 @@ class SearchConfig(Checked):
     failing: float = 0.05
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
+    continuation: int = 0
+    """most steps of the way from a plant without its effects to the plant with them, on which the
+    first policy is followed where the model has such a plant for its mean; 0 goes no way"""
     evaluation_particles: int = 384
     """particles that judge a start, without dropout"""
     correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)
@@ -228,7 +231,7 @@ class SearchConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(particles=1, evaluation_particles=2, widening=1)
+        self._at_least(particles=1, evaluation_particles=2, widening=1, continuation=0)
         self._at_most(particles=1_000_000, evaluation_particles=1_000_000)
         _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
@@ -375,7 +378,7 @@ PRESETS: dict[str, Preset] = {
     "default": Preset("what learns best in the thesis's setting", Config()),
     "thorough": Preset(
         "more starts, for models that are right from the first trial on, as in a simulation",
-        Config(search=SearchConfig(restarts=(5,), failing=0.005)),
+        Config(search=SearchConfig(restarts=(12,), screening=0.25, failing=0.005, continuation=24)),
     ),
     "thesis": Preset(
         "the thesis's schedule: learning rate falling, steps rising from trial to trial, one start",

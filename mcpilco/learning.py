@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
+from mcpilco.continuation import follow
 from mcpilco.data import Prediction
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Problem
@@ -71,6 +72,8 @@ class SearchRequest:
 
     def answer(self) -> SearchResult:
         """The result of this search alone."""
+        if self.problem.easier is not None:
+            return follow(self.search, self.problem, self.policy, self.fresh, self.trial)
         return self.search.run(self.problem, self.policy, self.fresh, self.trial)
 
 

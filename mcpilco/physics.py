@@ -11,8 +11,10 @@ parameters.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -77,7 +79,8 @@ class PhysicsMean:
         """
         self.plant = plant
         self.increment = increment
-        self.step: Step = step_of(plant, task, longest, memory)
+        self._step_of = partial(step_of, task=task, longest=longest, memory=memory)
+        self.step: Step = self._step_of(plant)
         self.free = free_parameters(plant) if uncertainty > 0.0 else ()
         self.names = tuple(plant.parameters[i].name for i in self.free)
         self._prior_std = uncertainty
@@ -88,6 +91,13 @@ class PhysicsMean:
         """What is believed before any data."""
         K = len(self.free)
         return Parameters(np.zeros(K), self._prior_std**2 * np.eye(K))
+
+    def weakened(self, share: float) -> PhysicsMean:
+        """The same with the effects of the plant on their way, see `Plant.weakened`."""
+        weaker = copy.copy(self)
+        weaker.plant = self.plant.weakened(share)
+        weaker.step = self._step_of(weaker.plant)
+        return weaker
 
     @property
     def values(self) -> dict[str, float]:

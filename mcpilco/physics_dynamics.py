@@ -33,6 +33,7 @@ class PhysicsDynamics:
             rows: the data that the residual was conditioned on.
         """
         self.model = model
+        self.physics, self._rows = physics, rows
         self.program = physics.step.program
         normal = _normal_points(len(physics.free))
         spread = normal @ np.linalg.cholesky(physics.belief.covariance).T
@@ -46,6 +47,10 @@ class PhysicsDynamics:
     def noise_dim(self) -> int:
         """E: one standard normal number for each predicted change."""
         return self.model.noise_dim
+
+    def weakened(self, share: float) -> PhysicsDynamics:
+        """The same where the effects of the plant are on their way, see `Plant.weakened`."""
+        return PhysicsDynamics(self.physics.weakened(share), self.model, self._rows)
 
     def draw(self, particles: int, generator: torch.Generator) -> PhysicsDraw:
         """Dynamics in which each particle has parameters of its own.

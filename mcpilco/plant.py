@@ -110,6 +110,15 @@ class Plant:
         more = tuple((active, tuple(map(float, values))) for active, values in effects)
         return replace(self, added=self.added + more)
 
+    def weakened(self, share: float) -> Plant:
+        """This plant with the effects that were added on their way from nothing to what they are.
+
+        Args:
+            share: of the way; 0: they change nothing, 1: this plant.
+        """
+        added = tuple((a, a.effect.part(values, share)) for a, values in self.added)
+        return replace(self, added=added)
+
     def with_learned(self, forces: Sequence[LearnedForce]) -> Plant:
         """This plant with some learned forces more.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -113,6 +114,9 @@ class Problem:
     """of a particle's noise in successive steps, in [0, 1) [-]"""
     judged: int | None = None
     """how many entries of a particle's state are the system's; past inputs are behind them"""
+    easier: Callable[[float], Dynamics | UncertainDynamics] | None = None
+    """dynamics on the way to these, of the share of the way, where there are some that are easier;
+    see `mcpilco.continuation`"""
 
     def particles(
         self,
@@ -145,6 +149,12 @@ class Problem:
         start = _normal(generator, count, len(self.start_mean))
         noise = _normal(generator, self.horizon, count, self.dynamics.noise_dim)
         return start, _correlated(noise, self.correlation)
+
+    def on_the_way(self, share: float) -> Problem:
+        """The same in dynamics that are on the way to these; at the share 1, in these."""
+        assert self.easier is not None, "there is no way"
+        dynamics = self.easier(share) if share < 1.0 else self.dynamics
+        return dataclasses.replace(self, dynamics=dynamics, easier=None)
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""

@@ -274,19 +274,17 @@ class Cross:
     def _model(self, leg: str) -> dict[str, Any]:
         """What MC-PILCO knows of a simulation: its equations, and the inputs that it remembers."""
         from mcpilco.contract import task_of
-        from mcpilco.correction import read_correction
-        from mcpilco.crossing import has_equations, remembered_inputs
+        from mcpilco.correction import read_correction, write_correction
+        from mcpilco.crossing import as_mean, remembered_inputs
 
         if leg == "nominal":
             return {"model": PHYSICS_MODEL}
-        path = self._gap / "corrected.json"
-        correction = read_correction(path)
+        correction = read_correction(self._gap / "corrected.json")
+        prior = write_correction(self.out / "prior.json", as_mean(correction))
         with contextlib.closing(open_env(self.sim, keywords("", self.sim_kwargs))) as env:
             memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
-        known: dict[str, Any] = {"memory": memory} if memory else {}
-        if has_equations(correction):
-            known |= {"model": PHYSICS_MODEL, "prior": path}
-        return known
+        known = {"model": PHYSICS_MODEL, "prior": prior}
+        return {**known, "memory": memory} if memory else known
 
     def _told(self) -> str:
         return f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"

@@ -9,14 +9,14 @@ from mcpilco.crossing.outcomes import (
     read_crossing,
     write_crossing,
 )
-from mcpilco.crossing.prior import has_equations, remembered_inputs
+from mcpilco.crossing.prior import as_mean, remembered_inputs
 
 __all__ = [
     "Crossing",
     "Outcome",
     "Place",
+    "as_mean",
     "cross",
-    "has_equations",
     "read_crossing",
     "remembered_inputs",
     "write_crossing",

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mcpilco.correction import Correction
 
 LAG_TOLD = 3.0
 """time constants of a lag after which an input no longer matters"""
-UNWRITTEN = ("backlash", "sensor_offset", "sensor_scale", "sensor_delay")
+UNWRITTEN = ("backlash", "sensor_delay")
 """effects that the equations of a model do not hold"""
 
 
-def has_equations(correction: Correction) -> bool:
-    """Whether all of a correction can be written as the mean of a model."""
-    return not correction.learned and all(e.name not in UNWRITTEN for e in correction.effects)
+def as_mean(correction: Correction) -> Correction:
+    """What of a correction can be written as the mean of a model; the rest is to be learned."""
+    written = tuple(effect for effect in correction.effects if effect.name not in UNWRITTEN)
+    return replace(correction, effects=written, learned=())
 
 
 def remembered_inputs(correction: Correction, dt: float) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -112,6 +113,20 @@ class Effect(ABC):
     def neutral(self) -> Float[np.ndarray, " symbols"]:
         """Values at which it changes nothing."""
         return np.array([symbol.neutral for symbol in self.symbols])
+
+    def part(self, values: Sequence[float], share: float) -> tuple[float, ...]:
+        """Values at a share of the way from those that change nothing.
+
+        Args:
+            values: one for each symbol.
+            share: from 0 to 1; what changes nothing at infinity is as far off as 1 / share says.
+        """
+        return tuple(
+            s.neutral + share * (value - s.neutral)
+            if math.isfinite(s.neutral)
+            else (value / share if share > 0.0 else s.neutral)
+            for s, value in zip(self.symbols, values, strict=True)
+        )
 
     def units(self, layout: Layout, target: str) -> tuple[str, ...]:
         """Units of its symbols at a target."""

@@ -2,7 +2,8 @@
 
 The plant's numbers that depend on its parameters are inputs of the program beside state and
 command, so that each particle may have parameters of its own. Between two jumps of a command the
-classical Runge-Kutta method takes equal steps; a lag is an exponential.
+classical Runge-Kutta method takes equal steps; a lag is an exponential. Dry friction turns over no
+faster than these steps can follow (`mcpilco.equations.friction`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.equations import chain as chains
+from mcpilco.equations.friction import followable
 from mcpilco.equations.laws import JOINT_LAWS, shaped
 from mcpilco.equations.number import Real, Tape, exp
 from mcpilco.equations.program import Program
@@ -92,6 +94,7 @@ def step_of(plant: Plant, task: TaskSpec, longest: float, memory: int = 0) -> St
     tape = Tape(width + len(slots))
     given = tape.inputs[width:]
     system = system_of(tables, dict(zip(slots, given, strict=True)))
+    followable(system_of(tables, {}), system, min(longest, task.dt))
     state, commands = tape.inputs[:X], commands_of(tape.inputs[X:width], U, memory)
     following = _advance(system, order_of(plant, task), state, commands, task.dt, longest)
     remembered = [command for past in commands[:memory] for command in past]

@@ -31,9 +31,9 @@ from mcpilco.archive import write_bytes
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
-from mcpilco.config import CART_POLE, PRESETS, Config
+from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
 from mcpilco.correction import read_correction
-from mcpilco.crossing import has_equations, read_crossing, remembered_inputs
+from mcpilco.crossing import read_crossing, remembered_inputs
 from mcpilco.run_folder import read_json
 from mcpilco.stopwatch import Stopwatch
 from mcpilco.sweep import job
@@ -186,12 +186,14 @@ def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, 
 
 def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """MC-PILCO on the system, with the corrected simulation as its model's mean."""
-    file = path / "crossing" / "gap" / "corrected.json"
-    correction = read_correction(file)
-    model = replace(DEFAULT.model, memory=remembered_inputs(correction, STEP))
-    if has_equations(correction):
-        physics = {"mean": "physics", "plant": read_json(file), "uncertainty": UNCERTAINTY}
-        model = replace(model, kernel="rbf", **physics)
+    folder = path / "crossing"
+    model = ModelConfig(
+        kernel="rbf",
+        mean="physics",
+        plant=read_json(folder / "prior.json"),
+        uncertainty=UNCERTAINTY,
+        memory=remembered_inputs(read_correction(folder / "gap" / "corrected.json"), STEP),
+    )
     return learned(replace(PRESETS["thorough"].config, model=model), seed, found, path)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import tyro
 
 from mcpilco.cli.sweep import parse_seeds
-from mcpilco.config import CART_POLE, CART_POLES, Config, ModelConfig, SearchConfig
+from mcpilco.config import CART_POLE, CART_POLES, PRESETS, Config, ModelConfig, SearchConfig
 from mcpilco.sweep import LocalEngine, Settings, sweep
 from mcpilco.sweep.job import SeedJob
 from mcpilco.sweep.page import broken_off, fill, machines, read_summaries
@@ -35,9 +35,7 @@ MASSES = ("cart_mass", "pole_mass")
 
 
 USUAL = SearchConfig()
-MORE_STARTS = SearchConfig(restarts=(3,), failing=0.02)
-"""up to three further starts from trial 1 on, while the model predicts that the last second costs
-more than 2 % of a random rollout, not 5 %"""
+THOROUGH = PRESETS["thorough"].config.search
 
 
 def described(parameters: Mapping[str, float], delay: float = 0.0) -> dict[str, Any]:
@@ -77,7 +75,7 @@ CELLS: Mapping[str, Cell] = {
     "features+rbf": Cell(ModelConfig(kernel="features+rbf")),
     "friction+rbf+mpk": Cell(ModelConfig(kernel="friction+rbf+mpk")),
     "physics+rbf": physics("rbf"),
-    "physics+rbf-starts": physics("rbf", MORE_STARTS),
+    "physics+rbf-thorough": physics("rbf", THOROUGH),
     "physics+mpk": physics("mpk"),
     "delay-1": Cell(ModelConfig(), delay=0.1, trials=3),
     "delay-1-memory": Cell(ModelConfig(memory=1), delay=0.1, trials=3),

@@ -49,6 +49,22 @@ def test_an_effect_is_felt_from_when_the_plant_has_it():
     np.testing.assert_array_equal(nothing.simulate(start, inputs, DT), without)
 
 
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_effects_begin_as_nothing_and_end_as_they_are(name):
+    effect = CATALOGUE[name]
+    target = effect.targets(cart_pole().layout)[0]
+    values = [0.05 if np.isinf(s.neutral) else s.neutral + 0.05 for s in effect.symbols]
+    plant = cart_pole().having([(Active(effect, target), values)])
+    start, inputs = some_motions(2)
+    moved = [
+        some.simulate(start, inputs, DT)
+        for some in (cart_pole(), plant.weakened(0.0), plant.weakened(0.5), plant.weakened(1.0))
+    ]
+    np.testing.assert_array_equal(moved[1], moved[0])
+    np.testing.assert_array_equal(moved[3], plant.simulate(start, inputs, DT))
+    assert all(np.abs(moved[2] - moved[end]).max() > 1e-6 for end in (0, 3))
+
+
 def test_effects_add_up_in_any_number_of_steps():
     start, inputs = some_motions(2)
     drag, delay = (
