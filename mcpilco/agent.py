@@ -9,7 +9,9 @@ import torch
 
 from mcpilco.callbacks import Callback
 from mcpilco.config import PRESETS, Config
+from mcpilco.dynamics import GPDynamics
 from mcpilco.engine import rollout_of
+from mcpilco.lateness import answering_sooner
 from mcpilco.learning import SearchRequest
 from mcpilco.model import Model
 from mcpilco.model_based import ModelBasedAgent
@@ -19,7 +21,7 @@ from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
 from mcpilco.task import TaskSpec
-from mcpilco.typing import UncertainDynamics
+from mcpilco.typing import Dynamics, UncertainDynamics
 
 
 class MCPILCO(ModelBasedAgent):
@@ -68,7 +70,7 @@ class MCPILCO(ModelBasedAgent):
             observer=observer,
             correlation=self.config.search.correlation_of(trial),
             judged=len(self.task.state_names),
-            easier=None if trial > 1 else self._easier(dynamics),
+            easier=self._easier(dynamics, trial),
         )
         generator = self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
@@ -76,8 +78,15 @@ class MCPILCO(ModelBasedAgent):
         search = PolicySearch(self.config.search, generator, events.on_policy_step)
         return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
 
-    def _easier(self, dynamics: Any) -> Callable[[float], UncertainDynamics] | None:
-        """Dynamics on the way to these, where the plant in them has effects."""
-        if not self.config.search.continuation or not isinstance(dynamics, PhysicsDynamics):
+    def _easier(
+        self, dynamics: Any, trial: int
+    ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
+        """Dynamics on the way to these, where effects or late inputs make them hard."""
+        if not self.config.search.continuation:
             return None
-        return dynamics.weakened if dynamics.physics.plant.added else None
+        if isinstance(dynamics, PhysicsDynamics):  # its equations are known from the first trial on
+            return dynamics.weakened if trial == 1 and dynamics.physics.plant.added else None
+        past = self.model.memory * len(self.task.input_names)
+        if past and isinstance(dynamics, GPDynamics) and dynamics.features is None:
+            return lambda share: answering_sooner(dynamics, past, share)
+        return None

@@ -221,8 +221,9 @@ class SearchConfig(Checked):
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
     continuation: int = 0
-    """most steps of the way from a plant without its effects to the plant with them, on which the
-    first policy is followed where the model has such a plant for its mean; 0 goes no way"""
+    """most steps of the way from an easier model to the model itself, on which a policy is
+    followed: from a plant without its effects, where physics is the mean, or from an actuator that
+    answers at once, where inputs are remembered; 0 goes no way"""
     evaluation_particles: int = 384
     """particles that judge a start, without dropout"""
     correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)

@@ -8,6 +8,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -61,6 +62,10 @@ class Candidate:
         """Mean cost over the last third of the horizon [-]."""
         return float(self.costs[-math.ceil(len(self.costs) / 3) :].mean())
 
+    def fails(self, config: SearchConfig, reference_cost: float) -> bool:
+        """Whether the model predicts failure, see `Starts`."""
+        return not self.final_cost <= config.failing * reference_cost
+
     @property
     def rank(self) -> float:
         """The cost, or infinity where the model has no finite answer [-]."""
@@ -107,7 +112,7 @@ class Starts:
         trial: int,
     ) -> None:
         self._most = config.starts_of(trial)
-        self._failing = config.failing * reference_cost
+        self._fails = partial(Candidate.fails, config=config, reference_cost=reference_cost)
         self._policy = policy
         self._fresh = fresh
         self.unimproved: Candidate | None = None
@@ -125,10 +130,6 @@ class Starts:
     def half_way(self) -> bool:
         """Whether the next start enters the schedule half-way, for its policy needs polish only."""
         return not self.tried and self.unimproved is not None and not self._fails(self.unimproved)
-
-    def _fails(self, candidate: Candidate) -> bool:
-        """Whether the model predicts failure."""
-        return not candidate.final_cost <= self._failing
 
     def next(self) -> SumOfGaussians:
         """The policy to start from; random numbers are drawn for all but the first."""
