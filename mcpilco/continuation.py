@@ -24,6 +24,9 @@ SHORTEST = 0.025
 """least one [-]"""
 LONGER = 1.5
 """factor of a step behind one that went well [-]"""
+HOPELESS = 0.25
+"""a policy that costs more than this share of a random one at the end of an episode in the easiest
+model is not followed [-]"""
 LOST = 1.25
 """a step is taken back and halved where the cost rises by more than this factor [-]"""
 
@@ -63,6 +66,8 @@ def _arrived(way: _Way, policy: SumOfGaussians, most: int) -> Candidate:
     """What comes of a policy that goes the whole way, in so many steps at most."""
     share, stride = 0.0, FIRST
     best = way.search_at(share, policy)
+    if best.final_cost > HOPELESS * way.problem.reference_cost:
+        return way.search_at(1.0, policy)
     for _ in range(most):
         if share == 1.0:
             break
@@ -86,14 +91,14 @@ class _Way:
         trial: int,
     ) -> None:
         self.starts = self.steps = 0
-        self._search, self._problem = search, problem
+        self._search, self.problem = search, problem
         self._fresh, self._trial = fresh, trial
 
     def search_at(self, share: float, policy: SumOfGaussians, **changed: Any) -> Candidate:
         """The best that comes of a policy in one of the models."""
         config = dataclasses.replace(self._search.config, **changed)
         part = PolicySearch(config, self._search.generator, self._report)
-        found = part.run(self._problem.on_the_way(share), policy, self._fresh, self._trial)
+        found = part.run(self.problem.on_the_way(share), policy, self._fresh, self._trial)
         self.starts, self.steps = self.starts + found.starts, self.steps + found.steps
         return found.best
 

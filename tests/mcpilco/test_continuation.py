@@ -37,26 +37,26 @@ def problem() -> Problem:
 class Record:
     """Searches that find a policy only where it is a short way from the last one."""
 
-    def __init__(self, reach: float) -> None:
-        self.reach, self.at, self.visited = reach, 0.0, []
+    def __init__(self, reach: float, cost: float) -> None:
+        self.reach, self.cost, self.at, self.visited = reach, cost, 0.0, []
 
     def __call__(self, search, problem, policy, fresh, trial) -> SearchResult:
         share = problem.dynamics.share
         self.visited.append((share, search.config.restarts))
         kept = abs(share - self.at) <= self.reach + 1e-12
         self.at = share if kept else self.at
-        costs = torch.full((1, 1), 1.0 if kept else 2.0, dtype=torch.float64)
+        costs = torch.full((1, 1), self.cost if kept else 2 * self.cost, dtype=torch.float64)
         empty = Particles(torch.zeros(2, 1, 1), torch.zeros(1, 1, 1))
         return SearchResult(Candidate(policy, empty, costs, 7), 1, 7, Spent())
 
 
 def visited(
-    monkeypatch, reach: float, most: int = 100, trial: int = 1, failing: float = 0.05
+    monkeypatch, reach: float, most: int = 100, cost: float = 0.1, **how
 ) -> list[tuple[float, tuple[int, ...]]]:
     """The share of the way and the further starts of each search."""
-    record = Record(reach)
+    record, trial = Record(reach, cost), how.pop("trial", 1)
     monkeypatch.setattr(mcpilco.continuation.PolicySearch, "run", functools.partialmethod(record))
-    config = SearchConfig(restarts=(3,), continuation=most, failing=failing)
+    config = SearchConfig(restarts=(3,), continuation=most, **how)
     search = PolicySearch(config, torch.Generator())
     found = follow(search, problem(), line_policy(), line_policy, trial)
     assert (found.starts, found.steps) == (len(record.visited), 7 * len(record.visited))
@@ -98,6 +98,11 @@ def test_a_learned_policy_goes_the_way_only_where_the_model_predicts_failure(mon
     bad = visited(monkeypatch, reach=1.0, trial=2)
     assert [bad[0], *bad[-1:]] == [(1.0, (0,)), (1.0, (3,))]
     assert bad[1] == (0.0, (3,))
+
+
+def test_a_policy_that_fails_in_the_easiest_model_is_not_followed(monkeypatch):
+    shares = [share for share, _ in visited(monkeypatch, reach=1.0, cost=0.5)]
+    assert shares == [0.0, 1.0]
 
 
 def test_what_is_found_is_judged_in_the_model_itself():
