@@ -215,8 +215,8 @@ class SearchConfig(Checked):
     """further starts from random policies in trial 1, 2, ..., tried while the model predicts
     failure; the last entry holds from there on"""
     screening: float = 1.0
-    """a further start is given up at this share of its steps if it costs more there than the best
-    start did; 1 gives none up [-]"""
+    """a further start is given up at this share of its steps if it costs more there than half of
+    those before it did; 1 gives none up [-]"""
     failing: float = 0.05
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
@@ -379,7 +379,7 @@ PRESETS: dict[str, Preset] = {
     "default": Preset("what learns best in the thesis's setting", Config()),
     "thorough": Preset(
         "more starts, for models that are right from the first trial on, as in a simulation",
-        Config(search=SearchConfig(restarts=(12,), screening=0.25, failing=0.005, continuation=24)),
+        Config(search=SearchConfig(restarts=(12,), screening=0.3, failing=0.005, continuation=24)),
     ),
     "thesis": Preset(
         "the thesis's schedule: learning rate falling, steps rising from trial to trial, one start",

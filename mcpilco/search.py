@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import logging
 import math
+import statistics
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -142,9 +143,8 @@ class Starts:
 
     @property
     def bar(self) -> float:
-        """What the best start cost where starts are screened, which the next must not exceed."""
-        pairs = zip(self.tried, self._marks, strict=True)
-        return min(pairs, key=lambda pair: pair[0].rank)[1] if self.tried else math.inf
+        """What half of the starts cost where they are screened, which the next must not exceed."""
+        return statistics.median_low(self._marks) if self._marks else math.inf
 
     @property
     def best(self) -> Candidate:

@@ -255,13 +255,13 @@ def test_fresh_starts_are_never_half_way() -> None:
     assert (found.starts, found.steps) == (2, 20)
 
 
-def test_further_starts_are_given_up_early_where_they_cost_more_than_the_best_did() -> None:
+def test_further_starts_are_given_up_early_where_they_cost_more_than_half_of_those_before() -> None:
     report: list = []
-    levels = [0.5, 0.9, 0.3, 0.4]
+    levels = [0.5, 0.9, 0.3, 0.4, 0.45]
     found = search_levels(levels, failing=0.1, screening=0.3, steps=(10,), report=report)
     by_start = Counter(int(values["policy/start"]) for *_, values in report)
-    assert by_start == {1: 10, 2: 3, 3: 10, 4: 3}  # the last one competes with the third
-    assert (found.starts, found.steps) == (4, 26)
+    assert by_start == {1: 10, 2: 3, 3: 10, 4: 10, 5: 3}  # the last one against 0.4 and 0.3
+    assert (found.starts, found.steps) == (5, 36)
     assert found.best.cost == pytest.approx(T * 0.3, rel=1e-6)
 
 
