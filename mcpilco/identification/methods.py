@@ -151,8 +151,9 @@ def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
 
 
 def joint_factor_analysis(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
-    """b_true of the model without priors: eqs. (1) and (4)."""
-    return fit_noisy_inputs(Moments.of(X, y), NoisyInputConfig(a0=None), warn=False).b_true
+    """b_true of the model without priors: eqs. (1) and (4); of its start, for nothing moves it."""
+    config = NoisyInputConfig(starts=(0.5,), reliability="search", a0=None)
+    return fit_noisy_inputs(Moments.of(X, y), config, warn=False).b_true
 
 
 def bayesian_noisy(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
@@ -161,7 +162,7 @@ def bayesian_noisy(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed
 
 
 def bayesian_true(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
-    """b_true, eq. (4): to predict from inputs without noise."""
+    """b_true: to predict from inputs without noise."""
     return fit_noisy_inputs(Moments.of(X, y), warn=False).b_true
 
 

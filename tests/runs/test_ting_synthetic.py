@@ -44,7 +44,7 @@ def test_the_true_coefficients_have_no_error_on_the_clean_test(run, monkeypatch)
     assert found["clean"]["VB b_true"] < 1e-20
     assert found["noisy"]["VB b_true"] > 0.1
     assert found["clean"]["OLS"] > 0.01
-    assert "| SNR 2, 0 redundant, 90 irrelevant | OLS | 0.00 | 1 of 1 |" in page
+    assert "| SNR 2, 0 redundant, 90 irrelevant | OLS | 0.00 | 1 of 1 | 0.00 |" in page
     assert "Not measured yet" not in page
     assert Path("out/figure2.png").read_bytes().startswith(b"\x89PNG")
 
