@@ -99,10 +99,10 @@ class _EM:
         """A point ahead of three, or None where that is not above them."""
         p, q, r = (self._coordinates(point) for point in (here, first, second))
         step, bend = q - p, r - 2.0 * q + p
-        length = np.linalg.norm(step) / max(float(np.linalg.norm(bend)), 1e-300)
+        length = float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-300)
         if length <= 1.0:
             return None
-        length = min(length, _LONGEST)
+        length = _LONGEST if length > _LONGEST else length
         with np.errstate(all="ignore"):  # a leap may go too far: then the bound says so
             found = self(self._point(p + 2.0 * length * step + length**2 * bend))
         return found if found.bound >= second.bound and self._noisy(found.weights) else None
@@ -114,7 +114,7 @@ class _EM:
     def _coordinates(self, point: Point) -> Float[np.ndarray, " C"]:
         """Weights in the units of the data; logarithms of what is positive."""
         w = point.weights
-        positive = [w.psi_z, w.psi_x, [w.psi_y]]
+        positive = [w.psi_z, w.psi_x, np.array([w.psi_y])]
         if self._a0 is not None:
             positive += [w.var_z, w.var_x, point.alpha]
         return np.concatenate([w.w_z / self._y, w.w_x / self._x, np.log(np.concatenate(positive))])
