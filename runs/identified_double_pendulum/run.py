@@ -114,7 +114,7 @@ def rows(robot: RigidBody, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 def solve(Y: np.ndarray, tau: np.ndarray, method: str) -> Float[np.ndarray, " D"]:
     """What a method finds for the base parameters, as the least change of all parameters."""
     base = base_parameters(Y)
-    beta = METHODS[method](base.columns(Y).reshape(-1, len(base)), tau.reshape(-1), 0)
+    beta = METHODS[method](base.columns(Y).reshape(-1, len(base)), tau.reshape(-1), 0).b
     G = np.zeros((len(base), Y.shape[-1]))
     G[:, base.independent], G[:, base.dependent] = np.eye(len(base)), base.K
     return np.linalg.pinv(G) @ beta

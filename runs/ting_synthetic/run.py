@@ -49,11 +49,11 @@ BASELINES = ("OLS", "ridge", "stepwise", "PLS", "LASSO", "JFA b_true")
 SCALED = "OLS / r"
 
 
-def scaled_least_squares(X: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
+def scaled_least_squares(X: np.ndarray, y: np.ndarray, seed: int) -> identification.Solution:
     """Least squares, over the reliability by which b_true differs from b_noise."""
     moments = identification.Moments.of(X, y)
     b = moments.least_squares()
-    return b / middle_reliability(moments, b)
+    return identification.Solution(b / middle_reliability(moments, b))
 
 
 METHODS = {**identification.METHODS, SCALED: scaled_least_squares}
@@ -110,7 +110,7 @@ def trial(snr: float, redundant: int, seed: int, samples: int) -> dict[str, Any]
     with threadpool_limits(1):
         for name, method in METHODS.items():
             begun = time.process_time()
-            b = method(X, y, seed)
+            b = method(X, y, seed).b
             errors["cpu_s"][name] = time.process_time() - begun
             errors["clean"][name] = nmse(b, *clean)
             errors["noisy"][name] = nmse(b, *noisy)

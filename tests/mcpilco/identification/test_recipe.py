@@ -79,16 +79,18 @@ def test_a_parameter_that_no_force_depends_on_is_zero():
     unfelt = np.linalg.norm(CLEAN.Y, axis=(0, 1)) < 1e-12
     assert unfelt.any()
     for method in ("OLS", "ridge", "JFA b_true"):
-        assert (solve(CLEAN, method)[unfelt] == 0.0).all()
+        assert (solve(CLEAN, method).b[unfelt] == 0.0).all()
 
 
 def test_what_cannot_be_meant_is_told():
-    with pytest.raises(InputError, match="method must be one of OLS, .*, IV, got 'magic'"):
+    with pytest.raises(InputError, match="method must be one of OLS, .*, IDIM-IV, got 'magic'"):
         Recipe("magic")
     with pytest.raises(InputError, match="projection must be one of none, virtual, pseudo-inertia"):
         Recipe(projection="LMI")
     bare = Rows(CLEAN.Y, CLEAN.tau)
     with pytest.raises(InputError, match="column <joint>_reference"):
         solve(bare, "IV")
+    with pytest.raises(InputError, match="IDIM-IV needs a robot to simulate"):
+        solve(CLEAN, "IDIM-IV")
     with pytest.raises(InputError, match="noise of the rows"):
         solve(bare, "EIV")
