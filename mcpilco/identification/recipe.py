@@ -33,6 +33,9 @@ PROJECTIONS: Mapping[str, Project] = {
 }
 """by name: as it is; eq. (5) of Ting et al.; positive semidefinite pseudo-inertias"""
 
+ONE_LENGTH = ("VB b_noise", "VB b_true")
+"""methods whose prior compares all coefficients with 1: kg, kg m^2 and N m s need columns, and
+forces, of one length, or what is small in its unit is pruned"""
 NEEDS_MORE = ("EIV", "IV", "IDIM-IV")
 """methods that are told more than inputs and outputs"""
 ALL_METHODS = (*METHODS, *NEEDS_MORE)
@@ -132,7 +135,11 @@ def solve(rows: Rows, method: str, seed: int = 0) -> Solution:
         return whole
 
     if method in METHODS:
-        found = METHODS[method](columns(rows.Y), y, seed)
+        size, of_y = np.ones(int(felt.sum())), 1.0
+        if method in ONE_LENGTH:
+            size, of_y = length[felt] / np.sqrt(len(y)), float(np.sqrt((y**2).mean())) or 1.0
+        found = METHODS[method](columns(rows.Y) / size, y / of_y, seed)
+        found = replace(found, b=found.b / size * of_y)
     else:
         found = _solve_told(rows, method, columns, theta)
     return replace(found, b=theta(found.b))

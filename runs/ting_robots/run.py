@@ -12,12 +12,13 @@ Reference: Ting et al., sections IV-B and IV-C, tables I and II.
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,6 +38,7 @@ from mcpilco.identification import (
     Recipe,
     RigidBody,
     Rows,
+    Segment,
     check,
     encoder_noise,
     force_errors,
@@ -46,11 +48,13 @@ from mcpilco.identification import (
     solve,
     zero_phase,
 )
+from mcpilco.identification.closed_loop import Feedback, simulated_regressor
 from mcpilco.recordings import Recording
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
+from mcpilco.typing import McPilcoError
 
 HERE = Path(__file__).parent
 ROBOTS = ("vision_head", "arm_hand")
@@ -103,7 +107,7 @@ WEIGHTED_ROWS = [
 OUR_ROWS = [
     *(_row(method, "none") for method in ("OLS", "EIV")),
     *(_row(method, "virtual") for method in ("ridge", "VB b_true", "EIV")),
-    *(_row(method, "pseudo-inertia") for method in (*OTHERS, "EIV", "IV")),
+    *(_row(method, "pseudo-inertia") for method in (*OTHERS, "EIV", "IV", "IDIM-IV")),
 ]
 ROWS = {
     "local cubics, rows as they are": SEED_ROWS,
@@ -184,7 +188,7 @@ def judged(test: Test, row: Row, fits: Fits) -> dict[str, Any]:
     begun = time.process_time()
     try:
         theta = fits(row)
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
+    except (ArithmeticError, np.linalg.LinAlgError, McPilcoError) as error:
         return {"failed": str(error)}
     cpu = time.process_time() - begun
     return {**test(rigid_body(test.model, row.terms), theta), "fit_cpu_s": cpu}
@@ -199,41 +203,52 @@ class Fits:
     def __call__(self, row: Row) -> np.ndarray:
         key = (row.filter, row.recipe.rows, row.terms)
         project = PROJECTIONS[row.recipe.projection]
-        return project(
+        found = project(
             rigid_body(self._model, row.terms),
             self._raw(*key, row.recipe.method),
             self._rows(*key).metric,
         )
+        return found.theta
 
     @cache  # noqa: B019  of one trial
     def _raw(self, filter: str, rows: str, terms: tuple[str, ...], method: str) -> np.ndarray:
-        return solve(self._rows(filter, rows, terms), method, self._seed)
+        return solve(self._rows(filter, rows, terms), method, self._seed).b
 
     @cache  # noqa: B019
     def _rows(self, filter: str, rows: str, terms: tuple[str, ...]) -> Rows:
-        found = rows_of(rigid_body(self._model, terms), self._recording, filter)
+        found = rows_of(self._model, rigid_body(self._model, terms), self._recording, filter)
         return found.scaled(force_errors(found)) if rows == "weighted" else found
 
 
-def rows_of(body: RigidBody, recording: Recording, filter: str) -> Rows:
+def rows_of(model: mujoco.MjModel, body: RigidBody, recording: Recording, filter: str) -> Rows:
     """A recording as rows of the regression."""
     J, dt = len(body.chain.bodies), recording.dt
     encoder, reference = recording.states[:, :J], recording.states[:, J:]
     unknown, nothing = np.full_like(encoder, np.nan), np.zeros_like(encoder)
     cutoff = motion_cutoff(encoder, dt)
 
-    def filtered(q: np.ndarray, tau: np.ndarray) -> JointMotion:
+    def filtered(q: np.ndarray, tau: np.ndarray = nothing) -> JointMotion:
         if filter == "zero-phase":
             return zero_phase(q, unknown, tau, dt, cutoff)
         return local_cubics(q, unknown, tau, dt, step=STEP)
 
     more = np.random.default_rng(0).normal(size=encoder.shape) * encoder_noise(encoder, dt)
-    return Rows.of(
-        body,
-        filtered(encoder, recording.inputs),
-        filtered(more, nothing),
-        filtered(reference, nothing),
-    )
+    motion, commanded = filtered(encoder, recording.inputs), filtered(reference)
+    rows = Rows.of(body, motion, filtered(more), commanded)
+    if filter != "zero-phase":
+        return rows
+    feedback = Feedback.of(motion, commanded, body.chain.joints)
+    segment = Segment(recording.name, dt, encoder, unknown, recording.inputs, reference)
+    simulate = simulated_regressor(bare(model), body, segment, rows, feedback, filtered)
+    return replace(rows, simulate=simulate)
+
+
+def bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The robot without what its joints have: simulations shall not know more than the rows."""
+    found = copy.deepcopy(model)
+    for what in (found.dof_frictionloss, found.dof_damping, found.dof_armature):
+        what[:] = 0.0
+    return found
 
 
 class Test:

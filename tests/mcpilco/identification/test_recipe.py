@@ -75,6 +75,17 @@ def test_what_noise_shrinks_is_restored(method):
     assert errors[method] < 0.6 * errors["OLS"]
 
 
+@pytest.mark.parametrize("method", ["VB b_true", "LASSO"])
+def test_units_of_the_forces_do_not_matter(method):
+    """Nor is a small inertia taken for none."""
+    noisy = rows(noise=2e-4, force_noise=0.05)
+    found = [solve(noisy.scaled(np.full(2, scale)), method).b for scale in (1.0, 1e-3, 1e3)]
+    for b in found[1:]:
+        np.testing.assert_allclose(b, found[0], rtol=1e-3, atol=1e-4)
+    left = noisy.tau - noisy.Y @ found[0]
+    assert (left.std(axis=0) < 0.1 * noisy.tau.std(axis=0)).all()
+
+
 def test_a_parameter_that_no_force_depends_on_is_zero():
     unfelt = np.linalg.norm(CLEAN.Y, axis=(0, 1)) < 1e-12
     assert unfelt.any()
