@@ -152,7 +152,7 @@ def main() -> int:
                 write_bytes(path, json.dumps(found, indent=1).encode())
                 ours, theirs = (found["rows"][a][b]["position"] for a, b in (DEFAULT, BASELINE))
                 print(f"{cell}, seed {seed}: {ours:.4f} rad, ridge + eq. (5) {theirs:.4f} rad")
-        write_readme(out)  # a stop loses no table
+        write_readme(out, quick=arguments.quick)  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")
     return 0
 
@@ -321,13 +321,17 @@ def _rms(error: np.ndarray) -> float:
 # The tables ---------------------------------------------------------------------------------------
 
 
-def write_readme(out: Path) -> None:
-    """Put the tables of the results that are there into README.md."""
-    found = {
+def write_readme(out: Path, *, quick: bool = False) -> None:
+    """Put the tables of the results that are there into README.md; all rows or none of a trial."""
+    read = {
         cell: [read_json(path) for path in sorted((out / "results" / cell).glob("*.json"))]
         for cell in CELLS
     }
-    found = {cell: trials for cell, trials in found.items() if trials}
+    whole = {
+        cell: [trial for trial in trials if not missing(trial, quick=quick)]
+        for cell, trials in read.items()
+    }
+    found = {cell: trials for cell, trials in whole.items() if trials}
     parts = [
         summary(found),
         *(part for cell, trials in found.items() for part in tables(cell, trials)),
