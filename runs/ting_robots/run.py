@@ -33,7 +33,7 @@ from envs.arms import control_times, follow, load, measured, random_sinusoids
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.identification import (
-    METHODS,
+    ALL_METHODS,
     PROJECTIONS,
     JointMotion,
     Recipe,
@@ -86,8 +86,6 @@ def _row(method: str, projection: str, filter: str = "zero-phase", rows: Any = "
     return Row(f"{method}{signs[projection]}", filter, recipe)
 
 
-OTHERS = tuple(method for method in METHODS if method != "PLS")
-"""partial least squares takes as long as all others together, and the seed leaves it out too"""
 SEED_ROWS = [
     _row(method, projection, "local cubics", "plain")
     for method, projection in (
@@ -106,9 +104,9 @@ WEIGHTED_ROWS = [
     _row("EIV", "pseudo-inertia", "local cubics"),
 ]
 OUR_ROWS = [
-    *(_row(method, "none") for method in ("OLS", "EIV")),
+    *(_row(method, "none") for method in ALL_METHODS),
     *(_row(method, "virtual") for method in ("ridge", "VB b_true", "EIV")),
-    *(_row(method, "pseudo-inertia") for method in (*OTHERS, "EIV", "IV", "IDIM-IV")),
+    *(_row(method, "pseudo-inertia") for method in ALL_METHODS),
 ]
 ROWS = {
     "local cubics, rows as they are": SEED_ROWS,
