@@ -20,9 +20,21 @@ if TYPE_CHECKING:
     from mcpilco.identification import Identified
 
 Method = Literal[
-    "EIV", "IV", "OLS", "ridge", "stepwise", "PLS", "LASSO", "JFA-b_true", "VB-b_noise", "VB-b_true"
+    "EIV",
+    "IV",
+    "IDIM-IV",
+    "OLS",
+    "ridge",
+    "stepwise",
+    "PLS",
+    "LASSO",
+    "JFA-b_true",
+    "VB-b_noise",
+    "VB-b_true",
 ]
 """names of methods on the command line, without spaces"""
+METHOD_NAMES = {name: name.replace("-", " ") for name in ("JFA-b_true", "VB-b_noise", "VB-b_true")}
+"""where they differ from those of the package"""
 Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 """what a joint may have besides its body"""
 
@@ -39,7 +51,8 @@ class Identify:
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for identified.json and identified.xml"""
     method: Method = "EIV"
-    """the regression; EIV: errors in variables; IV: instruments, needs `<joint>_reference`"""
+    """the regression; EIV: errors in variables; IV: instruments from `<joint>_reference`; IDIM-IV:
+    from simulations of the robot that follows it"""
     projection: Literal["none", "virtual", "pseudo-inertia"] = "pseudo-inertia"
     """on parameters of bodies that can exist; virtual: eq. (5) of Ting et al., which is less"""
     rows: Literal["weighted", "plain"] = "weighted"
@@ -84,7 +97,7 @@ class Identify:
         )
 
         model = load_robot(self.model)
-        recipe = Recipe(self.method.replace("-", " "), self.projection, self.rows)
+        recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)
         segments, errors, remarks = read_robot(
             self.recordings, model, dict(pairs("--columns", separated(self.columns))), self.dt
         )
@@ -222,5 +235,6 @@ def as_json(found: Identified) -> dict[str, Any]:
             )
         },
         "rows": {"fitted": found.rows[0], "held_out": found.rows[1]},
+        "converged": found.report.converged,
         "warnings": list(found.report.warnings),
     }

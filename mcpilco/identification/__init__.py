@@ -12,7 +12,7 @@ from mcpilco.identification.errors_in_variables import errors_in_variables
 from mcpilco.identification.identified_mjcf import write_identified_mjcf
 from mcpilco.identification.identify import Identified, identify
 from mcpilco.identification.input_noise import noise_above, noise_of_repetitions
-from mcpilco.identification.instruments import InstrumentedFit, instrumental_variables, refine
+from mcpilco.identification.instruments import instrumental_variables, refine
 from mcpilco.identification.joint_motion import (
     JointMotion,
     encoder_noise,
@@ -28,13 +28,13 @@ from mcpilco.identification.recipe import (
     PROJECTIONS,
     Estimate,
     Recipe,
-    Rows,
     estimate,
-    force_errors,
     solve,
 )
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.robot_log import Segment, load_robot, read_robot
+from mcpilco.identification.rows import Rows, force_errors
+from mcpilco.identification.solution import Solution
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
 from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_data import Series, read_series
@@ -50,7 +50,6 @@ __all__ = [
     "BaseParameters",
     "Estimate",
     "Identified",
-    "InstrumentedFit",
     "JointMotion",
     "LinkCheck",
     "Moments",
@@ -62,6 +61,7 @@ __all__ = [
     "Rows",
     "Segment",
     "Series",
+    "Solution",
     "UnidentifiedWarning",
     "VolterraConfig",
     "VolterraModel",

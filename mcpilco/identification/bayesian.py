@@ -8,8 +8,10 @@ Without these priors the model is joint factor analysis.
 What it cannot tell. The t_m are independent and each is seen by one x_m alone, so the reliability
 of an input, r_m = w_xm^2 / (w_xm^2 + psi_xm), is not in the likelihood: any r_m that explains no
 more of y than there is to explain fits as well, with b_true,m = b_noise,m / r_m. Where the search
-starts decides it, and the priors. `NoisyInputFit.least_reliability` says how far it could be
-off, and `UnidentifiedWarning` that it is. Where the noise of the inputs is known, use
+starts decides it, and the priors, which know nothing of the noise. So it is chosen afterwards, in
+the middle of what the data allow: `NoisyInputConfig.reliability`.
+`NoisyInputFit.least_reliability` says how far one of them could be off, and `UnidentifiedWarning`
+that it is. Where the noise of the inputs is known, use
 `mcpilco.identification.errors_in_variables`.
 
 Reference: Ting, Mistry, Peters, Schaal, Nakanishi, A Bayesian approach to nonlinear parameter
@@ -21,12 +23,13 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mcpilco.identification.evidence_bound import bound
-from mcpilco.identification.latent import Latent, Weights, expect
+from mcpilco.identification.ascent import Ascent, ascend
+from mcpilco.identification.latent import Weights
 from mcpilco.identification.moments import Moments
 from mcpilco.typing import InputError
 
@@ -34,7 +37,6 @@ PRUNED = 1e-3
 """reliability below which an input is taken as noise, and its coefficient as 0"""
 TOLD = 0.95
 """least reliability from which on an input's coefficient is told well enough not to warn"""
-_FLOOR = 1e-12  # of a variance, relative to that of what it is a part of
 
 
 class UnidentifiedWarning(UserWarning):
@@ -45,20 +47,29 @@ class UnidentifiedWarning(UserWarning):
 class NoisyInputConfig:
     """Numbers of the variational EM."""
 
-    reliability: float = 0.5
-    """r_m that the search starts from; the data do not tell it"""
+    starts: tuple[float, ...] = (0.5, 0.8)
+    """reliabilities that searches start from; that of the greatest bound is taken"""
+    reliability: float | Literal["middle", "search"] = "middle"
+    """r_m of all inputs that were not pruned, which the data do not tell; middle: of what they
+    allow, see `middle_reliability`; search: where the search ended, as Ting et al. have it"""
     a0: float | None = 1e-6
     """shape of the prior of alpha; None for joint factor analysis, without priors"""
     b0: float = 1e-6
     """rate of the prior of alpha"""
     tolerance: float = 1e-9
-    """relative change of the bound in an iteration at which the search has converged"""
+    """relative change of the bound in an iteration of EM at which a search has converged"""
     max_iterations: int = 3000
-    """after which it ends in any case"""
+    """of EM in a search, after which it ends in any case"""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.reliability < 1.0:
-            raise InputError(f"reliability must be between 0 and 1, got {self.reliability}.")
+        known = self.reliability in ("middle", "search")
+        if not (known or (not isinstance(self.reliability, str) and 0.0 < self.reliability <= 1.0)):
+            raise InputError(
+                "reliability must be middle, search, or a number above 0 and at most 1, got "
+                f"{self.reliability}."
+            )
+        if not self.starts or not all(0.0 < start < 1.0 for start in self.starts):
+            raise InputError(f"starts must be between 0 and 1, at least one, got {self.starts}.")
         if self.max_iterations < 1:
             raise InputError(f"max_iterations must be at least 1, got {self.max_iterations}.")
 
@@ -74,7 +85,8 @@ class NoisyInputFit:
     b_noise: Float[np.ndarray, " D"]
     """regression of y on noisy inputs: eq. (3)"""
     b_true: Float[np.ndarray, " D"]
-    """regression of y on inputs without noise: eq. (4); 0 for pruned inputs"""
+    """regression of y on inputs without noise: b_noise over the reliability of the configuration,
+    eq. (4) where that is the search's; 0 for pruned inputs"""
     active: Bool[np.ndarray, " D"]
     """which inputs were not pruned"""
     least_reliability: Float[np.ndarray, " D"]
@@ -98,27 +110,22 @@ def fit_noisy_inputs(
     Warns:
         UnidentifiedWarning: an active input could be less reliable than `TOLD`.
     """
-    config = config or NoisyInputConfig()
-    weights, alpha, bounds, converged = _start(moments, config), None, [], False
-    for iteration in range(config.max_iterations):
-        latent = expect(moments, weights)
-        weights, alpha, rate = _maximise(moments, latent, weights, alpha, config)
-        bounds.append(bound(moments, latent, weights, alpha, rate, config.a0, config.b0))
-        if iteration and abs(bounds[-1] - bounds[-2]) <= config.tolerance * abs(bounds[-1]):
-            converged = True
-            break
-    assert alpha is not None
-    fit = _result(moments, weights, alpha, np.array(bounds), converged)
+    c = config or NoisyInputConfig()
+    searches = [
+        ascend(moments, _start(moments, start), c.a0, c.b0, c.tolerance, c.max_iterations)
+        for start in c.starts
+    ]
+    fit = _result(moments, max(searches, key=lambda search: search.end.bound), c)
     if warn:
         _warn(fit)
     return fit
 
 
-def _start(moments: Moments, config: NoisyInputConfig) -> Weights:
+def _start(moments: Moments, reliability: float) -> Weights:
     """Inputs of the given reliability, each explaining its share of the output by itself."""
     xx = np.maximum(np.diag(moments.xx) / moments.N, 1e-300)
     yy, D = max(moments.yy / moments.N, 1e-300), len(xx)
-    w_x = np.sqrt(config.reliability * xx)
+    w_x = np.sqrt(reliability * xx)
     slope = moments.xy / moments.N / xx / D
     return Weights(
         w_z=slope * w_x,
@@ -126,52 +133,9 @@ def _start(moments: Moments, config: NoisyInputConfig) -> Weights:
         var_z=np.zeros(D),
         var_x=np.zeros(D),
         psi_z=np.full(D, 0.5 * yy / D),
-        psi_x=(1.0 - config.reliability) * xx,
+        psi_x=(1.0 - reliability) * xx,
         psi_y=0.5 * yy,
     )
-
-
-def _maximise(
-    moments: Moments,
-    latent: Latent,
-    weights: Weights,
-    alpha: Float[np.ndarray, " D"] | None,
-    config: NoisyInputConfig,
-) -> tuple[Weights, Float[np.ndarray, " D"], Float[np.ndarray, " D"] | None]:
-    """The weights' posterior, then their precision, then the noise: appendix A.
-
-    Sums over samples in the print are means times N here. `Differs:` from the print's psi_y, whose
-    `2 1 y <z>` is 2 y 1^T <z>.
-    """
-    N = moments.N
-    xx, yy = np.diag(moments.xx) / N, moments.yy / N
-    if config.a0 is None:
-        precision = np.zeros_like(xx)
-    else:
-        precision = np.ones_like(xx) if alpha is None else alpha
-    var_z = 1.0 / (N * latent.tt / weights.psi_z + precision)
-    var_x = 1.0 / (N * latent.tt / weights.psi_x + precision)
-    w_z = var_z * N * latent.zt / weights.psi_z
-    w_x = var_x * N * latent.xt / weights.psi_x
-    rate = None
-    if config.a0 is None:
-        var_z, var_x = np.zeros_like(var_z), np.zeros_like(var_x)
-    else:
-        rate = config.b0 + 0.5 * (w_z**2 + var_z + w_x**2 + var_x)
-        precision = (config.a0 + 1.0) / rate
-    psi_y = yy - 2.0 * latent.yz + latent.total
-    psi_z = latent.zz - 2.0 * w_z * latent.zt + (w_z**2 + var_z) * latent.tt
-    psi_x = xx - 2.0 * w_x * latent.xt + (w_x**2 + var_x) * latent.tt
-    found = Weights(
-        w_z=w_z,
-        w_x=w_x,
-        var_z=var_z,
-        var_x=var_x,
-        psi_z=np.maximum(psi_z, _FLOOR * yy),
-        psi_x=np.maximum(psi_x, np.maximum(_FLOOR * xx, 1e-300)),
-        psi_y=max(psi_y, _FLOOR * yy),
-    )
-    return found, precision, rate
 
 
 def b_noise(weights: Weights) -> Float[np.ndarray, " D"]:
@@ -199,28 +163,46 @@ def reliability(weights: Weights) -> Float[np.ndarray, " D"]:
     return weights.w_x**2 / (weights.w_x**2 + weights.psi_x)
 
 
-def _result(
-    moments: Moments,
-    weights: Weights,
-    alpha: Float[np.ndarray, " D"],
-    bounds: Float[np.ndarray, " K"],
-    converged: bool,
-) -> NoisyInputFit:
-    b = b_noise(weights)
+def middle_reliability(moments: Moments, b: Float[np.ndarray, " D"]) -> float:
+    """One reliability for all inputs: (1 + R^2) / 2, with the share R^2 of y that b explains.
+
+    With noise of covariance (1 - r) X^T X / N, b_true = b / r would explain R^2 / r, which is at
+    most 1. The data tell no more of r than R^2 <= r <= 1; with all of these as likely, b over
+    their mean has the least expected squared error from inputs without noise.
+
+    Args:
+        moments: of the data.
+        b: regression on noisy inputs.
+
+    Reference: Frisch, Statistical confluence analysis by means of complete regression systems,
+        1934, whose bounds of a slope are b and b / R^2; the middle is ours.
+    """
+    total = max(moments.yy / moments.N, 1e-300)
+    return 1.0 - 0.5 * min(moments.residual_variance(b) / total, 1.0)
+
+
+def _result(moments: Moments, search: Ascent, config: NoisyInputConfig) -> NoisyInputFit:
+    weights = search.end.weights
+    b, active = b_noise(weights), reliability(weights) >= PRUNED
+    if config.reliability == "search":
+        true = b_true(weights)
+    else:
+        kept, r = np.where(active, b, 0.0), config.reliability
+        true = kept / (middle_reliability(moments, kept) if isinstance(r, str) else r)
     # noise of input m can explain b_m^2 D_m (1 - r_m) / r_m of y's variance, and not more than is
     # left of it when b explains what it can
     left = moments.residual_variance(b)
     explained = b**2 * np.diag(moments.xx) / moments.N
     total = explained + left
     return NoisyInputFit(
-        weights,
-        alpha,
-        b,
-        b_true(weights),
-        reliability(weights) >= PRUNED,
-        np.divide(explained, total, out=np.ones_like(total), where=total > 0.0),
-        bounds,
-        converged,
+        weights=weights,
+        alpha=search.end.alpha,
+        b_noise=b,
+        b_true=true,
+        active=active,
+        least_reliability=np.divide(explained, total, out=np.ones_like(total), where=total > 0.0),
+        bounds=search.bounds,
+        converged=search.converged,
     )
 
 

@@ -24,6 +24,10 @@ from mcpilco.mechanics import INERTIAL
 
 ROUNDING = 1e-9
 """how negative an eigenvalue of J may be that is called 0, relative to the largest [-]"""
+LEAST_MASS = 1e-6
+"""MuJoCo wants bodies that move to have mass [kg]"""
+LEAST_INERTIA = 1e-10
+"""and inertia [kg m^2]"""
 _ROWS, _COLUMNS = np.triu_indices(3)
 
 
@@ -51,6 +55,15 @@ def inertia_of(theta: Float[np.ndarray, "*b 10"]) -> Float[np.ndarray, "*b 3 3"]
     inertia = np.empty((*theta.shape[:-1], 3, 3))
     inertia[..., _ROWS, _COLUMNS] = inertia[..., _COLUMNS, _ROWS] = theta[..., 4:]
     return inertia
+
+
+def about_center(theta: Float[np.ndarray, " 10"]) -> tuple[float, np.ndarray, np.ndarray]:
+    """A body's mass [kg], its center [m], inertia about it [kg m^2] as MuJoCo can have them."""
+    m = max(float(theta[0]), LEAST_MASS)
+    c = theta[1:4] / m
+    about = inertia_of(theta) - m * (c @ c * np.eye(3) - np.outer(c, c))
+    values, vectors = np.linalg.eigh(about)
+    return m, c, (vectors * np.maximum(values, LEAST_INERTIA)) @ vectors.T
 
 
 @dataclass(frozen=True)

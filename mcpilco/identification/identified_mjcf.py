@@ -11,16 +11,11 @@ import numpy as np
 
 from mcpilco.archive import write_bytes
 from mcpilco.corrected_mjcf import FAR, RIGID, SUDDEN, move_assets, put
-from mcpilco.identification.consistency import check, inertia_of
+from mcpilco.identification.consistency import about_center, check
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.mechanics import INERTIAL
 from mcpilco.mjcf_inertials import Inertials
 from mcpilco.typing import InputError
-
-LEAST_MASS = 1e-6
-"""MuJoCo wants bodies that move to have mass [kg]"""
-LEAST_INERTIA = 1e-10
-"""and inertia [kg m^2]"""
 
 
 def write_identified_mjcf(
@@ -53,7 +48,7 @@ def write_identified_mjcf(
     inertials = Inertials(spec, spec.compile())
     joints = {joint.name: joint for joint in spec.joints}
     for link, block in zip(body.chain.bodies, theta.reshape(-1, body.width), strict=True):
-        _replace(inertials, link.name, block[: len(INERTIAL)])
+        inertials.replace(link.name, *about_center(block[: len(INERTIAL)]))
         terms = dict(zip(body.terms, block[len(INERTIAL) :], strict=True))
         _write_terms(joints[link.joint], terms, bool(spec.compiler.degree))
     inertials.write()
@@ -63,16 +58,6 @@ def write_identified_mjcf(
     except ValueError as error:
         raise InputError(f"MuJoCo refuses {source} with what was identified: {error}") from None
     write_bytes(path, spec.to_xml().encode())
-
-
-def _replace(inertials: Inertials, name: str, theta: np.ndarray) -> None:
-    """A body's mass, center and inertia about it, of its ten parameters."""
-    m = max(float(theta[0]), LEAST_MASS)
-    c = theta[1:4] / m
-    about = inertia_of(theta) - m * (c @ c * np.eye(3) - np.outer(c, c))
-    values, vectors = np.linalg.eigh(about)
-    values = np.maximum(values, LEAST_INERTIA)
-    inertials.replace(name, m, c, (vectors * values) @ vectors.T)
 
 
 def _write_terms(joint: Any, terms: dict[str, float], degrees: bool) -> None:

@@ -13,24 +13,13 @@ from scipy.stats import t as t_distribution
 
 from mcpilco.identification.base_parameters import BaseParameters, base_parameters
 from mcpilco.identification.consistency import LinkCheck, check
-from mcpilco.identification.joint_motion import (
-    JointMotion,
-    encoder_noise,
-    local_cubics,
-    motion_cutoff,
-    zero_phase,
-)
-from mcpilco.identification.recipe import (
-    PROJECTIONS,
-    Estimate,
-    Recipe,
-    Rows,
-    force_errors,
-    solve,
-)
+from mcpilco.identification.joint_motion import encoder_noise, motion_cutoff
+from mcpilco.identification.recipe import PROJECTIONS, Estimate, Recipe, solve
 from mcpilco.identification.report import Report
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.robot_log import Segment
+from mcpilco.identification.rows import Rows, force_errors
+from mcpilco.identification.segment_rows import joined, rows_of_segment
 from mcpilco.typing import InputError
 
 BLOCKS = 10
@@ -121,8 +110,9 @@ def identify(
     _require_motion(body, segments)
     whole = rigid_body(model, tuple(TERMS))
     train, test, nominal = [], [], []
+    simulated = model if recipe.method == "IDIM-IV" else None
     for segment in segments:
-        motion, rows = _rows(body, whole, segment, filter, cutoff)
+        motion, rows = rows_of_segment(body, whole, segment, filter, cutoff, simulated)
         split = len(rows) - round(held_out * len(rows))
         train.append(rows[:split])
         test.append(rows[split:])
@@ -131,18 +121,18 @@ def identify(
     base = base_parameters(
         body.regressor(*motions(body, _RANDOM_MOTIONS, np.random.default_rng(0)))
     )
-    rows, held = _joined(train), _joined(test)
+    rows, held = joined(train), joined(test)
     _require_rows(rows, base, segments)
     scale = force_errors(rows) if recipe.rows == "weighted" else np.ones(rows.tau.shape[1])
     scaled = rows.scaled(scale)
     found = _fit(body, base, scaled, recipe, seed)
-    half = _half_widths(body, base, scaled, recipe, seed)
+    half = _half_widths(body, base, *_settled(scaled, recipe, found), seed)
     beta = base.of(found.theta)
     judged = held if len(held) else rows
     return Identified(
         body=body,
         recipe=recipe,
-        estimate=Estimate(found.theta, found.raw, scale),
+        estimate=replace(found, scale=scale),
         base=base,
         beta=beta,
         half_width=half,
@@ -153,63 +143,26 @@ def identify(
         nominal_error=_rms(np.concatenate(nominal)) if len(held) else np.full(len(scale), np.nan),
         cutoff=cutoff,
         rows=(len(rows), len(held)),
-        report=_report(body, base, beta, half),
+        report=_report(body, base, beta, half, recipe, found),
     )
-
-
-def _rows(
-    body: RigidBody, whole: RigidBody, segment: Segment, filter: str, cutoff: float
-) -> tuple[JointMotion, Rows]:
-    """A stretch's motion, and its rows without the forces that the model is right about."""
-    unknown, nothing = np.full_like(segment.q, np.nan), np.zeros_like(segment.q)
-    step = max(1, int(1.0 / (8.0 * cutoff * segment.dt)))
-
-    def filtered(q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> JointMotion:
-        try:
-            if filter == "zero-phase":
-                return zero_phase(q, dq, tau, segment.dt, cutoff)
-            return local_cubics(q, dq, tau, segment.dt, step=step)
-        except InputError as error:
-            raise InputError(f"{segment.name}: {error}") from None
-
-    motion = filtered(segment.q, segment.dq, segment.tau)
-    noise = np.random.default_rng(0).normal(size=segment.q.shape)
-    noise *= encoder_noise(segment.q, segment.dt)
-    told = np.isfinite(segment.dq).any(axis=0)  # a velocity's noise is not that of a derivative
-    commanded = None
-    if segment.reference is not None:
-        commanded = filtered(segment.reference, unknown, nothing)
-    rows = Rows.of(
-        body, motion, filtered(noise, np.where(told, 0.0, np.nan) + nothing, nothing), commanded
-    )
-    return motion, replace(rows, tau=motion.tau - _left_out(body, whole, motion))
-
-
-def _left_out(body: RigidBody, whole: RigidBody, motion: JointMotion) -> Float[np.ndarray, "N J"]:
-    """Forces of the terms that are not to be found, with the model's values."""
-    kept = [name in body.terms for name in whole.terms]
-    values = whole.nominal.reshape(-1, whole.width).copy()
-    values[:, : -len(kept)] = 0.0
-    values[:, -len(kept) :][:, kept] = 0.0
-    return motion.regressor(whole) @ values.ravel() if values.any() else np.zeros_like(motion.tau)
-
-
-def _joined(parts: Sequence[Rows]) -> Rows:
-    def all_of(name: str) -> np.ndarray | None:
-        arrays = [getattr(part, name) for part in parts]
-        return None if any(array is None for array in arrays) else np.concatenate(arrays)
-
-    Y, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ("Y", "tau"))
-    return Rows(Y, tau, all_of("noisier"), all_of("reference"))
 
 
 def _fit(
     body: RigidBody, base: BaseParameters, scaled: Rows, recipe: Recipe, seed: int
 ) -> Estimate:
     """Parameters of rows that are scaled already; what they do not tell stays nominal."""
-    raw = base.near(base.of(solve(scaled, recipe.method, seed)), body.nominal)
-    theta = PROJECTIONS[recipe.projection](body, raw, scaled.metric)
-    return Estimate(theta, raw, np.ones(scaled.tau.shape[1]))
+    solution = solve(scaled, recipe.method, seed)
+    raw = base.near(base.of(solution.b), body.nominal)
+    projection = PROJECTIONS[recipe.projection](body, raw, scaled.metric)
+    return Estimate(projection.theta, raw, np.ones(scaled.tau.shape[1]), solution, projection)
+
+
+def _settled(scaled: Rows, recipe: Recipe, found: Estimate) -> tuple[Rows, Recipe]:
+    """What the intervals are found with: the last simulation's instruments are those of all."""
+    if recipe.method != "IDIM-IV" or scaled.simulate is None:
+        return scaled, recipe
+    instruments = scaled.simulate(found.solution.b)
+    return replace(scaled, reference=instruments, simulate=None), replace(recipe, method="IV")
 
 
 def _half_widths(
@@ -237,19 +190,31 @@ def _report(
     base: BaseParameters,
     beta: Float[np.ndarray, " B"],
     half: Float[np.ndarray, " B"],
+    recipe: Recipe,
+    found: Estimate,
 ) -> Report:
     names = np.array(body.names)
     summed = base.independent[(np.abs(base.K) > 1e-9).any(axis=1)]
     vague = int((half > np.abs(beta)).sum())
     warnings = []
+    solution, projection = found.solution, found.projection
+    for what, search, count in (
+        (recipe.method, solution, solution.iterations),
+        (f"the projection {recipe.projection}", projection, projection.steps),
+    ):
+        if not search.converged:
+            warnings.append(
+                f"{what} did not converge in {count} iterations: other parameters may be better; "
+                "choose another, or record faster and longer motions of all joints."
+            )
     if vague:
         warnings.append(
             f"{vague} of {len(beta)} base parameters may be 0, by their intervals; faster and "
             "longer motions of all joints would tell them better."
         )
     return Report(
-        converged=True,
-        iterations=0,
+        converged=solution.converged and projection.converged,
+        iterations=solution.iterations + projection.steps,
         unidentified=tuple(names[np.sort(np.concatenate([base.dependent, summed]))]),
         warnings=tuple(warnings),
     )

@@ -7,22 +7,12 @@ without any size of noise being known.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.identification.solution import Solution
 from mcpilco.typing import InputError
-
-
-@dataclass(frozen=True)
-class InstrumentedFit:
-    """What the iterations of `refine` came to."""
-
-    b: Float[np.ndarray, " D"]
-    steps: int
-    converged: bool
-    """whether b changed by less than the tolerance at last"""
 
 
 def instrumental_variables(
@@ -59,7 +49,7 @@ def refine(
     start: Float[np.ndarray, " D"],
     steps: int = 20,
     tolerance: float = 1e-4,
-) -> InstrumentedFit:
+) -> Solution:
     """Instruments from a simulation with the parameters found so far, until they come to rest.
 
     Args:
@@ -69,7 +59,7 @@ def refine(
             with given parameters: a motion without noise.
         start: parameters of the first simulation.
         steps: most simulations.
-        tolerance: relative change at which it ends.
+        tolerance: change of the forces X b, relative to their size, at which it ends.
 
     Reference: Janot, Vandanjon, Gautier, A generic instrumental variable approach for industrial
         robot identification (IDIM-IV), IEEE Transactions on Control Systems Technology 22 (1),
@@ -78,8 +68,8 @@ def refine(
     b = start
     for step in range(1, steps + 1):
         found = instrumental_variables(X, y, simulate(b))
-        change = np.linalg.norm(found - b)
+        change = np.linalg.norm(X @ (found - b))
         b = found
-        if change <= tolerance * np.linalg.norm(b):
-            return InstrumentedFit(b, step, True)
-    return InstrumentedFit(b, steps, False)
+        if change <= tolerance * np.linalg.norm(X @ b):
+            return Solution(b, True, step)
+    return Solution(b, False, steps)

@@ -1,6 +1,7 @@
 """Methods of linear regression with one face, to be compared in a loop.
 
-Each is a function of X (N, D), y (N,) and a seed that returns b (D,), for data without intercept.
+Each is a function of X (N, D), y (N,) and a seed that returns a `Solution`, b (D,) and whether the
+search for it converged, for data without intercept.
 """
 
 from __future__ import annotations
@@ -13,22 +14,27 @@ from scipy.stats import f as f_distribution
 
 from mcpilco.identification.bayesian import NoisyInputConfig, fit_noisy_inputs
 from mcpilco.identification.moments import Moments
+from mcpilco.identification.solution import Solution
 from mcpilco.typing import McPilcoError
 
-Method = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
+Method = Callable[[np.ndarray, np.ndarray, int], Solution]
 
 FOLDS = 5
 """of cross validations"""
 RIDGES = 10.0 ** np.arange(-8.0, 2.1, 0.5)
 """tried, relative to the mean eigenvalue of X^T X"""
+MOST_ITERATIONS = 5000
+"""of the LASSO's descent"""
 
 
-def least_squares(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
+def least_squares(
+    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
+) -> Solution:
     """The least of all b that fit best: the pseudo-inverse."""
-    return Moments.of(X, y).least_squares()
+    return Solution(Moments.of(X, y).least_squares())
 
 
-def ridge(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
+def ridge(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
     """Least squares with a penalty on |b|^2, chosen by generalised cross validation.
 
     Reference: Golub, Heath, Wahba, Generalized cross-validation as a method for choosing a good
@@ -41,7 +47,7 @@ def ridge(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
     kept = values**2 / (values**2 + penalties[:, None])
     errors = ((1.0 - kept) ** 2 * projected**2).sum(axis=1) + rest
     best = int(np.argmin(errors / (len(y) - kept.sum(axis=1)) ** 2))
-    return Vt.T @ (values / (values**2 + penalties[best]) * projected)
+    return Solution(Vt.T @ (values / (values**2 + penalties[best]) * projected))
 
 
 def stepwise(
@@ -50,7 +56,7 @@ def stepwise(
     seed: int = 0,
     enter: float = 0.05,
     leave: float = 0.10,
-):
+) -> Solution:
     """Inputs enter by the F test of the best next one, and leave by that of the worst.
 
     Reference: Draper, Smith, Applied regression analysis, 1981, chapter 6.
@@ -64,10 +70,13 @@ def stepwise(
     """
     moments, D = Moments.of(X, y), X.shape[1]
     chosen: list[int] = []
-    for _ in range(4 * D):  # an input that enters and leaves again and again ends it
+    entered, converged = 0, False
+    while entered < 4 * D:  # an input that enters and leaves again and again ends it
         entering = _best_to_enter(moments, chosen)
         if entering is None or entering[1] > enter:
+            converged = True
             break
+        entered += 1
         chosen.append(entering[0])
         while len(chosen) > 1:
             at, p = _worst_within(moments, chosen)
@@ -77,7 +86,7 @@ def stepwise(
     b = np.zeros(D)
     if chosen:
         b[chosen] = np.linalg.solve(moments.xx[np.ix_(chosen, chosen)], moments.xy[chosen])
-    return b
+    return Solution(b, converged, entered)
 
 
 def _best_to_enter(moments: Moments, chosen: list[int]) -> tuple[int, float] | None:
@@ -113,7 +122,9 @@ def _worst_within(moments: Moments, chosen: list[int]) -> tuple[int, float]:
     return worst, float(f_distribution.sf(F[worst], 1, freedom))
 
 
-def partial_least_squares(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
+def partial_least_squares(
+    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
+) -> Solution:
     """Regression on a few directions of covariance with y, as many as cross validation chooses.
 
     Components are added while the error falls, 20 at most.
@@ -133,10 +144,10 @@ def partial_least_squares(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"
         if error >= 0.999 * least:
             break
         best, least = components, error
-    return PLSRegression(best).fit(X, y).coef_.ravel()
+    return Solution(PLSRegression(best).fit(X, y).coef_.ravel())  # one output: a step a component
 
 
-def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
+def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
     """Least squares with a penalty on |b|_1 of columns of equal length, chosen by cross validation.
 
     Reference: Tibshirani, Regression shrinkage and selection via the lasso, 1996.
@@ -146,23 +157,35 @@ def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
     scale = np.where(scale > 0.0, scale, 1.0)
     size = max(float(np.sqrt((y**2).mean())), 1e-300)
     order = np.random.default_rng(seed).permutation(len(y))
-    fit = LassoCV(cv=FOLDS, fit_intercept=False, precompute=True, max_iter=5000)
-    return fit.fit((X / scale)[order], y[order] / size).coef_ * size / scale
+    fit = LassoCV(cv=FOLDS, fit_intercept=False, precompute=True, max_iter=MOST_ITERATIONS)
+    fit.fit((X / scale)[order], y[order] / size)
+    steps = int(fit.n_iter_)
+    return Solution(fit.coef_ * size / scale, steps < MOST_ITERATIONS, steps)
 
 
-def joint_factor_analysis(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
-    """b_true of the model without priors: eqs. (1) and (4)."""
-    return fit_noisy_inputs(Moments.of(X, y), NoisyInputConfig(a0=None), warn=False).b_true
+def joint_factor_analysis(
+    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
+) -> Solution:
+    """b_true of the model without priors: eqs. (1) and (4); of its start, for nothing moves it."""
+    config = NoisyInputConfig(starts=(0.5,), reliability="search", a0=None)
+    fit = fit_noisy_inputs(Moments.of(X, y), config, warn=False)
+    return Solution(fit.b_true, fit.converged, len(fit.bounds))
 
 
-def bayesian_noisy(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
+def bayesian_noisy(
+    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
+) -> Solution:
     """b_noise, eq. (3): to predict from noisy inputs."""
-    return fit_noisy_inputs(Moments.of(X, y), warn=False).b_noise
+    fit = fit_noisy_inputs(Moments.of(X, y), warn=False)
+    return Solution(fit.b_noise, fit.converged, len(fit.bounds))
 
 
-def bayesian_true(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0):
-    """b_true, eq. (4): to predict from inputs without noise."""
-    return fit_noisy_inputs(Moments.of(X, y), warn=False).b_true
+def bayesian_true(
+    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
+) -> Solution:
+    """b_true: to predict from inputs without noise."""
+    fit = fit_noisy_inputs(Moments.of(X, y), warn=False)
+    return Solution(fit.b_true, fit.converged, len(fit.bounds))
 
 
 METHODS: Mapping[str, Method] = {

@@ -49,11 +49,18 @@ class Projection:
     cost: float
     """1/2 (theta - theta_B)^T H (theta - theta_B)"""
     gap: float
-    """bound on how far the cost is above the optimum"""
+    """bound on how far the cost is above the optimum; infinite where there is none"""
     before: tuple[LinkCheck, ...]
     """what was wrong with the estimate, link by link"""
-    newton_steps: int
-    """0 where the estimate was consistent, and comes back unchanged"""
+    steps: int
+    """of the search; 0 where the estimate was consistent, and comes back unchanged"""
+    converged: bool
+    """whether the search stopped by its own tolerance"""
+
+    @classmethod
+    def none(cls, body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Projection:
+        """The estimate as it is, consistent or not."""
+        return cls(estimate.copy(), 0.0, 0.0, check(body, estimate), 0, True)
 
 
 def project(
@@ -86,18 +93,28 @@ def project(
             f"metric must be positive semidefinite and not 0, got eigenvalues from {values[0]:.3g} "
             f"to {values[-1]:.3g}; give X^T X."
         )
-    before = check(body, estimate)
-    if all(link.consistent for link in before):
-        return Projection(estimate.copy(), 0.0, 0.0, before, 0)
+    unchanged = Projection.none(body, estimate)
+    if all(link.consistent for link in unchanged.before):
+        return unchanged
     scale = _scales(body, estimate)
     seen = scale[:, None] * metric * scale
     size = np.linalg.eigvalsh(seen)[-1]
     H = seen / size + UNSEEN * np.eye(len(seen))
     cone = _Cone(body, scale)
-    point, bound, steps = _minimise(cone, H, estimate / scale, gap)
+    point, bound, steps, converged = _minimise(cone, H, estimate / scale, gap)
     theta = point * scale
+    cost = cost_of(theta, estimate, metric)
+    return Projection(theta, cost, bound * size, unchanged.before, steps, converged)
+
+
+def cost_of(
+    theta: Float[np.ndarray, " D"],
+    estimate: Float[np.ndarray, " D"],
+    metric: Float[np.ndarray, "D D"],
+) -> float:
+    """1/2 (theta - theta_B)^T H (theta - theta_B)."""
     away = theta - estimate
-    return Projection(theta, 0.5 * float(away @ metric @ away), bound * size, before, steps)
+    return 0.5 * float(away @ metric @ away)
 
 
 def _scales(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[np.ndarray, " D"]:
@@ -177,8 +194,10 @@ def _minimise(
     H: Float[np.ndarray, "D D"],
     target: Float[np.ndarray, " D"],
     gap: float,
-) -> tuple[Float[np.ndarray, " D"], float, int]:
-    """The nearest point, a bound on its excess cost, Newton steps: a path of central points.
+) -> tuple[Float[np.ndarray, " D"], float, int, bool]:
+    """The nearest point, by a path of central points.
+
+    With a bound on its excess cost, Newton steps, and whether the bound is as small as asked for.
 
     Reference: Boyd, Vandenberghe, Convex optimization, 2004, section 11.3.
     """
@@ -187,15 +206,15 @@ def _minimise(
     floor = _LEAST * max(1.0, 0.5 * float(target @ H @ target))
     weight, steps = max(cost, floor) / cone.degree, 0
     for _ in range(_ROUNDS):
-        theta, taken = _center(cone, H, target, theta, weight)
+        theta, taken, central = _center(cone, H, target, theta, weight)
         steps += taken
         cost = 0.5 * float((theta - target) @ H @ (theta - target))
         # a central point's gap is nu weight; one that is nearly central has at most twice that
         bound = 2.0 * cone.degree * weight
         if bound <= max(gap * cost, floor):
-            break
+            return theta, bound, steps, central
         weight *= _SHRINK
-    return theta, bound, steps
+    return theta, bound, steps, False
 
 
 def _center(
@@ -204,8 +223,11 @@ def _center(
     target: Float[np.ndarray, " D"],
     theta: Float[np.ndarray, " D"],
     weight: float,
-) -> tuple[Float[np.ndarray, " D"], int]:
-    """Newton's method on cost / weight + barrier, in coordinates in which no step is steep."""
+) -> tuple[Float[np.ndarray, " D"], int, bool]:
+    """Newton's method on cost / weight + barrier, in coordinates in which no step is steep.
+
+    The point, steps, and whether it is central.
+    """
     taken, decrement = 0, np.inf
     while decrement > _CENTERED and taken < _NEWTON_STEPS:
         T = cone.frame(theta)
@@ -224,7 +246,7 @@ def _center(
         length = _line_search(float(pull @ x), float(x @ curvature @ x), cone.rates(x))
         theta = theta + length * (T @ x)
         taken += 1
-    return theta, taken
+    return theta, taken, decrement <= _CENTERED
 
 
 def _line_search(slope: float, curvature: float, rates: Float[np.ndarray, " R"]) -> float:

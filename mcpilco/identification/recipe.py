@@ -10,32 +10,33 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.identification.errors_in_variables import errors_in_variables
-from mcpilco.identification.instruments import instrumental_variables
-from mcpilco.identification.joint_motion import JointMotion
+from mcpilco.identification.instruments import instrumental_variables, refine
 from mcpilco.identification.methods import METHODS
 from mcpilco.identification.moments import Moments
-from mcpilco.identification.projection import project
+from mcpilco.identification.projection import Projection, project
 from mcpilco.identification.rigid_body import RigidBody
+from mcpilco.identification.rows import Rows, force_errors
+from mcpilco.identification.solution import Solution
 from mcpilco.identification.virtual import project_virtual
 from mcpilco.typing import InputError
-
-REFITS = 4
-"""of the weights"""
 
 FELT = 1e-10
 """length of a column, relative to the longest, below which it is rounding [-]"""
 
-Project = Callable[[RigidBody, np.ndarray, np.ndarray], np.ndarray]
+Project = Callable[[RigidBody, np.ndarray, np.ndarray], Projection]
 """from parameters and the metric X^T X to consistent parameters"""
 
 PROJECTIONS: Mapping[str, Project] = {
-    "none": lambda body, estimate, metric: estimate,
+    "none": lambda body, estimate, metric: Projection.none(body, estimate),
     "virtual": project_virtual,
-    "pseudo-inertia": lambda body, estimate, metric: project(body, estimate, metric).theta,
+    "pseudo-inertia": project,
 }
 """by name: as it is; eq. (5) of Ting et al.; positive semidefinite pseudo-inertias"""
 
-NEEDS_MORE = ("EIV", "IV")
+ONE_LENGTH = ("VB b_noise", "VB b_true")
+"""methods whose prior compares all coefficients with 1: kg, kg m^2 and N m s need columns, and
+forces, of one length, or what is small in its unit is pruned"""
+NEEDS_MORE = ("EIV", "IV", "IDIM-IV")
 """methods that are told more than inputs and outputs"""
 ALL_METHODS = (*METHODS, *NEEDS_MORE)
 """names of all methods"""
@@ -50,7 +51,8 @@ class Recipe:
     """
 
     method: str = "EIV"
-    """one of `ALL_METHODS`: of `METHODS`; EIV, errors in variables; IV, instrumental variables"""
+    """one of `ALL_METHODS`: of `METHODS`; EIV, errors in variables; IV, instrumental variables from
+    the reference; IDIM-IV, from a simulation"""
     projection: str = "pseudo-inertia"
     """one of `PROJECTIONS`"""
     rows: Literal["weighted", "plain"] = "weighted"
@@ -67,71 +69,6 @@ class Recipe:
 
 
 @dataclass(frozen=True)
-class Rows:
-    """A linear regression over all joints: N rows a joint, D parameters."""
-
-    Y: Float[np.ndarray, "N J D"]
-    """regressor"""
-    tau: Float[np.ndarray, "N J"]
-    """forces [N m or N]"""
-    noisier: Float[np.ndarray, "N J D"] | None = None
-    """regressor of the same motion with as much noise once more; for EIV"""
-    reference: Float[np.ndarray, "N J D"] | None = None
-    """regressor of the motion that was commanded, without noise; for IV"""
-
-    def __len__(self) -> int:
-        return len(self.Y)
-
-    def __getitem__(self, rows: slice | np.ndarray) -> Rows:
-        noisier = None if self.noisier is None else self.noisier[rows]
-        reference = None if self.reference is None else self.reference[rows]
-        return Rows(self.Y[rows], self.tau[rows], noisier, reference)
-
-    @property
-    def metric(self) -> Float[np.ndarray, "D D"]:
-        """Y^T Y, in which a distance of parameters is a squared error of force."""
-        return Moments.of(self.Y, self.tau).xx
-
-    @classmethod
-    def of(
-        cls,
-        body: RigidBody,
-        motion: JointMotion,
-        noise: JointMotion | None = None,
-        reference: JointMotion | None = None,
-    ) -> Rows:
-        """Rows of a motion.
-
-        Args:
-            body: the robot.
-            motion: as measured.
-            noise: of the encoders, by the motion's filter.
-            reference: as commanded, by the motion's filter.
-        """
-        noisier = None
-        if noise is not None:
-            more = replace(
-                motion,
-                q=motion.q + noise.q,
-                dq=motion.dq + noise.dq,
-                ddq=motion.ddq + noise.ddq,
-            )
-            noisier = more.regressor(body)
-        commanded = None if reference is None else reference.regressor(body)
-        return cls(motion.regressor(body), motion.tau, noisier, commanded)
-
-    def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
-        """All divided by a number a joint."""
-        by = scale[:, None]
-        return Rows(
-            self.Y / by,
-            self.tau / scale,
-            None if self.noisier is None else self.noisier / by,
-            None if self.reference is None else self.reference / by,
-        )
-
-
-@dataclass(frozen=True)
 class Estimate:
     """Parameters, before and after the projection."""
 
@@ -141,6 +78,10 @@ class Estimate:
     """before it"""
     scale: Float[np.ndarray, " J"]
     """what each joint's rows were divided by [N m or N]; 1 for plain rows"""
+    solution: Solution
+    """of the regression"""
+    projection: Projection
+    """of what it found"""
 
 
 def estimate(
@@ -168,67 +109,63 @@ def estimate(
         scale = force_errors(rows) if recipe.rows == "weighted" else np.ones(rows.tau.shape[1])
     scaled = rows.scaled(scale)
     raw = solve(scaled, recipe.method, seed)
-    return Estimate(PROJECTIONS[recipe.projection](body, raw, scaled.metric), raw, scale)
+    found = PROJECTIONS[recipe.projection](body, raw.b, scaled.metric)
+    return Estimate(found.theta, raw.b, scale, raw, found)
 
 
-def force_errors(rows: Rows) -> Float[np.ndarray, " J"]:
-    """Root mean square of what least squares leaves of each joint's force [N m or N].
-
-    Found with rows divided by these errors themselves, so that a joint of small forces is fitted
-    as closely, relative to its noise, as one of large forces.
-
-    Reference: Gautier, Poignet, Extended Kalman filtering and weighted least squares dynamic
-        identification of robot, Control Engineering Practice 9 (12), 2001.
-    """
-    least = 1e-9 * np.sqrt((rows.tau**2).mean(axis=0)) + 1e-300
-    scale = np.maximum(rows.tau.std(axis=0), least)
-    for _ in range(REFITS):
-        b = Moments.of(rows.Y / scale[:, None], rows.tau / scale).least_squares()
-        scale = np.maximum(np.sqrt(((rows.tau - rows.Y @ b) ** 2).mean(axis=0)), least)
-    return scale
-
-
-def solve(rows: Rows, method: str, seed: int = 0) -> Float[np.ndarray, " D"]:
+def solve(rows: Rows, method: str, seed: int = 0) -> Solution:
     """Parameters by one of `ALL_METHODS`, without a projection; the rows are taken as they are.
 
     A parameter that no force depends on is 0: of a column of rounding errors, some methods would
     make anything.
+
+    Raises:
+        InputError: the method needs what the rows do not have.
     """
     X, y = rows.Y.reshape(-1, rows.Y.shape[-1]), rows.tau.reshape(-1)
     length = np.linalg.norm(X, axis=0)
     felt = length > FELT * length.max(initial=0.0)
-    theta = np.zeros(len(felt))
-    theta[felt] = _solve(
-        X[:, felt],
-        y,
-        method,
-        seed,
-        *(
-            None if Y is None else Y.reshape(X.shape)[:, felt]
-            for Y in (rows.noisier, rows.reference)
-        ),
-    )
-    return theta
+
+    def columns(Y: np.ndarray) -> np.ndarray:
+        return Y.reshape(X.shape)[:, felt]
+
+    def theta(b: np.ndarray) -> np.ndarray:
+        whole = np.zeros(len(felt))
+        whole[felt] = b
+        return whole
+
+    if method in METHODS:
+        size, of_y = np.ones(int(felt.sum())), 1.0
+        if method in ONE_LENGTH:
+            size, of_y = length[felt] / np.sqrt(len(y)), float(np.sqrt((y**2).mean())) or 1.0
+        found = METHODS[method](columns(rows.Y) / size, y / of_y, seed)
+        found = replace(found, b=found.b / size * of_y)
+    else:
+        found = _solve_told(rows, method, columns, theta)
+    return replace(found, b=theta(found.b))
 
 
-def _solve(
-    X: Float[np.ndarray, "M D"],
-    y: Float[np.ndarray, " M"],
+def _solve_told(
+    rows: Rows,
     method: str,
-    seed: int,
-    noisier: Float[np.ndarray, "M D"] | None,
-    reference: Float[np.ndarray, "M D"] | None,
-) -> Float[np.ndarray, " D"]:
+    columns: Callable[[np.ndarray], np.ndarray],
+    theta: Callable[[np.ndarray], np.ndarray],
+) -> Solution:
+    """By one of `NEEDS_MORE`, of the columns that are felt."""
+    X, y, simulate = columns(rows.Y), rows.tau.reshape(-1), rows.simulate
     if method == "EIV":
-        if noisier is None:
+        if rows.noisier is None:
             raise InputError("EIV needs the noise of the rows; give it to Rows.of.")
-        noise = noisier - X
-        return errors_in_variables(Moments.of(X, y), noise.T @ noise / len(X))
+        noise = columns(rows.noisier) - X
+        return Solution(errors_in_variables(Moments.of(X, y), noise.T @ noise / len(X)))
+    if rows.reference is None:
+        raise InputError(
+            f"{method} needs the positions that were commanded; log a column <joint>_reference "
+            "for each joint, or choose another method."
+        )
+    start = instrumental_variables(X, y, columns(rows.reference))
     if method == "IV":
-        if reference is None:
-            raise InputError(
-                "IV needs the positions that were commanded; log a column <joint>_reference for "
-                "each joint, or choose another method."
-            )
-        return instrumental_variables(X, y, reference)
-    return METHODS[method](X, y, seed)
+        return Solution(start)
+    if simulate is None:
+        raise InputError("IDIM-IV needs a robot to simulate; give `simulate` to the rows.")
+    return refine(X, y, lambda b: columns(simulate(theta(b))), start)

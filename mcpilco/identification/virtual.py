@@ -10,7 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Inexact
 from scipy.optimize import least_squares
 
-from mcpilco.identification.consistency import from_pseudo_inertia, inertia_of, pseudo_inertia
+from mcpilco.identification.consistency import (
+    check,
+    from_pseudo_inertia,
+    inertia_of,
+    pseudo_inertia,
+)
+from mcpilco.identification.projection import Projection, cost_of
 from mcpilco.identification.rigid_body import TERMS, RigidBody
 from mcpilco.mechanics import INERTIAL
 
@@ -58,11 +64,11 @@ def project_virtual(
     body: RigidBody,
     estimate: Float[np.ndarray, " D"],
     metric: Float[np.ndarray, "D D"],
-) -> Float[np.ndarray, " D"]:
+) -> Projection:
     """The parameters of the form of eq. (5) near an estimate, in the metric.
 
     Friction is the square of a virtual parameter too. The problem is not convex: what comes back
-    is a local minimum near the estimate.
+    is a local minimum near the estimate, without a bound on its gap.
 
     Args:
         body: what the parameters belong to.
@@ -82,7 +88,15 @@ def project_virtual(
         x_scale="jac",
         max_nfev=_EVALUATIONS,
     )
-    return _theta(found.x.reshape(-1, body.width), positive)
+    theta = _theta(found.x.reshape(-1, body.width), positive)
+    return Projection(
+        theta=theta,
+        cost=cost_of(theta, estimate, metric),
+        gap=float("inf"),
+        before=check(body, estimate),
+        steps=int(found.nfev),
+        converged=found.status > 0,
+    )
 
 
 def _theta(

@@ -26,10 +26,11 @@ from identified_double_pendulum.free_runs import fit_free_runs
 from identified_double_pendulum.motion import KEPT, Motion, low_passed
 from measured_double_pendulum.run import NAMES, recordings
 
+from mcpilco import identification
 from mcpilco.identification import (
-    METHODS,
     Moments,
     RigidBody,
+    Rows,
     base_parameters,
     check,
     project,
@@ -48,7 +49,7 @@ DT, COARSE = 0.002, 0.02
 BLOCK_S, RESAMPLES = 0.5, 200
 """of the bootstrap"""
 FITTED = "OLS", "ridge", "VB b_true"
-"""methods that are compared, of `mcpilco.identification.METHODS`"""
+"""methods that are compared, of `mcpilco.identification.ALL_METHODS`"""
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def rows(robot: RigidBody, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 def solve(Y: np.ndarray, tau: np.ndarray, method: str) -> Float[np.ndarray, " D"]:
     """What a method finds for the base parameters, as the least change of all parameters."""
     base = base_parameters(Y)
-    beta = METHODS[method](base.columns(Y).reshape(-1, len(base)), tau.reshape(-1), 0)
+    beta = identification.solve(Rows(base.columns(Y), tau), method).b
     G = np.zeros((len(base), Y.shape[-1]))
     G[:, base.independent], G[:, base.dependent] = np.eye(len(base)), base.K
     return np.linalg.pinv(G) @ beta

@@ -5,19 +5,21 @@ python runs/ting_robots/run.py               # both robots, two noises, seeds 0:
 python runs/ting_robots/run.py --seeds 10:20
 
 Results are kept in results/<robot>-<noise>/, a file a seed; the same command goes on where it was
-stopped, and rewrites README.md between its marked lines from all results that are there.
+stopped, measures what is new in its tables, and rewrites README.md between its marked lines from
+all results that are there.
 
 Reference: Ting et al., sections IV-B and IV-C, tables I and II.
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,12 +33,13 @@ from envs.arms import control_times, follow, load, measured, random_sinusoids
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.identification import (
-    METHODS,
+    ALL_METHODS,
     PROJECTIONS,
     JointMotion,
     Recipe,
     RigidBody,
     Rows,
+    Segment,
     check,
     encoder_noise,
     force_errors,
@@ -46,11 +49,13 @@ from mcpilco.identification import (
     solve,
     zero_phase,
 )
+from mcpilco.identification.closed_loop import Feedback, simulated_regressor
 from mcpilco.recordings import Recording
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
+from mcpilco.typing import McPilcoError
 
 HERE = Path(__file__).parent
 ROBOTS = ("vision_head", "arm_hand")
@@ -81,8 +86,6 @@ def _row(method: str, projection: str, filter: str = "zero-phase", rows: Any = "
     return Row(f"{method}{signs[projection]}", filter, recipe)
 
 
-OTHERS = tuple(method for method in METHODS if method != "PLS")
-"""partial least squares takes as long as all others together, and the seed leaves it out too"""
 SEED_ROWS = [
     _row(method, projection, "local cubics", "plain")
     for method, projection in (
@@ -101,9 +104,9 @@ WEIGHTED_ROWS = [
     _row("EIV", "pseudo-inertia", "local cubics"),
 ]
 OUR_ROWS = [
-    *(_row(method, "none") for method in ("OLS", "EIV")),
+    *(_row(method, "none") for method in ALL_METHODS),
     *(_row(method, "virtual") for method in ("ridge", "VB b_true", "EIV")),
-    *(_row(method, "pseudo-inertia") for method in (*OTHERS, "EIV", "IV")),
+    *(_row(method, "pseudo-inertia") for method in ALL_METHODS),
 ]
 ROWS = {
     "local cubics, rows as they are": SEED_ROWS,
@@ -140,19 +143,44 @@ def main() -> int:
     for seed in seeds:
         for cell, (robot, noise) in CELLS.items():
             path = out / "results" / cell / f"{seed:04d}.json"
-            if not path.exists():
-                found = trial(robot, noise, seed, quick=arguments.quick)
+            known = read_json(path) if path.exists() else None
+            if known is None or missing(known, quick=arguments.quick):
+                found = trial(robot, noise, seed, quick=arguments.quick, known=known)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 write_bytes(path, json.dumps(found, indent=1).encode())
                 ours, theirs = (found["rows"][a][b]["position"] for a, b in (DEFAULT, BASELINE))
                 print(f"{cell}, seed {seed}: {ours:.4f} rad, ridge + eq. (5) {theirs:.4f} rad")
-        write_readme(out)  # a stop loses no table
+        write_readme(out, quick=arguments.quick)  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")
     return 0
 
 
-def trial(robot: str, noise: float, seed: int, *, quick: bool = False) -> dict[str, Any]:
-    """What all methods find in one recording, and how the robot follows a new motion with each."""
+def missing(known: Mapping[str, Any], *, quick: bool) -> dict[str, list[Row]]:
+    """Rows of the tables, by block, that a trial has not measured yet."""
+    lacking = {
+        block: [
+            row
+            for row in rows
+            if row.name not in known["rows"].get(block, {})
+            and (not quick or row.recipe.method in QUICK)
+        ]
+        for block, rows in ROWS.items()
+    }
+    return {block: rows for block, rows in lacking.items() if rows}
+
+
+def trial(
+    robot: str,
+    noise: float,
+    seed: int,
+    *,
+    quick: bool = False,
+    known: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """What all methods find in one recording, and how the robot follows a new motion with each.
+
+    What is known of the trial is kept: a row that is new in the tables is measured alone.
+    """
     model, begun = load(robot), time.process_time()
     rng = np.random.default_rng([seed, ROBOTS.index(robot), round(1e6 * noise)])
     followed = follow(
@@ -160,13 +188,13 @@ def trial(robot: str, noise: float, seed: int, *, quick: bool = False) -> dict[s
     )
     recording = measured(model, followed, rng)
     test = Test(model, noise, seed, 1.0 if quick else TEST_SECONDS)
-    found: dict[str, dict[str, Any]] = {}
+    known = known or {"rows": {}, "cpu_s": 0.0}
+    found = {block: dict(known["rows"].get(block, {})) for block in ROWS}
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what EIV and the variational EM say of their data
         fits = Fits(model, recording, seed)
-        for block, rows in ROWS.items():
-            chosen = [row for row in rows if not quick or row.recipe.method in QUICK]
-            found[block] = {row.name: judged(test, row, fits) for row in chosen}
+        for block, rows in missing(known, quick=quick).items():
+            found[block] |= {row.name: judged(test, row, fits) for row in rows}
         body = rigid_body(model, TERMS)
         true = {TRUE: test(body, body.nominal)}
     return {
@@ -174,7 +202,7 @@ def trial(robot: str, noise: float, seed: int, *, quick: bool = False) -> dict[s
         "rows": found,
         "true": true,
         "recording_s": float(recording.time[-1]),
-        "cpu_s": time.process_time() - begun,
+        "cpu_s": known["cpu_s"] + time.process_time() - begun,
         "machine": job.machine(),
     }
 
@@ -184,7 +212,7 @@ def judged(test: Test, row: Row, fits: Fits) -> dict[str, Any]:
     begun = time.process_time()
     try:
         theta = fits(row)
-    except (ArithmeticError, np.linalg.LinAlgError) as error:
+    except (ArithmeticError, np.linalg.LinAlgError, McPilcoError) as error:
         return {"failed": str(error)}
     cpu = time.process_time() - begun
     return {**test(rigid_body(test.model, row.terms), theta), "fit_cpu_s": cpu}
@@ -199,41 +227,52 @@ class Fits:
     def __call__(self, row: Row) -> np.ndarray:
         key = (row.filter, row.recipe.rows, row.terms)
         project = PROJECTIONS[row.recipe.projection]
-        return project(
+        found = project(
             rigid_body(self._model, row.terms),
             self._raw(*key, row.recipe.method),
             self._rows(*key).metric,
         )
+        return found.theta
 
     @cache  # noqa: B019  of one trial
     def _raw(self, filter: str, rows: str, terms: tuple[str, ...], method: str) -> np.ndarray:
-        return solve(self._rows(filter, rows, terms), method, self._seed)
+        return solve(self._rows(filter, rows, terms), method, self._seed).b
 
     @cache  # noqa: B019
     def _rows(self, filter: str, rows: str, terms: tuple[str, ...]) -> Rows:
-        found = rows_of(rigid_body(self._model, terms), self._recording, filter)
+        found = rows_of(self._model, rigid_body(self._model, terms), self._recording, filter)
         return found.scaled(force_errors(found)) if rows == "weighted" else found
 
 
-def rows_of(body: RigidBody, recording: Recording, filter: str) -> Rows:
+def rows_of(model: mujoco.MjModel, body: RigidBody, recording: Recording, filter: str) -> Rows:
     """A recording as rows of the regression."""
     J, dt = len(body.chain.bodies), recording.dt
     encoder, reference = recording.states[:, :J], recording.states[:, J:]
     unknown, nothing = np.full_like(encoder, np.nan), np.zeros_like(encoder)
     cutoff = motion_cutoff(encoder, dt)
 
-    def filtered(q: np.ndarray, tau: np.ndarray) -> JointMotion:
+    def filtered(q: np.ndarray, tau: np.ndarray = nothing) -> JointMotion:
         if filter == "zero-phase":
             return zero_phase(q, unknown, tau, dt, cutoff)
         return local_cubics(q, unknown, tau, dt, step=STEP)
 
     more = np.random.default_rng(0).normal(size=encoder.shape) * encoder_noise(encoder, dt)
-    return Rows.of(
-        body,
-        filtered(encoder, recording.inputs),
-        filtered(more, nothing),
-        filtered(reference, nothing),
-    )
+    motion, commanded = filtered(encoder, recording.inputs), filtered(reference)
+    rows = Rows.of(body, motion, filtered(more), commanded)
+    if filter != "zero-phase":
+        return rows
+    feedback = Feedback.of(motion, commanded, body.chain.joints)
+    segment = Segment(recording.name, dt, encoder, unknown, recording.inputs, reference)
+    simulate = simulated_regressor(bare(model), body, segment, rows, feedback, filtered)
+    return replace(rows, simulate=simulate)
+
+
+def bare(model: mujoco.MjModel) -> mujoco.MjModel:
+    """The robot without what its joints have: simulations shall not know more than the rows."""
+    found = copy.deepcopy(model)
+    for what in (found.dof_frictionloss, found.dof_damping, found.dof_armature):
+        what[:] = 0.0
+    return found
 
 
 class Test:
@@ -280,13 +319,17 @@ def _rms(error: np.ndarray) -> float:
 # The tables ---------------------------------------------------------------------------------------
 
 
-def write_readme(out: Path) -> None:
-    """Put the tables of the results that are there into README.md."""
-    found = {
+def write_readme(out: Path, *, quick: bool = False) -> None:
+    """Put the tables of the results that are there into README.md; all rows or none of a trial."""
+    read = {
         cell: [read_json(path) for path in sorted((out / "results" / cell).glob("*.json"))]
         for cell in CELLS
     }
-    found = {cell: trials for cell, trials in found.items() if trials}
+    whole = {
+        cell: [trial for trial in trials if not missing(trial, quick=quick)]
+        for cell, trials in read.items()
+    }
+    found = {cell: trials for cell, trials in whole.items() if trials}
     parts = [
         summary(found),
         *(part for cell, trials in found.items() for part in tables(cell, trials)),

@@ -25,9 +25,10 @@ import tyro
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
+from mcpilco import identification
 from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
-from mcpilco.identification import METHODS
+from mcpilco.identification.bayesian import middle_reliability
 from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places, write_picture
@@ -45,6 +46,18 @@ CELLS = {
 """signal-to-noise ratio of the inputs, and how many of 90 are redundant; the rest is irrelevant"""
 OURS = "VB b_true"
 BASELINES = ("OLS", "ridge", "stepwise", "PLS", "LASSO", "JFA b_true")
+SCALED = "OLS / r"
+
+
+def scaled_least_squares(X: np.ndarray, y: np.ndarray, seed: int) -> identification.Solution:
+    """Least squares, over the reliability by which b_true differs from b_noise."""
+    moments = identification.Moments.of(X, y)
+    b = moments.least_squares()
+    return identification.Solution(b / middle_reliability(moments, b))
+
+
+METHODS = {**identification.METHODS, SCALED: scaled_least_squares}
+"""the last, no baseline of the seed's, tells what the reliability alone is worth"""
 
 
 @dataclass(frozen=True)
@@ -97,7 +110,7 @@ def trial(snr: float, redundant: int, seed: int, samples: int) -> dict[str, Any]
     with threadpool_limits(1):
         for name, method in METHODS.items():
             begun = time.process_time()
-            b = method(X, y, seed)
+            b = method(X, y, seed).b
             errors["cpu_s"][name] = time.process_time() - begun
             errors["clean"][name] = nmse(b, *clean)
             errors["noisy"][name] = nmse(b, *noisy)
@@ -161,7 +174,7 @@ def picture(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
                 )
             ax.set(title=f"SNR {snr}, {test} test", ylabel="nMSE [-]")
             ax.set_xticks(range(len(cells)), labels, fontsize="small")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=8)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=9)
     return figure
 
 
@@ -195,10 +208,10 @@ def ratios(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         best = min(BASELINES, key=mean.__getitem__)
         better = sum(trial["clean"][OURS] < trial["clean"][best] for trial in trials)
         ratio = mean[OURS] / mean[best]
-        rows.append((row_name(cell), best, f"{ratio:.2f}", f"{better} of {len(trials)}"))
-    return markdown(
-        ("cell", "best baseline", "ratio of means", "trials in which it is better"), rows
-    )
+        scaled = f"{mean[OURS] / mean[SCALED]:.2f}"
+        rows.append((row_name(cell), best, f"{ratio:.2f}", f"{better} of {len(trials)}", scaled))
+    header = ("cell", "best baseline", "ratio of means", "trials in which it is better")
+    return markdown((*header, f"ratio of means to `{SCALED}`"), rows)
 
 
 def times(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:

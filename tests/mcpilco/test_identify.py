@@ -14,6 +14,7 @@ from mcpilco.identification import (
     base_parameters,
     load_robot,
     motions,
+    projection,
     read_robot,
     rigid_body,
     write_identified_mjcf,
@@ -59,6 +60,17 @@ def test_the_identified_model_is_that_of_the_robot_and_all_is_written(tmp_path, 
     truth, before = beta(heavier()), beta(mujoco.MjModel.from_xml_path(str(robot)))
     now = beta(identified)
     assert np.linalg.norm(now - truth) < 0.05 * np.linalg.norm(before - truth)
+
+
+def test_a_search_that_did_not_converge_is_told(tmp_path, robot, capsys, monkeypatch):
+    log = write(tmp_path / "log.csv", segment(heavier(), noise=3e-3, force_noise=1.0))
+    arguments = ["identify", str(log), "--model", str(robot), "--out", str(tmp_path / "out")]
+    for rounds, converged in ((projection._ROUNDS, True), (2, False)):
+        monkeypatch.setattr(projection, "_ROUNDS", rounds)
+        assert main([*arguments, "--method", "OLS", "--terms", "viscous"]) == 0
+        assert ("pseudo-inertia did not converge" in capsys.readouterr().out) == (not converged)
+        found = json.loads((tmp_path / "out" / "identified.json").read_text())
+        assert found["converged"] == converged
 
 
 def test_commands_of_motors_say_the_same_as_forces(tmp_path, robot):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mcpilco.identification import Solution
 from mcpilco.sweep.page import BEGIN, END
 
 RUN = Path(__file__).parents[2] / "runs" / "ting_synthetic" / "run.py"
@@ -23,7 +24,7 @@ def run(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, spec.name, module)  # dataclasses look their module up
     spec.loader.exec_module(module)
     fast = dict.fromkeys(module.METHODS, module.METHODS["OLS"])
-    fast["VB b_true"] = lambda X, y, seed: np.concatenate([module.B, np.zeros(90)])
+    fast["VB b_true"] = lambda X, y, seed: Solution(np.append(module.B, np.zeros(90)))
     monkeypatch.setattr(module, "METHODS", fast)
     monkeypatch.setattr(module, "CELLS", dict(list(module.CELLS.items())[3:5]))
     monkeypatch.chdir(tmp_path)
@@ -44,7 +45,7 @@ def test_the_true_coefficients_have_no_error_on_the_clean_test(run, monkeypatch)
     assert found["clean"]["VB b_true"] < 1e-20
     assert found["noisy"]["VB b_true"] > 0.1
     assert found["clean"]["OLS"] > 0.01
-    assert "| SNR 2, 0 redundant, 90 irrelevant | OLS | 0.00 | 1 of 1 |" in page
+    assert "| SNR 2, 0 redundant, 90 irrelevant | OLS | 0.00 | 1 of 1 | 0.00 |" in page
     assert "Not measured yet" not in page
     assert Path("out/figure2.png").read_bytes().startswith(b"\x89PNG")
 

@@ -8,7 +8,7 @@ import pytest
 
 from envs.arms import ARMS, control_times, follow, load, random_sinusoids, record_sinusoids
 from envs.arms.control import SAFE
-from mcpilco.identification import check, rigid_body
+from mcpilco.identification import check, motions, rigid_body
 from mcpilco.typing import InputError
 
 TERMS = ("viscous", "coulomb")
@@ -35,6 +35,23 @@ def test_robots_are_made_of_bodies_that_can_exist(name, joints):
     assert all(link.consistent for link in check(body, body.nominal))
     assert (model.dof_frictionloss > 0.0).all()
     assert set(ARMS) == {"vision_head", "arm_hand"}
+
+
+@pytest.mark.parametrize("name", ["vision_head", "arm_hand"])
+def test_forces_of_the_regressor_are_mujocos(name):
+    """Without dry friction, contacts and end stops, of which MuJoCo makes constraints."""
+    model, rng = load(name), np.random.default_rng(0)
+    model.dof_frictionloss[:] = 0.0
+    model.jnt_limited[:] = 0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    body, data = rigid_body(model, ("viscous", "armature")), mujoco.MjData(model)
+    motion = motions(body, 50, rng)
+    expected = []
+    for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*motion, strict=True):
+        mujoco.mj_inverse(model, data)
+        expected.append(data.qfrc_inverse.copy())
+    found = body.regressor(*motion) @ body.nominal
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_an_unknown_robot_is_told_which_there_are():

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.identification import Recipe, identify, rigid_body
+from mcpilco.identification import (
+    NoisyInputConfig,
+    Recipe,
+    bayesian,
+    identify,
+    methods,
+    projection,
+    rigid_body,
+    virtual,
+)
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.log import heavier, model, segment
 
@@ -52,6 +62,43 @@ def test_what_is_not_to_be_found_is_taken_from_the_model():
     truth = found.base.of(rigid_body(heavier(), ("viscous",)).nominal)
     np.testing.assert_allclose(found.beta, truth, atol=2e-3)
     assert np.abs(blind.beta - truth).max() > 0.05
+
+
+@pytest.mark.filterwarnings("ignore:Objective did not converge")
+@pytest.mark.parametrize(
+    ("recipe", "where", "name", "cut"),
+    [
+        (Recipe("OLS"), projection, "_ROUNDS", 2),
+        (Recipe("OLS"), projection, "_NEWTON_STEPS", 1),
+        (Recipe("OLS", "virtual"), virtual, "_EVALUATIONS", 2),
+        (Recipe("LASSO", "none"), methods, "MOST_ITERATIONS", 2),
+        (
+            Recipe("VB b_true", "none"),
+            bayesian,
+            "NoisyInputConfig",
+            partial(NoisyInputConfig, max_iterations=10),
+        ),
+    ],
+)
+def test_a_search_that_was_cut_short_is_told(monkeypatch, recipe, where, name, cut):
+    part = segment(heavier(), noise=3e-3, force_noise=1.0, seconds=10.0)
+
+    def told():
+        return identify(model(), [part], recipe, terms=("viscous",), cutoff=10.0).report
+
+    whole = told()
+    assert whole.converged
+    assert whole.iterations > 0
+    assert not any("did not converge" in sentence for sentence in whole.warnings)
+    monkeypatch.setattr(where, name, cut)
+    short = told()
+    assert not short.converged
+    assert any("did not converge in" in sentence for sentence in short.warnings)
+
+
+def test_a_closed_form_takes_no_iterations():
+    report = identify(model(), [segment(heavier())], Recipe("ridge", "none")).report
+    assert (report.converged, report.iterations) == (True, 0)
 
 
 def test_a_joint_that_stands_still_is_named():

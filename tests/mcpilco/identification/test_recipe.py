@@ -75,20 +75,33 @@ def test_what_noise_shrinks_is_restored(method):
     assert errors[method] < 0.6 * errors["OLS"]
 
 
+@pytest.mark.parametrize("method", ["VB b_true", "LASSO"])
+def test_units_of_the_forces_do_not_matter(method):
+    """Nor is a small inertia taken for none."""
+    noisy = rows(noise=2e-4, force_noise=0.05)
+    found = [solve(noisy.scaled(np.full(2, scale)), method).b for scale in (1.0, 1e-3, 1e3)]
+    for b in found[1:]:
+        np.testing.assert_allclose(b, found[0], rtol=1e-3, atol=1e-4)
+    left = noisy.tau - noisy.Y @ found[0]
+    assert (left.std(axis=0) < 0.1 * noisy.tau.std(axis=0)).all()
+
+
 def test_a_parameter_that_no_force_depends_on_is_zero():
     unfelt = np.linalg.norm(CLEAN.Y, axis=(0, 1)) < 1e-12
     assert unfelt.any()
     for method in ("OLS", "ridge", "JFA b_true"):
-        assert (solve(CLEAN, method)[unfelt] == 0.0).all()
+        assert (solve(CLEAN, method).b[unfelt] == 0.0).all()
 
 
 def test_what_cannot_be_meant_is_told():
-    with pytest.raises(InputError, match="method must be one of OLS, .*, IV, got 'magic'"):
+    with pytest.raises(InputError, match="method must be one of OLS, .*, IDIM-IV, got 'magic'"):
         Recipe("magic")
     with pytest.raises(InputError, match="projection must be one of none, virtual, pseudo-inertia"):
         Recipe(projection="LMI")
     bare = Rows(CLEAN.Y, CLEAN.tau)
     with pytest.raises(InputError, match="column <joint>_reference"):
         solve(bare, "IV")
+    with pytest.raises(InputError, match="IDIM-IV needs a robot to simulate"):
+        solve(CLEAN, "IDIM-IV")
     with pytest.raises(InputError, match="noise of the rows"):
         solve(bare, "EIV")
