@@ -248,9 +248,9 @@ def fit(
         iterations: at most.
         hasty: end as well where a model that is far from fitting crawls.
     """
-    low, high = model.bounds
     damping = 1e-4
     for _ in range(iterations):
+        low, high = model.reach(theta)
         lin = linearise(model, windows, theta, starts)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)

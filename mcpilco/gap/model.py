@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +17,10 @@ from mcpilco.mechanics import generalised_forces, mass_matrix
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import Tables
 
+FREE = 1.0
+"""relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
+FARTHEST = 2.5
+"""factor by which a step of a fit may change a mass, or what enters as a logarithm"""
 COORDINATE_STEP = 0.03
 """of finite differences over the coordinates of a learned force, in their prior std"""
 
@@ -144,6 +149,22 @@ class Model:
         free = np.full(self._coordinates, np.inf)
         return np.append(low, -free), np.append(high, free)
 
+    def reach(
+        self, theta: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Least and largest theta to which one step of a fit may lead.
+
+        Where a model misses much, its linear form asks for masses of next to nothing, or for
+        hundreds of times what is there.
+        """
+        low, high = (bound.copy() for bound in self.bounds)
+        low[self.logarithmic] = np.maximum(low, theta - math.log(FARTHEST))[self.logarithmic]
+        high[self.logarithmic] = np.minimum(high, theta + math.log(FARTHEST))[self.logarithmic]
+        ours = slice(self.nuisances)
+        low[ours] = np.maximum(low[ours], (1.0 + theta[ours]) / FARTHEST - 1.0)
+        high[ours] = np.minimum(high[ours], FARTHEST * (1.0 + theta[ours]) - 1.0)
+        return low, high
+
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether no effect is larger than what could be meant."""
         values = self.decode(theta[None])[1]
@@ -156,7 +177,7 @@ class Model:
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
-        precision[: self.nuisances] = [std**-2 for std in self.priors.values()]
+        precision[: self.nuisances] = [min(std, FREE) ** -2 for std in self.priors.values()]
         precision[len(precision) - self._coordinates :] = 1.0
         return precision
 
