@@ -243,7 +243,10 @@ def noise_of(system: System, joint: int) -> float:
 
 
 def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
-    """Whether no two effects act in one place as others would, alone or together."""
+    """Whether no two effects act as others would, alone or together.
+
+    What the only actuator and a sensor have in delays, all sensors may have in the place of it.
+    """
     places = [
         (kind, system.bodies.index(place) if place in system.bodies else system.joints.index(place))
         for effect in chosen
@@ -252,7 +255,7 @@ def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
         for place in [effect["target"]]
     ]
     delays = {effect["name"] for effect in chosen} >= {"actuator_delay", "sensor_delay"}
-    return len(set(places)) == len(places) and not (delays and len(system.joints) == 1)
+    return len(set(places)) == len(places) and not (delays and len(system.inputs) == 1)
 
 
 def hide(

@@ -93,6 +93,7 @@ def test_no_two_hidden_effects_add_up_to_a_third(modules: dict[str, ModuleType])
 
     assert not tellable(("coulomb_friction", "cart"), ("constant_force", "cart"))
     assert not tellable(("body_inertia", "pole"), ("armature", "pole"))
+    assert not tellable(("actuator_delay", "actuator"), ("sensor_delay", "pole_angle"))
     assert tellable(("coulomb_friction", "cart"), ("constant_force", "pole"))
     assert tellable(("coulomb_friction", "cart"), ("armature", "cart"))
 
