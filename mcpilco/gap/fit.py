@@ -259,7 +259,7 @@ def fit(
         now = _cost(model, theta, by_window, robust, temper)
         for _ in range(6):
             step = _step(model, lin, theta, damping, weight, temper)
-            there = np.clip(theta + step, low, high)
+            there = model.softened(np.clip(theta + step, low, high))
             left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
             moved = starts + _start_step(lin, left, damping)
             after = misfits(model, windows, there, moved)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Scale
+from mcpilco.effects.joint import TURN
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
@@ -21,6 +22,10 @@ FREE = 1.0
 """relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
 FARTHEST = 2.5
 """factor by which a step of a fit may change a mass, or what enters as a logarithm"""
+QUICKEST_S = 1e-4
+"""in which dry friction may bring its joint to rest [s]"""
+TURN_OF = "{f}"
+"""unit of what turns over in a dry friction"""
 COORDINATE_STEP = 0.03
 """of finite differences over the coordinates of a learned force, in their prior std"""
 
@@ -84,7 +89,7 @@ class Model:
         added = np.asarray(values, dtype=float)
         logs = np.array([_positive(symbol) for symbol in active.effect.symbols])
         added = np.where(logs, np.log(np.where(logs, added, 1.0)), added)
-        return model, np.clip(np.concatenate([theta, added]), *model.bounds)
+        return model, model.softened(np.clip(np.concatenate([theta, added]), *model.bounds))
 
     def shrunk(
         self, theta: Float[np.ndarray, " p"], active: Active, prior: float
@@ -164,6 +169,25 @@ class Model:
         low[ours] = np.maximum(low[ours], (1.0 + theta[ours]) / FARTHEST - 1.0)
         high[ours] = np.minimum(high[ours], FARTHEST * (1.0 + theta[ours]) - 1.0)
         return low, high
+
+    def softened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Theta, its dry frictions turning over slowly enough for a simulation to be fast.
+
+        A friction f that turns over within v_r brings a joint of inertia I to rest in I v_r / f,
+        which steps must follow as long as it sticks.
+        """
+        theta = theta.copy()
+        lightest = 1.0 + min(0.0, theta[: self.nuisances].min(initial=0.0))
+        for active, span in zip(self.actives, self.spans(), strict=True):
+            symbols = active.effect.symbols
+            if TURN not in symbols:
+                continue
+            forces = [symbol.unit == TURN_OF for symbol in symbols]
+            inertia = lightest * self.scales[active.target].inertia
+            slowest = float(theta[span][forces].sum()) * QUICKEST_S / inertia
+            at = span.start + symbols.index(TURN)
+            theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
+        return theta
 
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether no effect is larger than what could be meant."""

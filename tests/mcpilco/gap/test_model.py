@@ -39,3 +39,15 @@ def test_of_a_free_mass_the_order_of_magnitude_is_known() -> None:
     loose = dict(zip(found.priors, found.precision, strict=True))
     assert loose["mass"] == loose["length"] == FREE_STD**-2
     assert loose["friction"] == pytest.approx(0.01**-2)
+
+
+def test_only_friction_that_is_far_too_large_turns_over_more_slowly() -> None:
+    friction = Active(CATALOGUE["coulomb_friction"], "pendulum")
+    nominal = model()
+    for size, softer in ((0.2, False), (20.0, True)):
+        grown, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-3))
+        width = float(np.exp(theta[-1]))
+        assert (width > 1e-3 * (1 + 1e-9)) == softer
+        rest = width * nominal.scales["pendulum"].inertia / size
+        assert rest >= 1e-4 * (1 - 1e-9)
+        np.testing.assert_array_equal(grown.softened(theta), theta)
