@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Int
 
-from mcpilco.gap.events import RARE, STRANGE, Event, events
+from mcpilco.gap.events import RARE, STRANGE, Event, events, without_spikes
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.learn import SHORT_S, moved
 from mcpilco.gap.residual_force import FOLDS, explain, respond
@@ -39,6 +39,7 @@ def bursts(found: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple
         short: windows of `SHORT_S` seconds that overlap by half, of all recordings in their order.
         recordings: these.
     """
+    short = without_spikes(moved(found, short), short)
     far = _far(moved(found, short), short)
     return () if far.mean() > RARE else events(short[far], recordings)
 

@@ -248,9 +248,9 @@ def fit(
         iterations: at most.
         hasty: end as well where a model that is far from fitting crawls.
     """
-    low, high = model.bounds
     damping = 1e-4
     for _ in range(iterations):
+        low, high = model.reach(theta)
         lin = linearise(model, windows, theta, starts)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
@@ -259,7 +259,7 @@ def fit(
         now = _cost(model, theta, by_window, robust, temper)
         for _ in range(6):
             step = _step(model, lin, theta, damping, weight, temper)
-            there = np.clip(theta + step, low, high)
+            there = model.softened(np.clip(theta + step, low, high))
             left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
             moved = starts + _start_step(lin, left, damping)
             after = misfits(model, windows, there, moved)

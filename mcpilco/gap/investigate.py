@@ -20,6 +20,7 @@ from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.search import Found, search
 from mcpilco.gap.show import Comparison, Models, beyond_noise, compare, path, shrunk
+from mcpilco.gap.timing import likelier, timings
 from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.where import Disagreement, locate, located, structure
 from mcpilco.gap.windows import SECONDS, Windows
@@ -107,13 +108,20 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
-    given = Given.of(plant, recordings, uncertainty, free, noise or {}, held_out)
+    sent = [
+        Given.of(plant, timed, uncertainty, free, noise or {}, held_out)
+        for timed in timings(recordings)
+    ]
+    given = likelier(sent)
     everything = _windows(given)
     if len(everything) < FEWEST:
         return _too_poor(given, everything)
 
-    everything, masked = _without_events(given.model(everything), everything)
-    found, best, windows, masked = _found(given, everything, masked)
+    found, best, windows, masked = _searched(given)
+    if (known := likelier(sent, best)) is not given:
+        given = known
+        found, best, windows, masked = _searched(given)
+    recordings = given.recordings
     given, pushes = quiet(given, best)
     if pushes:
         everything = _windows(given)
@@ -151,6 +159,12 @@ def _windows(given: Given) -> Windows:
     """Windows of all recordings, side by side, or where they are few overlapping by half."""
     windows = given.windows()
     return windows if len(windows) >= SEARCHED else given.windows(every=0.5 * SECONDS)
+
+
+def _searched(given: Given) -> tuple[Found, Fit, Windows, Windows]:
+    """What `_found` tells of windows from which those that seem to hold an event were taken."""
+    windows = _windows(given)
+    return _found(given, *_without_events(given.model(windows), windows))
 
 
 def _found(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,12 +11,21 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Scale
+from mcpilco.effects.joint import TURN
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import Tables
 
+FREE = 1.0
+"""relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
+FARTHEST = 2.5
+"""factor by which a step of a fit may change a mass, or what enters as a logarithm"""
+QUICKEST_S = 1e-4
+"""in which dry friction may bring its joint to rest [s]"""
+TURN_OF = "{f}"
+"""unit of what turns over in a dry friction"""
 COORDINATE_STEP = 0.03
 """of finite differences over the coordinates of a learned force, in their prior std"""
 
@@ -79,7 +89,7 @@ class Model:
         added = np.asarray(values, dtype=float)
         logs = np.array([_positive(symbol) for symbol in active.effect.symbols])
         added = np.where(logs, np.log(np.where(logs, added, 1.0)), added)
-        return model, np.clip(np.concatenate([theta, added]), *model.bounds)
+        return model, model.softened(np.clip(np.concatenate([theta, added]), *model.bounds))
 
     def shrunk(
         self, theta: Float[np.ndarray, " p"], active: Active, prior: float
@@ -144,6 +154,41 @@ class Model:
         free = np.full(self._coordinates, np.inf)
         return np.append(low, -free), np.append(high, free)
 
+    def reach(
+        self, theta: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Least and largest theta to which one step of a fit may lead.
+
+        Where a model misses much, its linear form asks for masses of next to nothing, or for
+        hundreds of times what is there.
+        """
+        low, high = (bound.copy() for bound in self.bounds)
+        low[self.logarithmic] = np.maximum(low, theta - math.log(FARTHEST))[self.logarithmic]
+        high[self.logarithmic] = np.minimum(high, theta + math.log(FARTHEST))[self.logarithmic]
+        ours = slice(self.nuisances)
+        low[ours] = np.maximum(low[ours], (1.0 + theta[ours]) / FARTHEST - 1.0)
+        high[ours] = np.minimum(high[ours], FARTHEST * (1.0 + theta[ours]) - 1.0)
+        return low, high
+
+    def softened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Theta, its dry frictions turning over slowly enough for a simulation to be fast.
+
+        A friction f that turns over within v_r brings a joint of inertia I to rest in I v_r / f,
+        which steps must follow as long as it sticks.
+        """
+        theta = theta.copy()
+        lightest = 1.0 + min(0.0, theta[: self.nuisances].min(initial=0.0))
+        for active, span in zip(self.actives, self.spans(), strict=True):
+            symbols = active.effect.symbols
+            if TURN not in symbols:
+                continue
+            forces = [symbol.unit == TURN_OF for symbol in symbols]
+            inertia = lightest * self.scales[active.target].inertia
+            slowest = float(theta[span][forces].sum()) * QUICKEST_S / inertia
+            at = span.start + symbols.index(TURN)
+            theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
+        return theta
+
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether no effect is larger than what could be meant."""
         values = self.decode(theta[None])[1]
@@ -156,7 +201,7 @@ class Model:
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
-        precision[: self.nuisances] = [std**-2 for std in self.priors.values()]
+        precision[: self.nuisances] = [min(std, FREE) ** -2 for std in self.priors.values()]
         precision[len(precision) - self._coordinates :] = 1.0
         return precision
 

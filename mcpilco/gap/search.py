@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from mcpilco.gap.fit import Fit, fit, linearise, remembered, settle
+from mcpilco.gap.fit import Fit, fit, linearise, misfits, remembered, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.where import correlation_time, residuals
@@ -27,6 +28,8 @@ SHORTLIST = 8, 5, 4
 """effects that are tried on a model that has none, one, two"""
 BEAM = 3, 2
 """models with one effect, with two, that are carried on"""
+BEGUN = 1.0, 0.25, 0.0625
+"""of the size that a linear response tells, from the best of which an effect is fitted"""
 MOST = 3
 """effects at most"""
 HOPELESS = 0.5
@@ -136,8 +139,31 @@ def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
 
 def grow(known: Fit, score: Score, windows: Windows) -> Fit:
     """The fit of a model with one effect more, from where the score would begin."""
-    model, theta = known.model.grown(known.theta, score.active, score.start)
+    starts = [known.model.grown(known.theta, score.active, x) for x in _smaller(score)]
+    misfit = [_log_misfit(model, windows, theta, known) for model, theta in starts]
+    model, theta = starts[int(np.argmin(misfit))]
     return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
+
+
+def _smaller(score: Score) -> Iterator[Float[np.ndarray, " symbols"]]:
+    """The values from which a score would begin, and such of a smaller effect.
+
+    A linear response overrates what moves a motion far.
+    """
+    neutral = score.active.effect.neutral
+    amplitude = (neutral == 0.0) | ((len(neutral) == 1) & np.isfinite(neutral))
+    for part in BEGUN:
+        with np.errstate(invalid="ignore"):  # of a limit that is nowhere
+            begun = neutral + part * (score.start - neutral)
+        yield np.where(amplitude, begun, score.start)
+
+
+def _log_misfit(
+    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], known: Fit
+) -> float:
+    """Sum of the log misfits of windows, their starts as they are in a fit."""
+    by_window = misfits(model, windows, theta, known.starts)
+    return float(np.log(np.maximum(by_window / windows.samples, 1.0)).sum())
 
 
 def without_superfluous(

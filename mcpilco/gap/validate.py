@@ -2,7 +2,7 @@
 
 Where a model fits to the noise, its evidence decides. Real machines are never fitted so well: what
 is left over is no noise, and an effect can follow it in the recordings at hand and mislead in the
-next. There each recording is predicted from the others.
+next. There each recording is predicted from the others; of one alone, each third from the rest.
 """
 
 from __future__ import annotations
@@ -10,15 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.windows import Windows
 
 ROUGH = 4.0
 """misfit of a sample beyond which a model does not fit to the noise"""
-NEAR, OF_EACH_SIZE = 3.0, 10
+NEAR, OF_EACH_SIZE = 3.0, 5
 """times the misfit of the first model; models that are compared"""
+PARTS = 3
+"""that are predicted from the others, at most"""
 WORTH = 0.1
 """least mean fall of the log misfit of a recording that was not seen, for an effect more"""
 
@@ -30,14 +32,13 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
 
     Args:
         ranked: fits of models, the best first.
-        windows: of several recordings; of one there is nothing to predict, and the first is it.
+        windows: of one recording or several.
 
     Reference: Breiman, Friedman, Olshen & Stone, Classification and Regression Trees (1984),
         section 3.4.3: the rule of one standard error.
     """
     best = ranked[0]
-    recordings = np.unique(windows.recording)
-    if np.median(best.by_window / windows.samples) < ROUGH or len(recordings) < 2:
+    if np.median(best.by_window / windows.samples) < ROUGH:
         return best
     sizes = {len(found.model.named) for found in ranked}
     near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
@@ -46,17 +47,41 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         for size in sorted(sizes)
         for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
-    missed = np.stack([_unseen(found, windows, recordings) for found in compared])
+    parts = _parts(windows)
+    missed = np.stack([_unseen(found, windows, parts) for found in compared])
     effects = np.array([len(found.model.named) for found in compared])
-    return compared[fewest(missed, effects, windows.overlap)]
+    symbols = np.array([_symbols(found) for found in compared])
+    return compared[fewest(missed, effects, symbols, windows.overlap)]
 
 
-def fewest(missed: Float[np.ndarray, "M W"], effects: Int[np.ndarray, " M"], overlap: float) -> int:
+def _symbols(found: Fit) -> int:
+    """How many numbers a report tells of a model's effects."""
+    return sum(symbol.told for active in found.model.named for symbol in active.effect.symbols)
+
+
+def _parts(windows: Windows) -> Int[np.ndarray, " W"]:
+    """Number of the part that each window is in: some recordings, or a third of the only one."""
+    own = np.unique(windows.recording, return_inverse=True)[1]
+    if own.max() > 0:
+        return own % PARTS
+    return np.arange(len(windows)) * PARTS // len(windows)
+
+
+def fewest(
+    missed: Float[np.ndarray, "M W"],
+    effects: Int[np.ndarray, " M"],
+    symbols: Int[np.ndarray, " M"],
+    overlap: float,
+) -> int:
     """Number of the model with the fewest effects that is as good as the best one.
+
+    Of as many effects that with the fewest numbers is taken: dry friction before one that is
+    another in each direction.
 
     Args:
         missed: log misfit of each window that was not seen, by model.
         effects: how many each model has.
+        symbols: how many numbers these have.
         overlap: how many windows a sample is in.
     """
     score = missed.mean(axis=1) + WORTH * effects
@@ -64,25 +89,21 @@ def fewest(missed: Float[np.ndarray, "M W"], effects: Int[np.ndarray, " M"], ove
     independent = max(missed.shape[1] / overlap, 2.0)
     error = apart.std(axis=1) / np.sqrt(independent - 1.0)
     good = np.flatnonzero(apart.mean(axis=1) <= error)
-    return int(min(good, key=lambda m: (effects[m], score[m])))
+    return int(min(good, key=lambda m: (effects[m], symbols[m], score[m])))
 
 
-def _unseen(
-    found: Fit, windows: Windows, recordings: Int[np.ndarray, " R"]
-) -> Float[np.ndarray, " W"]:
-    """Log misfit of a sample in each window, the model fitted to the other recordings."""
+def _unseen(found: Fit, windows: Windows, parts: Int[np.ndarray, " W"]) -> Float[np.ndarray, " W"]:
+    """Log misfit of a sample in each window, the model fitted to the other parts."""
     missed = np.empty(len(windows))
-    for recording in recordings:
-        told, others = (
-            np.flatnonzero(windows.recording == recording),
-            np.flatnonzero(windows.recording != recording),
-        )
+    for part in np.unique(parts):
+        told, others = np.flatnonzero(parts == part), np.flatnonzero(parts != part)
+        others = others[~_beside(windows, others, told)]
         refitted = fit(
             found.model,
             windows[others],
             found.theta,
             found.starts[others],
-            iterations=4,
+            iterations=3,
             hasty=True,
         )
         some = windows[told]
@@ -90,3 +111,13 @@ def _unseen(
         misfit = misfits(found.model, some, refitted.theta, starts)
         missed[told] = np.log(np.maximum(misfit / some.samples, 1.0))
     return missed
+
+
+def _beside(
+    windows: Windows, some: Int[np.ndarray, " V"], others: Int[np.ndarray, " U"]
+) -> Bool[np.ndarray, " V"]:
+    """Which of some windows share samples with others."""
+    length = windows.y.shape[2] * windows.dt
+    apart = windows.start_s[some][:, None] - windows.start_s[others]
+    same = windows.recording[some][:, None] == windows.recording[others]
+    return (same & (np.abs(apart) < length)).any(axis=1)

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.recordings.jitter import readings
 from mcpilco.recordings.recording import Gaps, Recording
-from mcpilco.recordings.remarks import about_gaps, about_resampling, suspicions
-from mcpilco.recordings.resample import Log, find_gaps, resampled
+from mcpilco.recordings.remarks import about_clock, about_gaps, about_resampling, suspicions
+from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, resampled
 from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
 from mcpilco.recordings.suspicion import quantisation_step, spikes, unwrapped
 from mcpilco.recordings.table import Table, read_table
@@ -97,31 +98,49 @@ def read_recording(
     log = Log(time, states, _columns(table, sources, input_names, kept))
     _require_inputs(table, log, input_names)
     remarks += list(_clean(log, state_names, angles))
-    step = sampling_time(time) if dt is None else dt
+    own = sampling_time(time)
+    step = own if dt is None else dt
     _require_grid(table, kept, log, step)
-    if not on_grid(time, step):
-        remarks.append(about_resampling(log, step))
-    grid_states, inputs = resampled(log, step)
-    still = {velocity for _, velocity in velocities}
-    positions = tuple(k for k in range(len(state_names)) if k not in still)
-    gaps = find_gaps(log, grid_states, positions, step)
-    _mask(grid_states, inputs, gaps, step)
-    _require_positions(table, grid_states, [(state_names[k], k) for k in positions])
-    remarks += about_gaps(gaps)
-    recording = Recording(
+    blank = Recording(
         name=Path(path).stem,
-        time=step * np.arange(len(grid_states)),
-        states=grid_states,
-        inputs=inputs,
+        time=step * np.arange(2),
+        states=np.full((2, len(state_names)), np.nan),
+        inputs=np.zeros((2, len(input_names))),
         state_names=tuple(state_names),
         input_names=tuple(input_names),
-        gaps=gaps,
-        remarks=(*table.remarks, *remarks),
         angles=tuple(angles),
         velocities=tuple((q, v) for q, v in velocities),
         resolution=tuple(quantisation_step(column) for column in log.states.T),
     )
-    return replace(recording, remarks=(*recording.remarks, *suspicions(recording)))
+    read: tuple[Log, ...] = (log,)
+    if step < AVERAGED * own and not on_grid(time, own):
+        read = readings(log, own, lambda reading: _recorded(reading, blank, own))
+        remarks += about_clock(read, own)
+    log = read[0]
+    if not on_grid(log.time, step):
+        remarks.append(about_resampling(log, step))
+    recording = _recorded(log, blank, step)
+    if len(read) > 1:
+        recording = replace(recording, by_clock=_recorded(read[1], blank, step).inputs)
+    _require_positions(table, recording)
+    remarks += about_gaps(recording.gaps)
+    told = (*table.remarks, *remarks, *suspicions(recording))
+    return replace(recording, remarks=told)
+
+
+def _recorded(log: Log, blank: Recording, dt: float) -> Recording:
+    """A log on a grid; `blank` has all else."""
+    states, inputs = resampled(log, dt)
+    gaps = find_gaps(log, states, _positions(blank), dt)
+    _mask(states, inputs, gaps, dt)
+    time = dt * np.arange(len(states))
+    return replace(blank, time=time, states=states, inputs=inputs, gaps=gaps)
+
+
+def _positions(recording: Recording) -> tuple[int, ...]:
+    """States that are no velocities."""
+    still = {velocity for _, velocity in recording.velocities}
+    return tuple(k for k in range(len(recording.state_names)) if k not in still)
 
 
 # columns ------------------------------------------------------------------------------------------
@@ -229,11 +248,10 @@ def _require_inputs(table: Table, log: Log, names: Sequence[str]) -> None:
             )
 
 
-def _require_positions(
-    table: Table, states: Float[np.ndarray, "T X"], positions: Sequence[tuple[str, int]]
-) -> None:
-    for name, place in positions:
-        found = int(np.isfinite(states[:, place]).sum())
+def _require_positions(table: Table, recording: Recording) -> None:
+    for place in _positions(recording):
+        name = recording.state_names[place]
+        found = int(np.isfinite(recording.states[:, place]).sum())
         if found < FEWEST:
             raise RecordingError(
                 f"{table.path}: expected at least {FEWEST} samples of {name!r} outside of gaps, "

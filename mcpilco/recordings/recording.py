@@ -43,6 +43,9 @@ class Recording:
     """pairs (position, velocity) of states: the second is the time derivative of the first"""
     resolution: tuple[float, ...] = ()
     """step in which each state's log came, in its unit; 0 for none that was seen"""
+    by_clock: Float[np.ndarray, "T U"] | None = None
+    """inputs as they were if they went out by an even clock from which the stamps stray; None where
+    there is no doubt"""
 
     def __post_init__(self) -> None:
         rows, width = len(self.time), (len(self.state_names), len(self.input_names))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from mcpilco.recordings.noise import noise_std
 from mcpilco.recordings.recording import Gaps, Recording
 from mcpilco.recordings.resample import Log
+from mcpilco.recordings.stamps import on_grid
 from mcpilco.recordings.suspicion import longest_rest, unit_ratio
 
 _TURNS_RAD = 50.0  # an angle that spans more is probably in degrees
@@ -25,6 +26,15 @@ def about_resampling(log: Log, dt: float) -> str:
         f"Resampled to a step of {dt:g} s; nine in ten of the log's steps are between "
         f"{low:.3g} and {high:.3g} s."
     )
+
+
+def about_clock(readings: Sequence[Log], dt: float) -> list[str]:
+    """What stamps that jitter are taken for; nothing where they are no clock's."""
+    if on_grid(readings[0].time, dt):
+        return [f"The time stamps jitter, the samples do not: they are taken every {dt:g} s."]
+    if len(readings) > 1:
+        return ["The samples jitter as their time stamps do; the commands may have done so or not."]
+    return []
 
 
 def about_gaps(gaps: Gaps) -> list[str]:

@@ -13,7 +13,8 @@ from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid
 
 LONG = 5
 """more than so many samples of a position in a row without a value are a gap"""
-_AVERAGED = 5  # a grid so many times coarser than the log takes local polynomials of it
+AVERAGED = 5
+"""a grid so many times coarser than the log takes local polynomials of it"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,14 @@ class Log:
     states: Float[np.ndarray, "N X"]
     """NaN where a value is missing"""
     inputs: Float[np.ndarray, "N U"]
-    """held from each time stamp on; NaN where a value is missing"""
+    """each held until the next; NaN where a value is missing"""
+    switched: Float[np.ndarray, " N"] | None = None
+    """from when on each input is held [s], increasing; None: from the time of its row"""
+
+    def first(self, rows: int) -> Log:
+        """Its beginning."""
+        switched = None if self.switched is None else self.switched[:rows]
+        return Log(self.time[:rows], self.states[:rows], self.inputs[:rows], switched)
 
     @property
     def step(self) -> float:
@@ -49,16 +57,31 @@ def resampled(log: Log, dt: float) -> tuple[Float[np.ndarray, "T X"], Float[np.n
     rows a step; and an input is the mean over the step of the command that was held, which keeps
     its impulse and adds no delay. The input where it is missing is the last one known.
     """
-    held = _filled(log.inputs)
-    if on_grid(log.time, dt):
-        places = np.rint(log.time / dt).astype(int)
-        states = np.full((log.length(dt), log.states.shape[1]), np.nan)
-        states[places] = log.states
-        latest = np.searchsorted(places, np.arange(len(states)), side="right") - 1
-        return states, held[latest]
-    grid = dt * np.arange(log.length(dt))
-    columns = [_interpolated(log, values, grid, dt) for values in log.states.T]
-    return np.column_stack(columns), _mean_held(log.time, held, grid, dt)
+    held, grid = _filled(log.inputs), dt * np.arange(log.length(dt))
+    switched = log.time if log.switched is None else log.switched
+    return _sampled(log, grid, dt), _held(switched, held, grid, dt)
+
+
+def _sampled(log: Log, grid: Float[np.ndarray, " T"], dt: float) -> Float[np.ndarray, "T X"]:
+    """States on the grid."""
+    if not on_grid(log.time, dt):
+        return np.column_stack([_interpolated(log, x, grid, dt) for x in log.states.T])
+    states = np.full((len(grid), log.states.shape[1]), np.nan)
+    states[np.rint(log.time / dt).astype(int)] = log.states
+    return states
+
+
+def _held(
+    switched: Float[np.ndarray, " N"],
+    held: Float[np.ndarray, "N U"],
+    grid: Float[np.ndarray, " T"],
+    dt: float,
+) -> Float[np.ndarray, "T U"]:
+    """Commands on the grid."""
+    if not on_grid(switched, dt):
+        return _mean_held(switched, held, grid, dt)
+    places = np.rint(switched / dt).astype(int)
+    return held[np.maximum(np.searchsorted(places, np.arange(len(grid)), side="right") - 1, 0)]
 
 
 def find_gaps(
@@ -82,7 +105,7 @@ def find_gaps(
     for start, end in runs(np.isnan(log.inputs).any(1)):
         spans.append((log.time[start], log.time[min(end, len(log.time) - 1)]))
     for start, end in spans:
-        first = int(np.floor(start / dt + ON_GRID))
+        first = max(int(np.floor(start / dt + ON_GRID)), 0)
         steps[first : max(int(np.ceil(end / dt - ON_GRID)), first + 1)] = True
     for column in states[:, list(positions)].T:
         for start, end in runs(np.isnan(column)):
@@ -109,6 +132,7 @@ def _mean_held(
 ) -> Float[np.ndarray, "T U"]:
     """1/dt times the integral over each step of the grid of a command that is held."""
     ends = np.append(time, max(time[-1], grid[-1]) + 2 * dt)
+    ends[0] = min(ends[0], grid[0])
     edges = np.append(grid, grid[-1] + dt)
     integral = np.concatenate(
         [np.zeros_like(held[:1]), np.cumsum(held * np.diff(ends)[:, None], 0)]
@@ -125,7 +149,7 @@ def _interpolated(
     time, values = log.time[known], values[known]
     if len(time) < 4:
         return np.full(len(grid), np.nan)
-    if dt >= _AVERAGED * log.step:
+    if dt >= AVERAGED * log.step:
         return _averaged(time, values, grid, dt, log.step)
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     nodes = np.clip(after - 2, 0, len(time) - 4)[:, None] + np.arange(4)

@@ -42,8 +42,8 @@ SHORTEST = 1e-6
 """step that is taken whatever its error [s]"""
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
-MOST_STEPS = 5000
-"""between two jumps of its input, beyond which a motion is given up: it is stiff beyond use"""
+MOST_STEPS = 20000.0
+"""in a second, beyond which a motion is given up: it is stiff beyond use"""
 
 A = np.array(
     [
@@ -173,7 +173,7 @@ def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
     tried = 0
     while duration - done > 1e-12:
         tried += 1
-        if tried > MOST_STEPS:
+        if tried > 100.0 + MOST_STEPS * duration:
             return -1.0
         h = min(step, duration - done)
         for i in range(6):

@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from felt import Machine, felt
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter
 from systems import SYSTEMS, System
@@ -156,7 +158,7 @@ TIERS = {
 
 
 def draw(seed: int, tier: Tier, plant: str | None = None) -> Case:
-    """The case of a seed; drawn anew where a motion runs away, or effects would act as others."""
+    """The case of a seed; drawn anew where a motion runs away, or effects are not felt or alike."""
     for anew in itertools.count():
         case = attempt(np.random.default_rng(seed + AGAIN * anew), seed, tier, plant)
         if case is not None:
@@ -168,30 +170,31 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
     plant = plant or str(rng.choice(list(SYSTEMS)))
     system = SYSTEMS[plant]
     J, U = len(system.joints), len(system.inputs)
-    body, joint = np.array(system.body), np.zeros((J, NUMBERS))
-    joint[:, VISCOUS] = system.viscous
+    machine = nominal(system)
     if tier.laboratory:
         part = 1.0 + rng.uniform(0.01, 0.03, (J, 1)) * rng.choice([-1, 1], (J, 1))
-        body[:, :3] *= part
-        joint[:, VISCOUS] *= part[:, 0]
-    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
-    sensor: dict[int, dict[str, float]] = {}
+        machine.body[:, :3] *= part
+        machine.joint[:, VISCOUS] *= part[:, 0]
+    bare = machine.copy()
     pool = (*JOINT, *BODY, *ACTUATOR, *SENSOR)
     size = float(np.exp(rng.uniform(*np.log(tier.size))))
-    chosen = [
-        hide(str(name), system, rng, size, body, joint, actuator, sensor)
-        for name in rng.choice(pool, size=tier.effects, replace=False)
-    ]
+    chosen, lacking = [], [bare.copy() for _ in range(tier.effects)]
+    for number, name in enumerate(rng.choice(pool, size=tier.effects, replace=False)):
+        for other, without in enumerate(lacking):
+            if other != number:
+                hide(str(name), system, deepcopy(rng), size, without)
+        chosen.append(hide(str(name), system, rng, size, machine))
     if not tellable(chosen, system):
         return None
     if tier.outside:
         kinds = [kind for kind in OUTSIDE if not (kind == "coupling" and J == 1)]
         kind = str(rng.choice(kinds))
         j = 0 if kind == "coupling" else int(rng.integers(J))
-        joint[j, OUTSIDE[kind]] = rng.uniform(0.15, 0.4) * system.force[j]
+        machine.joint[j, OUTSIDE[kind]] = rng.uniform(0.15, 0.4) * system.force[j]
         chosen.append({"name": "outside", "kind": kind, "target": system.joints[j]})
+        lacking.append(bare)
     velocities, width = bool(rng.integers(2)), float(rng.uniform(1e-3, 4e-3))
-    recordings = []
+    recordings, motions = [], []
     for number in range(RECORDINGS):
         commands = np.stack([excitation(rng, system.limit[u], number) for u in range(U)], axis=1)
         start = np.array([rng.normal(0, 0.1 if k % 2 == 0 else 0.3) for k in range(2 * J)])
@@ -206,22 +209,44 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
             commands,
             feedback,
             DT,
-            body,
-            joint,
-            actuator,
+            machine.body,
+            machine.joint,
+            machine.actuator,
             drives,
             GRAVITY,
             width,
         )
         if not np.isfinite(states).all() or np.abs(states).max() > 1e3:
             return None
-        columns = measure(system, states, commands, sensor, velocities, rng, tier.laboratory)
+        columns = measure(
+            system, states, commands, machine.sensor, velocities, rng, tier.laboratory
+        )
         recordings.append(columns)
+        motions.append((states, commands))
+    std, how = np.array([noise_of(system, j) for j in range(J)]), (DT, GRAVITY, width)
+    if not all(felt(system, machine, without, motions, std, how) for without in lacking):
+        return None
     return Case(seed, plant, tuple(chosen), velocities, tuple(recordings))
 
 
+def nominal(system: System) -> Machine:
+    """The plant as the workflow knows it."""
+    joint = np.zeros((len(system.joints), NUMBERS))
+    joint[:, VISCOUS] = system.viscous
+    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (len(system.inputs), 1))
+    return Machine(np.array(system.body), joint, actuator, {})
+
+
+def noise_of(system: System, joint: int) -> float:
+    """Std of the noise of a joint's position, in its unit."""
+    return NOISE["m" if system.slides[joint] else "rad"]
+
+
 def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
-    """Whether no two effects act in one place as others would, alone or together."""
+    """Whether no two effects act as others would, alone or together.
+
+    What the only actuator and a sensor have in delays, all sensors may have in the place of it.
+    """
     places = [
         (kind, system.bodies.index(place) if place in system.bodies else system.joints.index(place))
         for effect in chosen
@@ -230,11 +255,14 @@ def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
         for place in [effect["target"]]
     ]
     delays = {effect["name"] for effect in chosen} >= {"actuator_delay", "sensor_delay"}
-    return len(set(places)) == len(places) and not (delays and len(system.joints) == 1)
+    return len(set(places)) == len(places) and not (delays and len(system.inputs) == 1)
 
 
-def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, Any]:
-    """Puts an effect into the arrays; says what it is."""
+def hide(
+    name: str, system: System, rng: np.random.Generator, size: float, machine: Machine
+) -> dict[str, Any]:
+    """Puts an effect into a machine; says what it is."""
+    body, joint = machine.body, machine.joint
     if name in JOINT:
         j, forms = joint_effects(system, rng, size)
         for number, value in forms[name].values():
@@ -281,7 +309,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
             "actuator_lag": rng.uniform(0.01, 0.08) * size,
             "backlash": part * limit,
         }[name]
-        actuator[u, ACTUATOR.index(name)] = value
+        machine.actuator[u, ACTUATOR.index(name)] = value
         target = "actuator" if len(system.inputs) == 1 else system.inputs[u]
         return {"name": name, "target": target, "parameters": {SYMBOL[name]: float(value)}}
     positions = list(range(0, len(system.states), 2))
@@ -293,7 +321,7 @@ def hide(name, system, rng, size, body, joint, actuator, sensor) -> dict[str, An
         "sensor_scale": 1.0 + rng.uniform(0.03, 0.1) * size * rng.choice([-1, 1]),
         "sensor_delay": rng.uniform(0.01, 0.05) * size,
     }[name]
-    sensor.setdefault(k, {})[name] = float(value)
+    machine.sensor.setdefault(k, {})[name] = float(value)
     return {"name": name, "target": system.states[k], "parameters": {SYMBOL[name]: float(value)}}
 
 
@@ -322,7 +350,7 @@ def measure(
         if laboratory:  # correlated over two samples, and now and then far off
             noise = lfilter([math.sqrt(1.0 - 0.5**2)], [1.0, -0.5], noise)
             noise += 40.0 * (rng.random(T) < 0.003) * rng.choice([-1, 1], T)
-        std = NOISE["m" if system.slides[k // 2] else "rad"] * (10.0 if k % 2 else 1.0)
+        std = noise_of(system, k // 2) * (10.0 if k % 2 else 1.0)
         columns[name] = y + std * noise
     return columns | {name: commands[:, u] for u, name in enumerate(system.inputs)}
 

@@ -18,7 +18,7 @@ from mcpilco.plant import Active
 from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
-NAMES = ("truth", "systems", "cases", "verdicts", "confusion", "page", "peers", "freed")
+NAMES = ("truth", "systems", "felt", "cases", "verdicts", "confusion", "page", "peers", "freed")
 NAMES += ("identified", "run")
 """of its modules, each after those that it imports"""
 
@@ -93,8 +93,22 @@ def test_no_two_hidden_effects_add_up_to_a_third(modules: dict[str, ModuleType])
 
     assert not tellable(("coulomb_friction", "cart"), ("constant_force", "cart"))
     assert not tellable(("body_inertia", "pole"), ("armature", "pole"))
+    assert not tellable(("actuator_delay", "actuator"), ("sensor_delay", "pole_angle"))
     assert tellable(("coulomb_friction", "cart"), ("constant_force", "pole"))
     assert tellable(("coulomb_friction", "cart"), ("armature", "cart"))
+
+
+def test_a_limit_that_no_command_reaches_is_not_felt(modules: dict[str, ModuleType]) -> None:
+    cases = modules["cases"]
+    system = cases.SYSTEMS["mcpilco/Pendulum-v0"]
+    bare, limited, stronger = (cases.nominal(system) for _ in range(3))
+    limited.actuator[0, cases.ACTUATOR.index("actuator_saturation")] = 1.1
+    stronger.actuator[0, cases.ACTUATOR.index("actuator_gain")] = 1.1
+    motions = [(np.zeros((100, 2)), np.linspace(-1.0, 1.0, 100)[:, None])]
+    how = cases.DT, cases.GRAVITY, 1e-3
+    std = np.array([2e-3])
+    assert not cases.felt(system, limited, bare, motions, std, how)
+    assert cases.felt(system, stronger, bare, motions, std, how)
 
 
 def test_two_effects_of_one_sensor_both_act(modules: dict[str, ModuleType]) -> None:

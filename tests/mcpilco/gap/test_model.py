@@ -1,0 +1,53 @@
+"""What a model's parameters may do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.effects import CATALOGUE
+from mcpilco.gap.given import Given
+from mcpilco.gap.model import FARTHEST, Model
+from mcpilco.gap.model import FREE as FREE_STD
+from mcpilco.plant import Active
+from tests.mcpilco.gap.test_search import recorded
+
+FREE = "mass", "length"
+
+
+def model() -> Model:
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    given = Given.of(plant, recorded(plant, 1), 0.01, FREE, {})
+    return given.model(given.windows())
+
+
+def test_no_step_changes_a_mass_or_a_logarithm_by_more_than_its_factor() -> None:
+    friction = Active(CATALOGUE["stribeck_friction"], "pendulum")
+    grown, theta = model().grown(np.array([1.0, -0.5, 0.0, 0.0]), friction, (0.1, 0.1, 0.1, 2e-3))
+    low, high = grown.reach(theta)
+    own = slice(grown.nuisances)
+    np.testing.assert_allclose(1.0 + high[own], FARTHEST * (1.0 + theta[own]))
+    np.testing.assert_allclose((1.0 + low[own]) * FARTHEST, 1.0 + theta[own])
+    logs = grown.logarithmic
+    assert logs.sum() == 2
+    assert np.exp((high - low)[logs]).max() <= FARTHEST**2 * (1 + 1e-9)
+
+
+def test_of_a_free_mass_the_order_of_magnitude_is_known() -> None:
+    found = model()
+    loose = dict(zip(found.priors, found.precision, strict=True))
+    assert loose["mass"] == loose["length"] == FREE_STD**-2
+    assert loose["friction"] == pytest.approx(0.01**-2)
+
+
+def test_only_friction_that_is_far_too_large_turns_over_more_slowly() -> None:
+    friction = Active(CATALOGUE["coulomb_friction"], "pendulum")
+    nominal = model()
+    for size, softer in ((0.2, False), (20.0, True)):
+        grown, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-3))
+        width = float(np.exp(theta[-1]))
+        assert (width > 1e-3 * (1 + 1e-9)) == softer
+        rest = width * nominal.scales["pendulum"].inertia / size
+        assert rest >= 1e-4 * (1 - 1e-9)
+        np.testing.assert_array_equal(grown.softened(theta), theta)
