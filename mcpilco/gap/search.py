@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, linearise, misfits, remembered, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
@@ -18,6 +19,8 @@ from mcpilco.plant import Active
 
 ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""
+SAME = 0.01
+"""difference in BIC below which models do the same"""
 PROMISING = 25.0
 """least score for which an effect is tried"""
 FRACTION = 3e-5
@@ -109,7 +112,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         if not grown:
             break
         yardstick = Yardstick.of(min(grown, key=lambda found: found.chi2), windows)
-        grown = sorted(grown, key=yardstick.bic)
+        grown = _in_order(grown, yardstick)
         worth = [f for f in grown if yardstick.prefers(f, best, null)]
         if not worth:
             break
@@ -122,6 +125,19 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
     return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
+
+
+def _in_order(grown: Sequence[Fit], yardstick: Yardstick) -> list[Fit]:
+    """Models by their BIC; of those that do the same, the first has the usual effect.
+
+    A delay of the only actuator and one of the only sensor differ by rounding. Which of them is
+    named should not depend on that.
+    """
+    judged = sorted(((yardstick.bic(found), found) for found in grown), key=lambda pair: pair[0])
+    least, usual = judged[0][0], list(CATALOGUE)
+    same = [found for bic, found in judged if bic - least < SAME]
+    same.sort(key=lambda f: [usual.index(active.effect.name) for active in f.model.named])
+    return [*same, *(found for _, found in judged[len(same) :])]
 
 
 def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
