@@ -56,6 +56,7 @@ def write(run, tmp_path):
     return write
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_quick_runs_two_seeds_and_shows_them_beside_the_thesis(tmp_path, home):
     command = [sys.executable, home / "run.py", "--quick", "--presets", "default"]
     done = subprocess.run(

@@ -135,6 +135,7 @@ def test_a_particle_follows_until_it_is_once_too_far_or_stands_still(run):
 # The command --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_quick_writes_tables_and_pictures_and_goes_on(run, tmp_path, monkeypatch, capsys):
     arguments = ["run.py", "--quick", "--systems", "cartpole", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)

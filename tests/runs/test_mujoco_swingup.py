@@ -5,6 +5,7 @@ import sys
 import pytest
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_run_trains_its_seeds_and_writes_its_page(run, hasty, tmp_path, monkeypatch):
     arguments = ["--seeds", "0:1", "--workers", "1", "--fresh", "2", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["run.py", *arguments])

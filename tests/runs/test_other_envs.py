@@ -21,6 +21,7 @@ def hasty(run, monkeypatch):
     return case
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_run_trains_a_case_and_writes_its_page_from_all_that_is_there(
     run, hasty, tmp_path, monkeypatch
 ):

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import sys
 
+import pytest
+
 
 def test_settings_differ_in_the_estimator_alone(run):
     for config in run.SETTINGS.values():
@@ -10,6 +12,7 @@ def test_settings_differ_in_the_estimator_alone(run):
     assert modelled == {"modelled": True, "not-modelled": False, "differences": True}
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_run_trains_what_is_missing_and_writes_its_page(run, tmp_path, monkeypatch, capsys):
     arguments = ["run.py", "--quick", "--workers", "1", "--settings", "not-modelled"]
     monkeypatch.setattr(sys, "argv", [*arguments, "--out", str(tmp_path)])

@@ -55,6 +55,7 @@ def write(run, tmp_path):
     return write
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_quick_runs_a_seed_where_the_setting_is_compared_and_goes_on(
     run, tmp_path, monkeypatch, capsys
 ):

@@ -29,7 +29,7 @@ def recordings(seed: int) -> tuple[str, dict[str, float], list[Recording]]:
     return name, parameters, [record(rng, force, number) for number in range(4)]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_hidden_force_is_named_with_its_size(seed: int) -> None:
     name, parameters, measured = recordings(seed)
     gap = investigate(PLANT(), measured)

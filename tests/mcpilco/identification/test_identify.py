@@ -72,11 +72,12 @@ def test_what_is_not_to_be_found_is_taken_from_the_model():
         (Recipe("OLS"), projection, "_NEWTON_STEPS", 1),
         (Recipe("OLS", "virtual"), virtual, "_EVALUATIONS", 2),
         (Recipe("LASSO", "none"), methods, "MOST_ITERATIONS", 2),
-        (
+        pytest.param(
             Recipe("VB b_true", "none"),
             bayesian,
             "NoisyInputConfig",
             partial(NoisyInputConfig, max_iterations=10),
+            marks=pytest.mark.slow,
         ),
     ],
 )
