@@ -27,6 +27,20 @@ class JointForce(Effect):
         tables.constants[system, at, : len(values)] = values
 
 
+class DryFriction(JointForce):
+    """A force against the motion that turns over within v_r, as tanh(v / v_r)."""
+
+    @property
+    def turn(self) -> int:
+        """Which of its values is v_r."""
+        return self.symbols.index(TURN)
+
+    @property
+    def forces(self) -> tuple[int, ...]:
+        """Which of its values are forces: near rest it is at most their sum."""
+        return tuple(i for i, symbol in enumerate(self.symbols) if symbol.unit == "{f}")
+
+
 class ViscousFriction(JointForce):
     """-b v."""
 
@@ -38,7 +52,7 @@ class ViscousFriction(JointForce):
         return [sizes(0.02 * scale.force / scale.velocity)]
 
 
-class CoulombFriction(JointForce):
+class CoulombFriction(DryFriction):
     """-f_c sign(v), as -f_c tanh(v / v_r)."""
 
     name = "coulomb_friction"
@@ -49,7 +63,7 @@ class CoulombFriction(JointForce):
         return [sizes(0.02 * scale.force, TURN.neutral)]
 
 
-class StribeckFriction(JointForce):
+class StribeckFriction(DryFriction):
     """-(f_c + f_d exp(-(v / v_s)^2)) sign(v): dry friction that is f_d stronger at rest."""
 
     name = "stribeck_friction"
@@ -79,7 +93,7 @@ class QuadraticDrag(JointForce):
         return [sizes(0.02 * scale.force / scale.velocity**2)]
 
 
-class AsymmetricFriction(JointForce):
+class AsymmetricFriction(DryFriction):
     """-f_p where v > 0, +f_n where v < 0: dry friction of another size in each direction."""
 
     name = "asymmetric_friction"

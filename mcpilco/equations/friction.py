@@ -7,27 +7,23 @@ step to step, so that a policy learns nothing from them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.effects import CATALOGUE
+from mcpilco.effects.joint import DryFriction
 from mcpilco.equations.chain import ZERO, inverse_dynamics
-from mcpilco.simulation import laws
 
 STABLE = 2.0
 """damping rate times step that a Runge-Kutta step bears well; it leaps beyond 2.8 [-]"""
 POSES = 16
 """that show how little inertia a joint can have"""
 
-TURNS: Mapping[int, tuple[int, tuple[int, ...]]] = {
-    laws.COULOMB: (1, (0,)),
-    laws.STRIBECK: (3, (0, 1)),
-    laws.ASYMMETRIC: (2, (0, 1)),
-}
-"""of a law of dry friction: the constant over which it turns over, and those that add up to it"""
+DRY = {effect.law: effect for effect in CATALOGUE.values() if isinstance(effect, DryFriction)}
+"""dry frictions by their law, whose constants are their values"""
 
 
 def followable(known: SimpleNamespace, system: Any, step: float) -> None:
@@ -44,14 +40,14 @@ def followable(known: SimpleNamespace, system: Any, step: float) -> None:
     """
     friction = np.zeros(len(known.origin))
     for law, joint, constants in known.laws:
-        if law in TURNS:
-            friction[joint] += sum(abs(constants[i]) for i in TURNS[law][1])
+        if law in DRY:
+            friction[joint] += sum(abs(constants[i]) for i in DRY[law].forces)
     if not friction.any():
         return
     slowest = friction * most_mobile(known) * step / STABLE
     for law, joint, constants in system.laws:
-        if law in TURNS:
-            turn = TURNS[law][0]
+        if law in DRY:
+            turn = DRY[law].turn
             constants[turn] = max(float(constants[turn]), float(slowest[joint]))
 
 

@@ -117,10 +117,10 @@ def investigate(
     if len(everything) < FEWEST:
         return _too_poor(given, everything)
 
-    found, best, windows, masked = _searched(given)
+    found, best, windows, masked = _searched(given, everything)
     if (known := likelier(sent, best)) is not given:
         given = known
-        found, best, windows, masked = _searched(given)
+        found, best, windows, masked = _searched(given, _windows(given))
     recordings = given.recordings
     given, pushes = quiet(given, best)
     if pushes:
@@ -161,9 +161,8 @@ def _windows(given: Given) -> Windows:
     return windows if len(windows) >= SEARCHED else given.windows(every=0.5 * SECONDS)
 
 
-def _searched(given: Given) -> tuple[Found, Fit, Windows, Windows]:
+def _searched(given: Given, windows: Windows) -> tuple[Found, Fit, Windows, Windows]:
     """What `_found` tells of windows from which those that seem to hold an event were taken."""
-    windows = _windows(given)
     return _found(given, *_without_events(given.model(windows), windows))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.effects import Scale
-from mcpilco.effects.joint import TURN
+from mcpilco.effects.joint import TURN, DryFriction
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
@@ -24,8 +24,6 @@ FARTHEST = 2.5
 """factor by which a step of a fit may change a mass, or what enters as a logarithm"""
 QUICKEST_S = 1e-4
 """in which dry friction may bring its joint to rest [s]"""
-TURN_OF = "{f}"
-"""unit of what turns over in a dry friction"""
 COORDINATE_STEP = 0.03
 """of finite differences over the coordinates of a learned force, in their prior std"""
 
@@ -179,13 +177,12 @@ class Model:
         theta = theta.copy()
         lightest = 1.0 + min(0.0, theta[: self.nuisances].min(initial=0.0))
         for active, span in zip(self.actives, self.spans(), strict=True):
-            symbols = active.effect.symbols
-            if TURN not in symbols:
+            friction = active.effect
+            if not isinstance(friction, DryFriction):
                 continue
-            forces = [symbol.unit == TURN_OF for symbol in symbols]
             inertia = lightest * self.scales[active.target].inertia
-            slowest = float(theta[span][forces].sum()) * QUICKEST_S / inertia
-            at = span.start + symbols.index(TURN)
+            slowest = float(theta[span][list(friction.forces)].sum()) * QUICKEST_S / inertia
+            at = span.start + friction.turn
             theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
         return theta
 
