@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from mcpilco.callbacks import Callback
 from mcpilco.config import PRESETS, Config
-from mcpilco.dynamics import GPDynamics
 from mcpilco.engine import rollout_of
-from mcpilco.lateness import answering_sooner
 from mcpilco.learning import SearchRequest
 from mcpilco.model import Model
 from mcpilco.model_based import ModelBasedAgent
@@ -48,8 +48,8 @@ class MCPILCO(ModelBasedAgent):
         return Model(config.model, task)
 
     def _random_policy(self, generator: torch.Generator) -> SumOfGaussians:
-        seen, numbers = self._data.states, self.config.policy
-        task = self.task.after_inputs(self.model.memory)
+        task, numbers = self._searched, self.config.policy
+        seen = self._data.states[:, : len(task.state_names)]
         return random_policy(numbers, task, self.low, self.high, seen, generator)
 
     def _request(
@@ -58,11 +58,11 @@ class MCPILCO(ModelBasedAgent):
         dynamics = self.model.dynamics(self._data)
         modelled = self.config.estimator.modelled
         observer = perception.observer if perception is not None and modelled else None
-        task = self.task.after_inputs(self.model.memory)
+        task = self._searched
         problem = Problem(
             dynamics=dynamics,
             cost=self._cost,
-            start_mean=torch.tensor(task.start_mean, dtype=torch.float64),
+            start_mean=self._searched_start,
             start_std=torch.tensor(task.start_std, dtype=torch.float64),
             horizon=self.horizon,
             reference_cost=self.reference_cost,
@@ -81,12 +81,23 @@ class MCPILCO(ModelBasedAgent):
     def _easier(
         self, dynamics: Any, trial: int
     ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
-        """Dynamics on the way to these, where effects or late inputs make them hard."""
+        """Dynamics on the way to these, where effects make them hard."""
         if not self.config.search.continuation:
             return None
         if isinstance(dynamics, PhysicsDynamics):  # its equations are known from the first trial on
             return dynamics.weakened if trial == 1 and dynamics.physics.plant.added else None
-        past = self.model.memory * len(self.task.input_names)
-        if past and isinstance(dynamics, GPDynamics) and dynamics.features is None:
-            return lambda share: answering_sooner(dynamics, past, share)
         return None
+
+    @property
+    def _searched(self) -> TaskSpec:
+        """The task of the search: its states hold past inputs, where policies see these."""
+        return self.task.after_inputs(self.config.model.memory)
+
+    @property
+    def _searched_start(self) -> Float[Tensor, " X"]:
+        """The mean state that the first input acts on; before an episode inputs were 0."""
+        start = torch.tensor(self._searched.start_mean, dtype=torch.float64)
+        if self.predictor is None:
+            return start
+        inputs = start.new_zeros(self.model.memory, len(self.task.input_names))
+        return self.predictor(start, inputs)

@@ -93,7 +93,9 @@ class ModelConfig(Checked):
     plant_step: float = 0.025
     """longest Runge-Kutta step of the plant's equations [s]"""
     memory: int = 0
-    """how many past inputs the state holds, for actuators that answer late"""
+    """how many past inputs the state holds, for actuators that lag"""
+    delay: float = 0.0
+    """how late the actuator answers [s]: policies act on the state predicted for then"""
     friction_gate: float = 0.05
     """velocity over which the friction features turn over [m/s or rad/s]"""
     integration: Literal["speed", "full"] = "speed"
@@ -116,7 +118,7 @@ class ModelConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(degree=1, path_features=2, memory=0, uncertainty=0)
+        self._at_least(degree=1, path_features=2, memory=0, delay=0, uncertainty=0)
         self._at_most(degree=20, path_features=100_000, memory=100, uncertainty=3)
         self._positive("plant_step", "friction_gate")
         parts = self.kernel.split("+")
@@ -128,6 +130,16 @@ class ModelConfig(Checked):
         _require(
             self.sampling == "step" or (self.mean == "zero" and not {*parts} & {*LINEAR_PARTS}),
             "sampling path knows no physics and no features; choose sampling step.",
+        )
+        late = self.delay > 0
+        _require(
+            not late or (self.mean == "zero" and "features" not in parts),
+            "delay is of models that know no plant; give a plant the effect actuator_delay.",
+        )
+        _require(
+            not late or (self.memory == 0 and self.sampling == "step"),
+            f"delay goes with memory 0 and sampling step, got memory {self.memory} and sampling "
+            f"{self.sampling}.",
         )
         features = self.path_features
         _require(
@@ -222,8 +234,7 @@ class SearchConfig(Checked):
     this share of the mean cost of a random rollout [-]"""
     continuation: int = 0
     """most steps of the way from an easier model to the model itself, on which a policy is
-    followed: from a plant without its effects, where physics is the mean, or from an actuator that
-    answers at once, where inputs are remembered; 0 goes no way"""
+    followed: from a plant without its effects, where physics is the mean; 0 goes no way"""
     evaluation_particles: int = 384
     """particles that judge a start, without dropout"""
     correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)

@@ -40,25 +40,17 @@ def follow(
 ) -> SearchResult:
     """What a search finds that begins in the easiest model, and follows its policy from there.
 
-    At the end of the way the search goes on as any other, from the policy that was followed. A
-    policy that earlier trials have learned is improved in the model itself; only where the model
-    predicts that it fails all the same, a fresh one goes the way.
+    At the end of the way the search goes on as any other, from the policy that was followed.
 
     Args:
         search: how policies are sought in each model on the way.
         problem: what is minimised; it has easier dynamics.
-        policy: the first start, in trial 1 in the easiest of them.
+        policy: the first start in the easiest of them.
         fresh: makes a random policy.
         trial: 1, 2, ..., for the schedules.
     """
     watch, way = Stopwatch(), _Way(search, problem, fresh, trial)
-    found = []
-    if trial > 1:
-        found.append(way.search_at(1.0, policy, restarts=(0,)))
-    if not found or found[0].fails(search.config, problem.reference_cost):
-        begin = policy if trial == 1 else fresh()
-        found.append(_arrived(way, begin, search.config.continuation))
-    best = min(found, key=lambda candidate: candidate.rank)
+    best = _arrived(way, policy, search.config.continuation)
     return SearchResult(best, way.starts, way.steps, watch.read())
 
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from torch import Tensor
 
+from mcpilco.delay import StatePredictor
 from mcpilco.perception import Perception
 from mcpilco.policies import SumOfGaussians
 from mcpilco.typing import InputError
@@ -26,7 +28,10 @@ class Controller:
     perception: Perception | None
     """None where states are measured"""
     memory: int = 0
-    """how many of the last inputs the policy sees behind the state, newest first"""
+    """how many of the last inputs are remembered; the policy sees them behind the state, newest
+    first"""
+    predictor: StatePredictor | None = None
+    """of a late actuator: tells of the state and the last inputs what the policy sees instead"""
 
     def answer(
         self,
@@ -56,7 +61,7 @@ class Controller:
     def _answer_after_inputs(
         self, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The input of a policy that sees the last ones; before an episode they were 0."""
+        """The input, of what the last ones tell; before an episode they were 0."""
         U = self.policy.input_dim
         shape = (*states.shape[:-1], U * self.memory)
         past = np.zeros(shape) if state is None else np.asarray(state[0], dtype=np.float64)
@@ -67,10 +72,18 @@ class Controller:
             )
         if restart is not None:
             past = np.where(np.broadcast_to(restart, shape[:-1])[..., None], 0.0, past)
-        seen = np.concatenate([np.asarray(states, dtype=np.float64), past], -1)
         with torch.no_grad():
-            inputs = self.policy(torch.from_numpy(seen)).numpy()
+            inputs = self.policy(self._seen(torch.as_tensor(states).double(), past)).numpy()
         return inputs, (np.concatenate([inputs, past[..., : shape[-1] - U]], -1),)
+
+    def _seen(
+        self, states: Float[Tensor, "*b X"], past: Float[np.ndarray, "*b M"]
+    ) -> Float[Tensor, "*b S"]:
+        """What the policy sees of a state and the last inputs."""
+        known = torch.from_numpy(past)
+        if self.predictor is None:
+            return torch.cat([states, known], -1)
+        return self.predictor(states, known.reshape(*states.shape[:-1], self.memory, -1))
 
 
 def remembering(answer: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]) -> Act:

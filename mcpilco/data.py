@@ -135,6 +135,16 @@ class Prediction:
         """The same without what stands behind the first entries of a state."""
         return Prediction(self.states[..., :width], self.inputs, self.costs)
 
+    def later(self, samples: int) -> Prediction:
+        """The same of an actuator that answers so much later: till then the states are the first.
+
+        Args:
+            samples: at least 0.
+        """
+        T = len(self.costs)
+        at = np.maximum(np.arange(T + 1) - samples, 0)
+        return Prediction(self.states[at], self.inputs, self.costs[at[:T]])
+
 
 @dataclass(frozen=True)
 class TrialResult:

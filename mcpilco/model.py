@@ -12,8 +12,9 @@ from torch import Tensor
 
 from mcpilco.config import LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
+from mcpilco.delay import Delay, StatePredictor
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
-from mcpilco.equations import Program
+from mcpilco.equations.program import Program, Rows, features_of
 from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear
@@ -21,6 +22,7 @@ from mcpilco.pathwise import PathwisePosterior
 from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.sparse import subset_of_data
 from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.physics import PhysicsMean
@@ -78,36 +80,48 @@ class Model:
         self.config = config
         self.task = task
         U, memory = len(task.input_names), config.memory
-        self.width = len(task.state_names) + U * memory
-        """of a state, with the past inputs that it holds"""
-        self.augmentation = AngleAugmentation(self.width, task.angles)
+        self.delay = Delay.of(config.delay, task.dt)
+        if self.delay.memory and task.measured is not None:
+            raise InputError(
+                f"model.delay must be 0 where states are measured in part, got {config.delay:g} s."
+            )
+        width = len(task.state_names) + U * memory
+        self.width = width + U * self.delay.memory
+        """of a state in the rows, with the past inputs that it holds"""
+        self.augmentation = AngleAugmentation(width, task.angles)
         self.increment = INTEGRATIONS[config.integration](task).remembering(U, memory)
         self.names = tuple(task.state_names[i] for i in self.increment.predicted)
         self.features, counts = self._features()
-        width = self.augmentation.width + U
+        width = self.augmentation.width + U * (2 if self.delay.part else 1)
         kernel = make_kernel(config, width, len(self.names), counts)
         self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
         self.physics = self._mean() if config.mean == "physics" else None
 
     @property
     def memory(self) -> int:
-        """How many past inputs a state holds."""
-        return self.config.memory
+        """How many past inputs a state in the rows holds."""
+        return self.config.memory + self.delay.memory
 
     def _features(self) -> tuple[Program | None, tuple[int, ...]]:
         """Further regressors, and how many each linear part of the kernel sees."""
         config, task = self.config, self.task
-        if not set(config.kernel.split("+")) & set(LINEAR_PARTS):
+        linear = [name for name in config.kernel.split("+") if name in LINEAR_PARTS]
+        if not linear and not self.delay.part:
             return None, ()
-        from mcpilco.equations.features import features_of, friction_features, physics_features
+        U = len(task.input_names)
+        rows: list[Rows] = []
+        if self.delay.part:  # the policy search holds an input for a whole step
+            rows.append(lambda given: [0.0] * U)
+        if linear:
+            from mcpilco.equations.features import friction_features, physics_features
 
-        rows = []
-        for name in config.kernel.split("+"):
-            if name == "features":
-                rows.append(physics_features(self._plant(), task, config.memory))
-            if name == "friction":
-                rows.append(friction_features(task, config.friction_gate))
-        return features_of(self.width + len(task.input_names), rows)
+            make = {
+                "features": lambda: physics_features(self._plant(), task, config.memory),
+                "friction": lambda: friction_features(task, config.friction_gate),
+            }
+            rows += [make[name]() for name in linear]
+        program, counts = features_of(self.augmentation.state_dim + U, rows)
+        return program, counts[-len(linear) :] if linear else ()
 
     def _plant(self) -> Plant:
         """The plant that physics is of; plants need numba, which models without them do not."""
@@ -137,7 +151,22 @@ class Model:
         states, inputs = torch.from_numpy(transitions.states), torch.from_numpy(transitions.inputs)
         of = self.increment.targets if self.physics is None else self.physics.residuals
         targets = torch.from_numpy(of(transitions))
+        if self.delay.memory:
+            return self._late_regressors(states, inputs), targets
         return regressors(self.augmentation, self.features, states, inputs), targets
+
+    def _late_regressors(
+        self, states: Float[Tensor, "N S"], inputs: Float[Tensor, "N U"]
+    ) -> Float[Tensor, "N D"]:
+        """[z, command that acts in the step, its change where there is one, features]."""
+        N, U = inputs.shape
+        present, past = states[:, : -U * self.delay.memory], states[:, -U * self.delay.memory :]
+        acting, turned = self.delay.acting(torch.cat([inputs, past], 1).reshape(N, -1, U))
+        X = regressors(self.augmentation, self.features, present, acting)
+        if self.delay.part:
+            begin = self.augmentation.width + U
+            X[:, begin : begin + U] = turned
+        return X
 
     def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
         """Learn the hyperparameters from these data; returns the numbers of the fit by name.
@@ -209,6 +238,18 @@ class Model:
         if self.config.sampling == "step":
             return dynamics
         return PathwisePosterior(dynamics, self.config.path_features)
+
+    def predictor(self, transitions: Transitions | None) -> StatePredictor | None:
+        """What tells policies of a late actuator the state to act on; None where it is prompt.
+
+        Args:
+            transitions: all data; None: there are none yet.
+        """
+        if not self.delay.memory:
+            return None
+        known = None if transitions is None else self.dynamics(transitions)
+        assert known is None or isinstance(known, GPDynamics), "the configuration has made sure"
+        return StatePredictor(self.delay, known)
 
     def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
         """Largest plausible magnitude of each predicted state; none for one that never moved."""

@@ -61,6 +61,10 @@ class ModelBasedAgent(TrialAgent):
         partly = self.task.measured is not None
         self.perception = Perception(self.config.estimator, self.task) if partly else None
         self.reference_cost = 1.0
+        self.fitted_rows = 0
+        """how many rows the model was fitted to: those of the last trial are not among them"""
+        self.predictor = self.model.predictor(None)
+        """of the states that policies act on, where the actuator is late"""
 
     @staticmethod
     @abstractmethod
@@ -191,9 +195,8 @@ class ModelBasedAgent(TrialAgent):
         controller, prediction = self._controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
             controller = self._controller(found.best.policy, known)
-            prediction = found.best.prediction(SHOWN_PARTICLES).of_states(
-                len(self.task.state_names)
-            )
+            shown = found.best.prediction(SHOWN_PARTICLES)
+            prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
         act = remembering(controller.answer)
         record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
         self._take(record)
@@ -223,9 +226,11 @@ class ModelBasedAgent(TrialAgent):
         self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
     ) -> Learning[tuple[Found | None, str | None]]:
         """What the search for a better policy found, or why there is none to try."""
-        found, model = None, self.model.to_arrays()
+        found, model, rows = None, self.model.to_arrays(), self.fitted_rows
         try:
             events.on_model_fitted(self._fit_model(trial))
+            self.fitted_rows = len(self._data)
+            self.look_ahead()
             self._learn_cost()
             request = self._request(trial, perception, events)
             watch.pause()
@@ -235,6 +240,8 @@ class ModelBasedAgent(TrialAgent):
                 watch.resume(Spent() if found is None else found.spent)
         except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
             self.model.load_arrays(model)
+            self.fitted_rows = rows
+            self.look_ahead()
             return None, self._failed(trial, f"No policy could be learned: {error}")
         if math.isfinite(found.best.cost):
             return found, None
@@ -261,7 +268,12 @@ class ModelBasedAgent(TrialAgent):
         self.transitions = rows if self.transitions is None else self.transitions + rows
 
     def _controller(self, policy: Any, perception: Perception | None) -> Controller:
-        return Controller(policy, perception, self.model.memory)
+        return Controller(policy, perception, self.model.memory, self.predictor)
+
+    def look_ahead(self) -> None:
+        """Predict states by the model and the data it was fitted to, where the actuator is late."""
+        known = self._data[: self.fitted_rows] if self.fitted_rows else None
+        self.predictor = self.model.predictor(known)
 
     def _failed(self, trial: int, reason: str) -> str:
         """The reason on one line, which is also logged."""

@@ -35,7 +35,11 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
 
     @classmethod
     def learned(cls, agent: ModelBasedAgent) -> tuple[dict[str, Any], Groups]:
-        about = {"cost": _told(agent.task.cost), "reference_cost": agent.reference_cost}
+        about = {
+            "cost": _told(agent.task.cost),
+            "reference_cost": agent.reference_cost,
+            "fitted_rows": agent.fitted_rows,
+        }
         groups = {
             "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
             "gp": agent.model.to_arrays(),
@@ -79,6 +83,15 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
             if (rows.states.shape[1], rows.inputs.shape[1]) != widths:
                 raise ValueError(f"its transitions have shapes {rows.states.shape}")
             agent.transitions = rows
+            agent.fitted_rows = self._fitted_rows(len(rows))
+            agent.look_ahead()
+
+    def _fitted_rows(self, most: int) -> int:
+        """How many of the rows the model was fitted to; files of before are of prompt actuators."""
+        rows = self.about.get("fitted_rows", 0)
+        if type(rows) is not int or not 0 <= rows <= most:
+            raise ValueError(f"its fitted_rows are {rows!r}")
+        return rows
 
 
 def load_policy(policy: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:

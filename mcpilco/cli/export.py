@@ -44,7 +44,7 @@ class Export:
             )
         if agent.model is not None and agent.model.memory:
             raise InputError(
-                f"export writes policies that see the state alone, that of {self.run} sees the "
+                f"export writes policies that see the state alone, that of {self.run} needs the "
                 f"last {agent.model.memory} inputs too; use `agent.predict` with its state."
             )
         path = write_policy(self.file, agent.policy, agent.task, agent.perception)

@@ -20,10 +20,16 @@ PlantPath = Annotated[Path | None, optional("FILE.json", "the nominal plant of t
 """a correction"""
 Memory = Annotated[int | None, optional("INT", "that of the preset, 0")]
 """past inputs"""
+Delay = Annotated[float | None, optional("SECONDS", "that of the preset, 0")]
+"""of the actuator"""
 
 
 def with_model(
-    config: Any, name: str | None = None, prior: Path | None = None, memory: int | None = None
+    config: Any,
+    name: str | None = None,
+    prior: Path | None = None,
+    memory: int | None = None,
+    delay: float | None = None,
 ) -> Any:
     """The agent's numbers with another model.
 
@@ -33,15 +39,19 @@ def with_model(
             are the mean.
         prior: file of the plant that the model knows, as `mcpilco gap` writes it.
         memory: how many past inputs a state holds.
+        delay: how late the actuator answers [s].
 
     Raises:
         InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
     """
-    if name is None and prior is None and memory is None:
+    if (name, prior, memory, delay) == (None,) * 4:
         return config
     if not hasattr(config, "model"):
-        raise InputError("--model, --prior and --memory are options of the algorithm mcpilco.")
-    changes: dict[str, Any] = {} if memory is None else {"memory": memory}
+        raise InputError(
+            "--model, --prior, --memory and --delay are options of the algorithm mcpilco."
+        )
+    numbers = {"memory": memory, "delay": delay}
+    changes: dict[str, Any] = {key: value for key, value in numbers.items() if value is not None}
     if name is not None:
         parts = name.split("+")
         kernel = [part for part in parts if part != PHYSICS]

@@ -160,7 +160,6 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
     """From random numbers to a policy for one rollout."""
     import numpy as np
 
-    from mcpilco.controller import Controller, remembering
     from mcpilco.excitation import excitation
 
     def excite(rng: np.random.Generator) -> Callable[[Any], Any]:
@@ -178,9 +177,7 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
             f"the inputs {', '.join(agent.task.input_names)}, got an env with "
             f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
         )
-    memory = 0 if agent.model is None else agent.model.memory
-    controller = Controller(agent.policy, agent.perception, memory)
-    return lambda rng: remembering(controller.answer)
+    return lambda rng: agent.controller()
 
 
 def _write(path: Path, recording: Any) -> None:

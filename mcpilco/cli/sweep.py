@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.model import Memory, ModelName, PlantPath, with_model
+from mcpilco.cli.model import Delay, Memory, ModelName, PlantPath, with_model
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
@@ -66,7 +66,9 @@ class Sweep:
     prior: PlantPath = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
     memory: Memory = None
-    """of mcpilco: past inputs that model and policy see, for actuators that answer late"""
+    """of mcpilco: past inputs that model and policy see, for actuators that lag"""
+    delay: Delay = None
+    """of mcpilco: how late the actuator answers [s]; policies act on states predicted for then"""
     quiet: bool = False
     """show no progress"""
 
@@ -80,7 +82,7 @@ class Sweep:
         self._check_engine()
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
-        config = with_model(config, self.model, self.prior, self.memory)
+        config = with_model(config, self.model, self.prior, self.memory, self.delay)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         self._check(kind, config, env_kwargs)
 

@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.model import Memory, ModelName, PlantPath, with_model
+from mcpilco.cli.model import Delay, Memory, ModelName, PlantPath, with_model
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
@@ -70,7 +70,9 @@ class Train:
     prior: PlantPath = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
     memory: Memory = None
-    """of mcpilco: past inputs that model and policy see, for actuators that answer late"""
+    """of mcpilco: past inputs that model and policy see, for actuators that lag"""
+    delay: Delay = None
+    """of mcpilco: how late the actuator answers [s]; policies act on states predicted for then"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -99,7 +101,7 @@ class Train:
 
         kind = algorithm(self.algo)
         config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
-        config = with_model(config, self.model, self.prior, self.memory)
+        config = with_model(config, self.model, self.prior, self.memory, self.delay)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.equations import step
-from mcpilco.equations.number import Real, Tape, exp, tanh
-from mcpilco.equations.program import Program
+from mcpilco.equations.number import Real, exp, tanh
+from mcpilco.equations.program import Rows
 from mcpilco.plant import Plant
 from mcpilco.task import TaskSpec
-
-Rows = Callable[[Sequence[Real]], list[Any]]
-"""features of [state, input], behind which a state's remembered commands stand"""
-
-
-def features_of(width: int, parts: Sequence[Rows]) -> tuple[Program, tuple[int, ...]]:
-    """The program of all features, and how many each part has.
-
-    Args:
-        width: of [state, input].
-        parts: one behind the other.
-    """
-    tape = Tape(width)
-    rows = [part(tape.inputs) for part in parts]
-    return Program.of(tape, [x for part in rows for x in part]), tuple(map(len, rows))
 
 
 def physics_features(plant: Plant, task: TaskSpec, memory: int = 0) -> Rows:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,6 +51,10 @@ def _tensors(a: Tensor | float, b: Tensor | float) -> tuple[Tensor, Tensor]:
     like = a if isinstance(a, Tensor) else b
     assert isinstance(like, Tensor), "what is constant was computed on the tape"
     return torch.as_tensor(a).to(like), torch.as_tensor(b).to(like)
+
+
+Rows = Callable[[Sequence[Real]], list[Any]]
+"""features of [state, input], behind which a state's remembered commands stand"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +117,15 @@ class Program:
             torch.as_tensor(registers[r], dtype=inputs.dtype).expand(shape) for r in self.outputs
         )
         return torch.stack(list(results), -1)
+
+
+def features_of(width: int, parts: Sequence[Rows]) -> tuple[Program, tuple[int, ...]]:
+    """The program of all features, and how many each part has.
+
+    Args:
+        width: of [state, input].
+        parts: one behind the other.
+    """
+    tape = Tape(width)
+    rows = [part(tape.inputs) for part in parts]
+    return Program.of(tape, [x for part in rows for x in part]), tuple(map(len, rows))

@@ -36,8 +36,6 @@ MASSES = ("cart_mass", "pole_mass")
 
 USUAL = SearchConfig()
 THOROUGH = PRESETS["thorough"].config.search
-FROM_PROMPT = SearchConfig(continuation=24)
-"""from an actuator that answers at once, where the model predicts failure"""
 
 
 def described(parameters: Mapping[str, float], delay: float = 0.0) -> dict[str, Any]:
@@ -80,9 +78,9 @@ CELLS: Mapping[str, Cell] = {
     "physics+rbf-thorough": physics("rbf", THOROUGH),
     "physics+mpk": physics("mpk"),
     "delay-1": Cell(ModelConfig(), delay=0.1, trials=3),
-    "delay-1-memory": Cell(ModelConfig(memory=1), delay=0.1, search=FROM_PROMPT),
+    "delay-1-predicted": Cell(ModelConfig(delay=0.1), delay=0.1),
     "delay-1.5": Cell(ModelConfig(), delay=0.15, trials=3),
-    "delay-1.5-memory": Cell(ModelConfig(memory=2), delay=0.15, search=FROM_PROMPT),
+    "delay-1.5-predicted": Cell(ModelConfig(delay=0.15), delay=0.15),
 }
 
 

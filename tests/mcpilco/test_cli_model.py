@@ -40,6 +40,7 @@ def test_a_file_says_which_plant_is_known(tmp_path):
         "effects": [],
     }
     assert model.memory == 2
+    assert with_model(Config(), delay=0.15).model.delay == 0.15
     path.write_text("{}")
     with pytest.raises(InputError, match="no correction"):
         with_model(Config(), "physics+rbf", path)

@@ -7,6 +7,7 @@ import dataclasses
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 import envs  # noqa: F401  registers the cart-pole
 from mcpilco.agent import MCPILCO
@@ -31,6 +32,8 @@ COMPONENTS = {
     "features": ModelConfig(kernel="features+rbf", plant=PLANT),
     "friction": ModelConfig(kernel="friction+mpk"),
     "memory": ModelConfig(kernel="rbf", memory=2),
+    "delay": ModelConfig(kernel="rbf", delay=0.2),
+    "part of a delay": ModelConfig(kernel="friction+rbf+mpk", delay=0.13),
     "physics, memory": ModelConfig(kernel="rbf", mean="physics", memory=1),
 }
 
@@ -103,6 +106,32 @@ def test_an_agent_remembers_its_inputs_and_forgets_them_at_a_start():
     np.testing.assert_array_equal(agent.transitions.next_states[:-1][:7], states[1:8])
 
 
+def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on():
+    agent = make_agent("delay").learn(2 * STEPS)
+    seen = []
+    agent.policy.forward = lambda states, *rest: seen.append(states) or states[..., :1]
+    act = agent.controller()
+    x = np.array([[0.1, 0.2, 0.3, 0.4], [0.3, -0.2, 0.5, 1.0]])
+    inputs = [act(x), act(x + 0.1), act(x)]
+    dynamics = agent.model.dynamics(agent.transitions[:STEPS])  # the policy's own data
+    ahead = torch.from_numpy(x)
+    for u in inputs[:2]:  # those on their way, the older one first
+        u = torch.from_numpy(u).double()
+        mean, _ = dynamics.posterior.mean_and_variance(dynamics.regressors(ahead, u))
+        ahead = dynamics.advance(ahead, u, mean)
+    torch.testing.assert_close(seen[2], ahead, rtol=1e-6, atol=1e-6)  # actions are float32
+    assert seen[0].shape == (2, 4)
+
+
+def test_the_particles_of_a_late_actuator_are_shown_when_they_will_be_there():
+    result = make_agent("delay").learn(2 * STEPS).results[-1]
+    states, costs = result.prediction.states, result.prediction.costs
+    np.testing.assert_array_equal(states[:2], states[[2, 2]])
+    assert (states[3:] != states[2:-1]).any((1, 2)).all()
+    np.testing.assert_array_equal(costs[:2], costs[[2, 2]])
+    assert (len(states), len(costs)) == (STEPS + 1, STEPS)
+
+
 def test_a_run_folder_holds_the_rows_that_were_learned_from(tmp_path):
     agent = make_agent("memory")
     run = RunFolder.create(tmp_path / "run", CONFIG)
@@ -114,8 +143,9 @@ def test_a_run_folder_holds_the_rows_that_were_learned_from(tmp_path):
 
 def test_states_that_are_measured_in_part_hold_no_inputs():
     positions = gymnasium.make("mcpilco/CartPoleSwingUpPositions-v0")
-    with pytest.raises(InputError, match="memory must be 0"):
-        MCPILCO("SumOfGaussians", positions, config=numbers("memory"))
+    for name in ("memory", "delay"):
+        with pytest.raises(InputError, match=f"{name} must be 0"):
+            MCPILCO("SumOfGaussians", positions, config=numbers(name))
 
 
 @pytest.mark.parametrize(
@@ -124,6 +154,11 @@ def test_states_that_are_measured_in_part_hold_no_inputs():
         ({"kernel": "rbf+rbf"}, "different parts"),
         ({"kernel": "cubic"}, "different parts"),
         ({"memory": -1}, "memory must be at least 0"),
+        ({"delay": -0.1}, "delay must be at least 0"),
+        ({"delay": 0.1, "memory": 1}, "delay goes with memory 0"),
+        ({"delay": 0.1, "sampling": "path"}, "and sampling step"),
+        ({"delay": 0.1, "mean": "physics"}, "know no plant"),
+        ({"delay": 0.1, "kernel": "features+rbf"}, "know no plant"),
         ({"plant_step": 0.0}, "plant_step must be positive"),
         ({"mean": "physics", "sampling": "path"}, "sampling path"),
         ({"kernel": "friction+rbf", "sampling": "path"}, "sampling path"),

@@ -51,14 +51,14 @@ class Record:
 
 
 def visited(
-    monkeypatch, reach: float, most: int = 100, cost: float = 0.1, **how
+    monkeypatch, reach: float, most: int = 100, cost: float = 0.1
 ) -> list[tuple[float, tuple[int, ...]]]:
     """The share of the way and the further starts of each search."""
-    record, trial = Record(reach, cost), how.pop("trial", 1)
+    record = Record(reach, cost)
     monkeypatch.setattr(mcpilco.continuation.PolicySearch, "run", functools.partialmethod(record))
-    config = SearchConfig(restarts=(3,), continuation=most, **how)
+    config = SearchConfig(restarts=(3,), continuation=most)
     search = PolicySearch(config, torch.Generator())
-    found = follow(search, problem(), line_policy(), line_policy, trial)
+    found = follow(search, problem(), line_policy(), line_policy, trial=1)
     assert (found.starts, found.steps) == (len(record.visited), 7 * len(record.visited))
     return record.visited
 
@@ -90,14 +90,6 @@ def test_a_way_that_never_goes_well_ends_all_the_same(monkeypatch):
     shares = [share for share, _ in visited(monkeypatch, reach=0.0, most=10)]
     assert len(shares) == 12
     assert shares[-1] == 1.0
-
-
-def test_a_learned_policy_goes_the_way_only_where_the_model_predicts_failure(monkeypatch):
-    good = visited(monkeypatch, reach=1.0, trial=2, failing=10.0)
-    assert good == [(1.0, (0,))]
-    bad = visited(monkeypatch, reach=1.0, trial=2)
-    assert [bad[0], *bad[-1:]] == [(1.0, (0,)), (1.0, (3,))]
-    assert bad[1] == (0.0, (3,))
 
 
 def test_a_policy_that_fails_in_the_easiest_model_is_not_followed(monkeypatch):

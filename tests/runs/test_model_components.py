@@ -27,7 +27,7 @@ def test_masses_are_wrong_by_up_to_a_fifth_and_only_where_a_plant_is_known(run):
 
 def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "LocalEngine", lambda workers: HereEngine())
-    cells = ["physics+rbf", "delay-1-memory"]
+    cells = ["physics+rbf", "delay-1-predicted"]
     arguments = ["run.py", "--quick", "--cells", *cells, "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
     texts = []
@@ -36,10 +36,10 @@ def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
         texts.append((tmp_path / "README.md").read_text())
     assert texts[0] == texts[1]
     assert "| `physics+rbf` | 1 |" in texts[0]
-    about = json.loads((tmp_path / "results/analytic/delay-1-memory/sweep.json").read_text())
+    about = json.loads((tmp_path / "results/analytic/delay-1-predicted/sweep.json").read_text())
     assert about["env_kwargs"]["effects"]["effects"][0]["parameters"] == {"d": 0.1}
-    assert about["config"]["model"]["memory"] == 1
-    assert not (tmp_path / "results/mujoco/delay-1-memory").exists()
+    assert about["config"]["model"]["delay"] == 0.1
+    assert not (tmp_path / "results/mujoco/delay-1-predicted").exists()
 
 
 def test_page_names_every_cell_and_has_its_marked_lines(run, home):

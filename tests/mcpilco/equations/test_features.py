@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from envs.plants import cart_pole
-from mcpilco.equations.features import features_of, friction_features, physics_features
+from mcpilco.equations.features import friction_features, physics_features
+from mcpilco.equations.program import features_of
 from mcpilco.equations.step import free_parameters, numbers_of, step_of
 from tests.mcpilco.equations.test_step import DT, task_of
 
