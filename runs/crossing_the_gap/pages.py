@@ -29,13 +29,13 @@ def write(out: Path) -> None:
     found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
     parts = ["Not measured yet."]
     if found:
+        learnt = of_leg(found, "c") + of_leg(found, "d")
         write_picture(out / "crossing.png", picture(found))
         parts = [
             "![What simulations promised, what happened, and learning on the system](crossing.png)",
             "### Success on the system",
             policies(found),
-            "### Learning on the system itself",
-            experience(found),
+            *(["### Learning on the system itself", experience(found)] if learnt else []),
             "### Seed by seed",
             by_seed(found),
             places(found),
@@ -108,22 +108,22 @@ def share(values: Sequence[float]) -> str:
 def experience(found: Sequence[Mapping[str, Any]]) -> str:
     """Success after each amount of experience, and what a solution takes."""
     rows = []
+    amounts = max((o["experience_s"] for leg in "cd" for o in of_leg(found, leg)), key=len)
     for leg, name in (("c", "c: from nothing"), ("d", "d: corrected simulation as prior mean")):
         outcomes = of_leg(found, leg)
         if outcomes:
             p = np.array([outcome["p"] for outcome in outcomes])
+            unknown = [""] * (len(amounts) - p.shape[1])
             seconds = [solved(outcome) for outcome in outcomes]
             rows.append(
                 (
                     name,
                     str(len(outcomes)),
                     *(share(list(column)) for column in p.T),
+                    *unknown,
                     f"{statistics.median(seconds):g} ({sum(map(math.isfinite, seconds))})",
                 )
             )
-    if not rows:
-        return "Not measured yet."
-    amounts = (of_leg(found, "c") or of_leg(found, "d"))[0]["experience_s"]
     header = ["model", "seeds", *(f"after {s:g} s [%]" for s in amounts)]
     return markdown([*header, "solved after [s] (seeds)"], rows)
 
@@ -197,7 +197,7 @@ def plot_learning(found: Sequence[Mapping[str, Any]], ax: Axes) -> Axes:
             p = 100 * np.array([outcome["p"] for outcome in outcomes])
             ax.plot(seconds, p.mean(0), "o-", color=colour, label=name)
             ax.fill_between(seconds, *np.percentile(p, (25, 75), axis=0), color=colour, alpha=0.2)
-            ax.set_xticks(seconds)
+            ax.set_xticks(seconds if leg == "c" else ax.get_xticks())
     ax.set(xlabel="experience of the system [s]")
     ax.set_title("learning on the system", fontsize="medium")
     return ax

@@ -46,7 +46,7 @@ STEP = 0.1
 """of a policy [s]"""
 UNCERTAINTY = 0.05
 """prior std of what the recordings have told [-]"""
-TRIALS = 5
+TRIALS = {"from nothing": 5, "with a prior": 3}
 """policies to learn on the system, in legs c and d"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
 LEGS = ("a", "b", "c", "d", "e")
@@ -181,7 +181,7 @@ def by_sac(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """MC-PILCO on the system, from nothing."""
-    return learned(DEFAULT, seed, found, path)
+    return learned(DEFAULT, TRIALS["from nothing"], seed, found, path)
 
 
 def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -194,17 +194,20 @@ def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any
         uncertainty=UNCERTAINTY,
         memory=remembered_inputs(read_correction(folder / "gap" / "corrected.json"), STEP),
     )
-    return learned(replace(PRESETS["thorough"].config, model=model), seed, found, path)
+    config = replace(PRESETS["thorough"].config, model=model)
+    return learned(config, TRIALS["with a prior"], seed, found, path)
 
 
-def learned(config: Config, seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+def learned(
+    config: Config, trials: int, seed: int, found: Mapping[str, Any], path: Path
+) -> dict[str, Any]:
     """Success of each trial's policy, by the experience behind it."""
     few = "quick" in path.parts
     settings = job.Settings(
         env=f"envs:{CART_POLE}",
         env_kwargs={"effects": found["hidden"]},
         config=hasty(config) if few else config,
-        trials=1 if few else TRIALS,
+        trials=1 if few else trials,
         fresh=3 if few else 100,
     )
     result = job.run_seed(settings, seed)
