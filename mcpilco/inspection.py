@@ -320,7 +320,7 @@ def _memory(task: TaskSpec, gains: Sequence[Gain]) -> Finding:
             f"(95 % interval {gain.low:.1f} to {gain.high:.1f}) when the observation before is "
             "known too. Something that moves it is not observed, such as a velocity, or acts with "
             "delay: observe it, or name what is measured in measured, so that velocities are "
-            "estimated.",
+            "estimated; for an actuator that is late, train with --delay or --memory.",
         )
     return Finding(
         "fits",
