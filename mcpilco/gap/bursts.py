@@ -9,6 +9,7 @@ rest the longer one forgets everything.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -39,9 +40,20 @@ def bursts(found: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple
         short: windows of `SHORT_S` seconds that overlap by half, of all recordings in their order.
         recordings: these.
     """
-    short = without_spikes(moved(found, short), short)
-    far = _far(moved(found, short), short)
+    part, short = _without_spikes(moved(found, short), short)
+    far = _far(part, short)
     return () if far.mean() > RARE else events(short[far], recordings)
+
+
+def _without_spikes(part: Fit, windows: Windows) -> tuple[Fit, Windows]:
+    """Windows without what is read wrongly, and a fit on them: only theirs move their starts."""
+    clean = without_spikes(part, windows)
+    touched = (clean.measured != windows.measured).any(axis=(1, 2))
+    starts, by_window = part.starts.copy(), part.by_window.copy()
+    if touched.any():
+        anew = moved(part, clean[touched])
+        starts[touched], by_window[touched] = anew.starts, anew.by_window
+    return replace(part, starts=starts, chi2=float(by_window.sum()), by_window=by_window), clean
 
 
 def unforeseen(

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from mcpilco.gap.effort import Share
 from mcpilco.gap.fit import Fit, fit, linearise
 from mcpilco.gap.screen import screen
 from mcpilco.gap.search import ENOUGH, HOPELESS, Found, Yardstick, grow, without_superfluous
@@ -22,6 +23,8 @@ from mcpilco.plant import Active
 
 UNFIT = 50.0
 """whiteness of what a model leaves over beyond which an exchange may help"""
+SHARE = 0.15
+"""of the steps left to an investigation, for exchanges"""
 TRIED, ROUNDS = 3, 4
 """effects that are tried in the place of one; exchanges, at most"""
 
@@ -37,13 +40,14 @@ def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
         candidates: effects that may be missing.
     """
     windows, best = found.windows, found.best
+    share = best.model.effort.share(SHARE)
     seen: Seen = {frozenset(known.model.named): known for known, _ in found.ranked}
     for _ in range(ROUNDS):
-        if not best.model.named or best.chi2 > HOPELESS * found.null.chi2:
+        if share.used_up or not best.model.named or best.chi2 > HOPELESS * found.null.chi2:
             break
         if structure(best, windows).whiteness < UNFIT:
             break
-        others = dict(_others(best, windows, candidates, seen, found.null.model.priors))
+        others = dict(_others(best, windows, candidates, seen, found.null.model.priors, share))
         seen |= others
         yardstick = Yardstick.of(min([best, *others.values()], key=_misfit), windows)
         better = min([best, *others.values()], key=yardstick.bic)
@@ -69,9 +73,10 @@ def _others(
     candidates: Sequence[Active],
     seen: Seen,
     priors: Mapping[str, float],
+    share: Share,
 ) -> Iterator[tuple[frozenset[Active], Fit]]:
     """Models with another effect in the place of one, that were not seen yet."""
-    for active in best.model.named:
+    for active in share.lasting(best.model.named):
         parameter = best.model.plant.parameter_of(active)
         model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
         smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.model import Model
+from mcpilco.gap.pushes import learned_columns
 from mcpilco.gap.windows import Windows
 from mcpilco.simulation import simulate
 
@@ -22,6 +23,8 @@ CONVERGED = 1e-4
 """relative change of the cost below which a fit ends"""
 FAR, CRAWL = 10.0, 0.02
 """misfit of a sample beyond which a model is far from fitting; change of the cost that is little"""
+A_FIT = 0.2
+"""part of the steps left to an investigation beyond which a fit makes no further iteration"""
 TOLERATED = 9.0
 """how many times the median misfit a window may have and still count in full"""
 LEAST_DAMPING = 1e-10
@@ -103,9 +106,10 @@ def run(
         system,
         np.ascontiguousarray(starts.reshape(S * W, -1)),
         window,
-        windows.commands,
+        np.ascontiguousarray(windows.commands),  # compiled for these alone
         windows.lead,
         windows.dt,
+        model.effort.taken,
     )
     return y.reshape(S, W, *y.shape[1:])
 
@@ -128,9 +132,10 @@ def linearise(
     """The model's residuals at theta and the start states, and their central differences.
 
     Differences to one side only are not enough: where masses and gains grow together nothing
-    moves, and their columns must cancel.
+    moves, and their columns must cancel. The coordinates of learned forces are many, and their
+    columns are made of answers to pushes.
     """
-    X, p = starts.shape[1], len(theta) if over_theta else 0
+    X, p = starts.shape[1], len(theta) - model.coordinates if over_theta else 0
     nudges = np.tile(START_STEPS, X // 2)
     steps = model.steps(theta)[:p]
     thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
@@ -141,14 +146,37 @@ def linearise(
         thetas[first : first + p] += sign * np.eye(p, len(theta)) * steps[:, None]
     low, high = model.bounds
     thetas = np.clip(thetas, low, high)
-    r = residual(windows, run(model, windows, thetas, moved))
+    y = run(model, windows, thetas, moved)
+    r = residual(windows, y)
     ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
     spans = np.diag(ups - downs) if p else np.zeros(0)
     Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
     Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
     lost = (np.abs(r) >= LOST).any(axis=0)
     Jx[:, lost], Jp[:, lost] = 0.0, 0.0
-    return Linear(r[0], Jx.transpose(1, 2, 0), Jp.transpose(1, 2, 0))
+    columns = Jp.transpose(1, 2, 0)
+    if over_theta and model.learned:
+        learned = learned_columns(model, windows, theta, starts, y[0])
+        learned[lost] = 0.0
+        columns = np.concatenate([columns, learned], axis=2)
+    return Linear(r[0], Jx.transpose(1, 2, 0), columns)
+
+
+def _leaning(
+    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
+) -> Linear:
+    """The model's residuals, and one-sided differences over the start states alone.
+
+    They are enough for steps of the start states, each of which is judged by what it brings.
+    """
+    X = starts.shape[1]
+    nudges = np.tile(START_STEPS, X // 2)
+    moved = np.tile(starts, (1 + X, 1, 1))
+    moved[1:] += np.diag(nudges)[:, None]
+    r = residual(windows, run(model, windows, np.tile(theta, (1 + X, 1)), moved))
+    Jx = (r[0] - r[1:]) / nudges[:, None, None]
+    Jx[:, (np.abs(r) >= LOST).any(axis=0)] = 0.0
+    return Linear(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)))
 
 
 @dataclass(frozen=True)
@@ -200,11 +228,13 @@ def settle(
 def _settle(
     model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray, iterations: int = 10
 ) -> np.ndarray:
+    measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
+    windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
     starts, damping = starts.copy(), np.full(len(starts), 1e-3)
     left = np.arange(len(starts))
     for _ in range(iterations):
         some = windows[left]
-        lin = linearise(model, some, theta, starts[left], over_theta=False)
+        lin = _leaning(model, some, theta, starts[left])
         now = np.einsum("wn,wn->w", lin.r, lin.r)
         moved = starts[left] + _start_step(lin, lin.r, damping[left])
         then = misfits(model, some, theta, moved)
@@ -248,7 +278,7 @@ def fit(
         iterations: at most.
         hasty: end as well where a model that is far from fitting crawls.
     """
-    damping = 1e-4
+    damping, share = 1e-4, model.effort.share(A_FIT)
     for _ in range(iterations):
         low, high = model.reach(theta)
         lin = linearise(model, windows, theta, starts)
@@ -282,7 +312,7 @@ def fit(
             starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
         crawling = hasty and temper > FAR and now - then < CRAWL * now
-        if crawling or now - then < CONVERGED * now:
+        if crawling or now - then < CONVERGED * now or share.used_up:
             break
     prior = float((model.precision * theta**2).sum())
     return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.gap.effort import Effort
 from mcpilco.gap.events import Event
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.windows import Windows, cut
@@ -39,6 +40,8 @@ class Given:
     """numbers of the recordings to fit"""
     held_out: tuple[int, ...]
     """numbers of those to compare models on; the same where there are too few"""
+    effort: Effort = field(default_factory=Effort)
+    """what it may cost, however often data are left out"""
 
     @classmethod
     def of(
@@ -49,6 +52,7 @@ class Given:
         free: Sequence[str],
         noise: Mapping[str, float],
         held_out: Sequence[str] = (),
+        effort: Effort | None = None,
     ) -> Given:
         """What `investigate` is called with, checked and completed.
 
@@ -58,7 +62,9 @@ class Given:
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
-        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen))
+        return cls(
+            plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), effort or Effort()
+        )
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -91,7 +97,8 @@ class Given:
 
     def model(self, windows: Windows) -> Model:
         """The nominal plant, its uncertain parameters with their priors."""
-        return Model(self.plant, (), dict(self.priors), scales(self.plant, windows))
+        nominal = Model(self.plant, (), dict(self.priors), scales(self.plant, windows))
+        return replace(nominal, effort=self.effort)
 
     def candidates(self, windows: Windows) -> list[Active]:
         """Effects that these recordings could show."""

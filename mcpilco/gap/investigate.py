@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mcpilco.gap.effort import LEARNING, Effort
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
@@ -108,8 +109,9 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
+    effort = Effort()
     sent = [
-        Given.of(plant, timed, uncertainty, free, noise or {}, held_out)
+        Given.of(plant, timed, uncertainty, free, noise or {}, held_out, effort)
         for timed in timings(recordings)
     ]
     given = likelier(sent)
@@ -209,6 +211,7 @@ def _learned(
 ) -> _Learned | None:
     """What is left over as a force; None where it does not shrink the held-out error."""
     base = best if _explains_most(best, null, windows) else null
+    base = replace(base, model=replace(base.model, effort=Effort(LEARNING)))
     every = windows.joined(masked[masked.of(given.train)])
     short = given.windows(given.train, seconds=SHORT_S)
     found = learn(base, _usable(base, every), _usable(base, short))

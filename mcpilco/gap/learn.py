@@ -19,15 +19,17 @@ from jaxtyping import Float, Int
 from mcpilco.effects.learned import Axis, LearnedForce
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.grid_force import GridForce, Prior
-from mcpilco.gap.residual_force import FOLDS, Response, motion, respond
+from mcpilco.gap.moves import moves_of
+from mcpilco.gap.residual_force import FOLDS, Response, respond
 from mcpilco.gap.windows import Windows
 from mcpilco.simulation import Layout
-from mcpilco.simulation.tables import GAIN
 
 SHORT_S = 0.36
 """length of the windows in which a force is sought [s]"""
 PARTS = 4
 """of a learned force, at most"""
+SHARE = 0.6
+"""of the steps left, to find parts; the rest is for the last fit"""
 WORTH = 0.15
 """least part of the log misfit that a further part must predict"""
 FITS = 0.05
@@ -74,8 +76,9 @@ def learn(found: Fit, windows: Windows, short: Windows) -> Fit:
         short: windows of `SHORT_S` of the same recordings: in them a force that is missing does not
             lead a motion so far away that its response is no longer linear.
     """
+    share = found.model.effort.share(SHARE)
     part = moved(found, short)
-    for _ in range(PARTS):
+    for _ in share.lasting(range(PARTS)):
         force = seek(part, short)
         if force is None:
             break
@@ -148,7 +151,7 @@ def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
     """Forces in each joint over all that they could depend on, each at its best strength."""
     response = respond(found, windows, hold_s=windows.dt)
     layout = found.model.plant.layout
-    moves = moves_of(found, windows)
+    moves = moves_of(found.model, found.theta, windows)
     turned = [
         c
         for c in range(moves.shape[2])
@@ -164,16 +167,6 @@ def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
             features = prior.features([moves[:, :, c].ravel() for c in over])
             columns = G @ features.reshape(*moves.shape[:2], -1)
             yield _judged(joint, prior, usual, columns, response)
-
-
-def moves_of(found: Fit, windows: Windows) -> Float[np.ndarray, "W m D"]:
-    """What a force may depend on, in the middle of each interval: states and actuator forces."""
-    moves = motion(windows)
-    U = windows.commands.shape[2]
-    gains = found.model.tables(found.theta[None]).actuators[0, :, GAIN]
-    middle = 0.5 * (moves[:, :-1] + moves[:, 1:])
-    middle[:, :, -U:] = gains * moves[:, :-1, -U:]  # a command is held
-    return middle
 
 
 Form = tuple[tuple[int, ...], tuple[Fineness, ...]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from mcpilco.effects import Scale
 from mcpilco.effects.joint import TURN, DryFriction
+from mcpilco.gap.effort import Effort
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
@@ -24,8 +25,6 @@ FARTHEST = 2.5
 """factor by which a step of a fit may change a mass, or what enters as a logarithm"""
 QUICKEST_S = 1e-4
 """in which dry friction may bring its joint to rest [s]"""
-COORDINATE_STEP = 0.03
-"""of finite differences over the coordinates of a learned force, in their prior std"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,8 @@ class Model:
     """effects that come down to an uncertain parameter, whose prior is lifted instead"""
     learned: tuple[GridForce, ...] = ()
     """forces that no effect explains; their coordinates stand last in theta"""
+    effort: Effort = field(default_factory=Effort)
+    """of the investigation that simulates it"""
 
     @property
     def named(self) -> tuple[Active, ...]:
@@ -130,7 +131,7 @@ class Model:
         return spans
 
     @cached_property
-    def _coordinates(self) -> int:
+    def coordinates(self) -> int:
         """How many coordinates of learned forces stand last in theta."""
         return sum(force.basis.shape[1] for force in self.learned)
 
@@ -139,7 +140,7 @@ class Model:
         """Which entries of theta are logarithms."""
         symbols = [s for active in self.actives for s in active.effect.symbols]
         known = [False] * self.nuisances + [_positive(s) for s in symbols]
-        return np.array(known + [False] * self._coordinates, dtype=bool)
+        return np.array(known + [False] * self.coordinates, dtype=bool)
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +150,7 @@ class Model:
         low += [np.log(s.low) if _positive(s) else s.low for s in symbols]
         high = [np.inf] * self.nuisances
         high += [np.log(s.high) if _positive(s) else s.high for s in symbols]
-        free = np.full(self._coordinates, np.inf)
+        free = np.full(self.coordinates, np.inf)
         return np.append(low, -free), np.append(high, free)
 
     def reach(
@@ -199,7 +200,7 @@ class Model:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
         precision[: self.nuisances] = [min(std, FREE) ** -2 for std in self.priors.values()]
-        precision[len(precision) - self._coordinates :] = 1.0
+        precision[len(precision) - self.coordinates :] = 1.0
         return precision
 
     def decode(
@@ -222,11 +223,14 @@ class Model:
     def weights(self, theta: Float[np.ndarray, "S n"]) -> list[Float[np.ndarray, "S _"]]:
         """Weights of the splines of each learned force."""
         ends = np.cumsum([force.basis.shape[1] for force in self.learned])
-        parts = np.split(theta[:, theta.shape[1] - self._coordinates :], ends[:-1], axis=1)
+        parts = np.split(theta[:, theta.shape[1] - self.coordinates :], ends[:-1], axis=1)
         return [part @ force.basis.T for part, force in zip(parts, self.learned, strict=False)]
 
-    def steps(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Steps for finite differences: felt above rounding, and too small to bend."""
+    def steps(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+        """Steps for finite differences: felt above rounding, and too small to bend.
+
+        The coordinates of learned forces, which stand last in theta, have none.
+        """
         steps = [np.full(self.nuisances, 1e-3)]
         for active in self.actives:
             probes = active.effect.probes(self.scales[active.target])
@@ -246,7 +250,7 @@ class Model:
                 np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :]),
             ),
         )
-        return np.append(found, np.full(self._coordinates, COORDINATE_STEP))
+        return found
 
 
 def _positive(symbol) -> bool:

@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from mcpilco.effects.learned import LearnedForce
 from mcpilco.gap.fit import Fit
-from mcpilco.gap.learn import learned_of, moves_of
+from mcpilco.gap.learn import learned_of
+from mcpilco.gap.moves import moves_of
 from mcpilco.gap.windows import Windows
 
 BINS, SEEN, MOST = 80, 3, 0.85
@@ -33,7 +34,7 @@ def places(found: Fit, windows: Windows) -> tuple[Place, ...]:
     """The joints and regions of a fit's learned force, the part that does most first."""
     layout = found.model.plant.layout
     names = (*layout.states, *layout.inputs)
-    moves = moves_of(found, windows).reshape(-1, len(names))
+    moves = moves_of(found.model, found.theta, windows).reshape(-1, len(names))
     parts = []
     for force in learned_of(found):
         x = [moves[:, names.index(axis.of)] for axis in force.axes]

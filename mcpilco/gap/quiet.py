@@ -12,8 +12,9 @@ from mcpilco.gap.learn import SHORT_S
 from mcpilco.gap.refit import finish
 from mcpilco.typing import InputError
 
-PASSES = 6
-"""at most, to find bursts: those that were found no longer blur the next"""
+PASSES, SHARE = 6, 0.25
+"""to find bursts, for those that were found no longer blur the next; part of the steps left to an
+investigation: both at most"""
 
 
 def quiet(given: Given, best: Fit) -> tuple[Given, tuple[Event, ...]]:
@@ -26,9 +27,10 @@ def quiet(given: Given, best: Fit) -> tuple[Given, tuple[Event, ...]]:
     short = given.windows(seconds=SHORT_S, every=0.5 * SHORT_S)
     left = given
     spans: tuple[Event, ...] = ()
+    share = given.effort.share(SHARE)
     for _ in range(PASSES):
         before, spans = spans, bursts(best, short, given.recordings)
-        if spans == before:
+        if spans == before or share.used_up:
             break
         left = _with_gaps(given, spans)
         best, _ = finish(best, left.windows(left.train))

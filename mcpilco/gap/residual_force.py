@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.fit import LOST, Fit, Robust, linearise
+from mcpilco.gap.moves import motion
+from mcpilco.gap.pushes import answers
 from mcpilco.gap.windows import Windows
-from mcpilco.simulation import simulate
-from mcpilco.simulation.tables import IDEAL_ACTUATOR, Tables
 
 HOLD_S = 0.06
 """time for which a force is held [s]"""
@@ -85,7 +85,9 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
     J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
     usual = np.array([found.model.scales[name].force for name in layout.joints])
-    columns = np.stack([_answers(found, windows, j, first, hold, usual[j]) for j in range(J)], 2)
+    model, theta, starts = found.model, found.theta, found.starts
+    told = [usual[j] * answers(model, windows, theta, starts, j, hold) for j in range(J)]
+    columns = np.stack(told, 2)
     G = columns.reshape(*columns.shape[:2], -1)
     G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
     x = _coordinates(windows, first, hold)
@@ -95,46 +97,6 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
         x=np.tile(x, (1, J, 1)),
         joint=np.repeat(np.arange(J), len(first)),
         samples=windows.samples,
-    )
-
-
-def _answers(
-    found: Fit, windows: Windows, joint: int, first: np.ndarray, hold: int, usual: float
-) -> Float[np.ndarray, "W n K"]:
-    """Change of the measurements, in noise std, per usual force in a joint, by interval."""
-    size = 1e-2
-    tables = _pushed(found.model.tables(found.theta[None]), joint)
-    W, T_all, U = windows.commands.shape
-    K = len(first)
-    each = np.zeros(1, dtype=np.int64)
-    changes = np.empty((W, windows.y[0].size, K))
-    for w in range(W):
-        commands = np.zeros((2 * K, T_all, U + 1))
-        commands[:, :, :U] = windows.commands[w]
-        for k, start in enumerate(windows.lead + first):
-            commands[2 * k, start : start + hold, U] = size * usual
-            commands[2 * k + 1, start : start + hold, U] = -size * usual
-        y = simulate(
-            tables,
-            np.repeat(each, 2 * K),
-            np.tile(found.starts[w], (2 * K, 1)),
-            np.arange(2 * K),
-            commands,
-            windows.lead,
-            windows.dt,
-        )
-        change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
-        change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)
-        changes[w] = change.reshape(K, -1).T
-    return changes
-
-
-def _pushed(tables: Tables, joint: int) -> Tables:
-    """The system with one input more, which pushes a joint."""
-    ideal = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), 1, 1))
-    return tables._replace(
-        drives=np.append(tables.drives, joint),
-        actuators=np.concatenate([tables.actuators, ideal], axis=1),
     )
 
 
@@ -154,27 +116,6 @@ def _coordinates(
         moves[:, :, 2 * j + 1] = np.arcsinh(v / slow)
     scaled = [_centred(moves[:, :, c]) for c in range(moves.shape[2])]
     return np.stack([coordinate[:, middle] for coordinate in scaled], axis=2)
-
-
-def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
-    """Positions and speeds, as [q1, q1', q2, ...] by what was measured, and then the commands."""
-    found = []
-    for j in range(windows.y.shape[1] // 2):
-        q = _filled(windows.y[:, 2 * j])
-        v = np.gradient(q, windows.dt, axis=1)
-        kernel = np.ones(3) / 3.0
-        found += [q, np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")]
-    used = windows.commands[:, windows.lead :]
-    return np.concatenate([np.stack(found, axis=2), used], axis=2)
-
-
-def _filled(q: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
-    """Positions, the missing ones interpolated."""
-    filled, t = q.copy(), np.arange(q.shape[1])
-    for row in filled:
-        known = np.isfinite(row)
-        row[:] = np.interp(t, t[known], row[known]) if known.any() else 0.0
-    return filled
 
 
 def _centred(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:

@@ -37,6 +37,8 @@ MOST = 3
 """effects at most"""
 HOPELESS = 0.5
 """part of the nominal misfit that two effects leave over, beyond which no third is sought"""
+SHARE = 0.4
+"""of the steps left to an investigation, for a search"""
 CAP = 9.0
 """how many times the median misfit a window may weigh in a comparison"""
 
@@ -75,13 +77,15 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     """Adds effects as long as they explain more: a beam search over sets of effects.
 
     Each level scores all candidates on each of the best models, fits the most promising ones, and
-    goes on with the best of these. An effect that the others make superfluous is dropped again.
+    goes on with the best of these. An effect that the others make superfluous is dropped again. A
+    search whose share of the steps is used up ends with what it has seen.
 
     Args:
         model: without effects.
         windows: of the recordings.
         candidates: effects that may be missing.
     """
+    share = model.effort.share(SHARE)
     theta = np.zeros(model.nuisances)
     windows = remembered(model, windows, theta, windows.guess)
     starts = settle(model, windows, theta, windows.guess)
@@ -91,7 +95,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     scores: list[Score] = []
     for level in range(MOST):
         grown: list[Fit] = []
-        for number, known in enumerate(beam):
+        for number, known in enumerate(share.lasting(beam)):
             lin = linearise(known.model, windows, known.theta, known.starts)
             new = [c for c in candidates if c not in known.model.named]
             listed = screen(known, lin, windows, new)
@@ -104,6 +108,8 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
                     continue
                 if key not in tried and len(tried) == SHORTLIST[level]:
                     continue
+                if share.used_up:
+                    break
                 fitted = grow(known, score, windows)
                 if key not in tried or fitted.chi2 < tried[key].chi2:
                     tried[key] = fitted

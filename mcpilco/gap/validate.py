@@ -17,6 +17,8 @@ from mcpilco.gap.windows import Windows
 
 ROUGH = 4.0
 """misfit of a sample beyond which a model does not fit to the noise"""
+SHARE = 0.2
+"""of the steps left to an investigation, to compare models in"""
 NEAR, OF_EACH_SIZE = 3.0, 5
 """times the misfit of the first model; models that are compared"""
 PARTS = 3
@@ -48,7 +50,10 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
     ]
     parts = _parts(windows)
-    missed = np.stack([_unseen(found, windows, parts) for found in compared])
+    compared.sort(key=lambda found: found is not best)
+    share = best.model.effort.share(SHARE)
+    told = [_unseen(found, windows, parts) for found in share.lasting(compared)]
+    compared, missed = compared[: len(told)], np.stack(told)
     effects = np.array([len(found.model.named) for found in compared])
     symbols = np.array([_symbols(found) for found in compared])
     return compared[fewest(missed, effects, symbols, windows.overlap)]

@@ -76,6 +76,11 @@ class Windows:
         order = np.lexsort([both["start_s"], both["recording"]])
         return replace(self, **{name: part[order] for name, part in both.items()})
 
+    def beginning(self, samples: int) -> Windows:
+        """The first samples of each window."""
+        commands = np.ascontiguousarray(self.commands[:, : self.lead + samples])
+        return replace(self, y=self.y[:, :, :samples], commands=commands)
+
     @property
     def measured(self) -> Bool[np.ndarray, "W X T"]:
         """Where there is a measurement."""

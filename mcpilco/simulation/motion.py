@@ -160,10 +160,11 @@ def turning(tables, s, v, tv, kv, h):
 
 
 @njit(**INLINED)
-def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
+def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv, taken):
     """Follows a motion through a segment; returns the step that suits its end, or -1 if lost.
 
-    q and v are replaced by those at the end. kq, kv (7, J) and tq, tv (J,) are work space.
+    q and v are replaced by those at the end. kq, kv (7, J) and tq, tv (J,) are work space;
+    taken (1,) counts the steps.
     """
     J = len(q)
     done = 0.0
@@ -173,6 +174,7 @@ def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv):
     tried = 0
     while duration - done > 1e-12:
         tried += 1
+        taken[0] += 1
         if tried > 100.0 + MOST_STEPS * duration:
             return -1.0
         h = min(step, duration - done)
@@ -277,7 +279,7 @@ def _compiled(source: str):
     """`follow`, compiled anew when the digest of the source code changes."""
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def follow(tables, system, start, window, commands, lead, dt, y, w):
+    def follow(tables, system, start, window, commands, lead, dt, y, w, taken):
         """Fills y (B, X, T) with what is measured of B motions, NaN from where one is lost.
 
         Args:
@@ -291,6 +293,7 @@ def _compiled(source: str):
             dt: sampling time [s].
             y: the result.
             w: work space of `mcpilco.mechanics.compiled.scratch`.
+            taken: (1,), the steps of the integrator are added to it.
         """
         source  # noqa: B018  closed over
         J, U, T = start.shape[1] // 2, len(tables.drives), y.shape[2]
@@ -317,7 +320,9 @@ def _compiled(source: str):
                     break
                 while now < dt and step > 0.0:
                     event = next_event(tables, s, now, dt)
-                    step = travel(tables, s, q, v, actuated, event - now, step, w, kq, kv, tq, tv)
+                    step = travel(
+                        tables, s, q, v, actuated, event - now, step, w, kq, kv, tq, tv, taken
+                    )
                     settle(tables, s, event - now, actuated)
                     now = event
                     if now < dt and step > 0.0:
@@ -340,6 +345,7 @@ def simulate(
     commands: Float[np.ndarray, "W T_all U"],
     lead: int,
     dt: float,
+    taken: Int[np.ndarray, " 1"] | None = None,
 ) -> Float[np.ndarray, "B X T"]:
     """What is measured of B motions, at T samples; NaN from where a motion runs away.
 
@@ -352,8 +358,10 @@ def simulate(
             actuators, and T = T_all - lead.
         lead: how many these are.
         dt: sampling time [s].
+        taken: the steps of the integrator are added to it.
     """
     y = np.empty((*start.shape, commands.shape[1] - lead))
     w = scratch(start.shape[1] // 2)
-    _follow(tables, system, start, window, commands, lead, dt, y, w)
+    taken = np.zeros(1, dtype=np.int64) if taken is None else taken
+    _follow(tables, system, start, window, commands, lead, dt, y, w, taken)
     return y

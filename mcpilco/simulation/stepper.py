@@ -36,6 +36,7 @@ def _compiled(source: str):
         T, J, U = len(path), states.shape[1] // 2, len(tables.drives)
         q, v, tq, tv = np.empty(J), np.empty(J), np.empty(J), np.empty(J)
         kq, kv = np.empty((7, J)), np.empty((7, J))
+        taken = np.zeros(1, np.int64)
         newest = forces.shape[1] - 1
         for b in range(len(states)):
             q[:], v[:] = states[b, 0::2], states[b, 1::2]
@@ -50,7 +51,7 @@ def _compiled(source: str):
                 while now < until and step > 0.0:
                     event = min(next_event(tables, 0, now, dt), until)
                     step = travel(
-                        tables, 0, q, v, actuated[b], event - now, step, w, kq, kv, tq, tv
+                        tables, 0, q, v, actuated[b], event - now, step, w, kq, kv, tq, tv, taken
                     )
                     settle(tables, 0, event - now, actuated[b])
                     now = event

@@ -5,6 +5,7 @@ The recordings are made by scipy's integrator.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -16,8 +17,8 @@ from mcpilco.correction import correction_of, read_correction, write_correction
 from mcpilco.effects import CATALOGUE
 from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
-from mcpilco.gap.fit import Fit, fit, settle
-from mcpilco.gap.grid_force import Prior
+from mcpilco.gap.fit import Fit, fit, linearise, residual, run, settle
+from mcpilco.gap.grid_force import GridForce, Prior
 from mcpilco.gap.learn import MOST_TURNED, SHORT_S, learn, learned_of, moved, seek
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.places import places
@@ -149,3 +150,17 @@ def test_the_prior_of_a_grid_is_the_product_of_those_over_its_axes() -> None:
     x = [np.array([0.3, -0.2]), np.array([1.0, -2.0])]
     rows = (axes[0].splines(x[0])[:, :, None] * axes[1].splines(x[1])[:, None]).reshape(2, -1)
     np.testing.assert_allclose(prior.features(x), rows @ weights, atol=1e-12)
+
+
+def test_columns_of_a_learned_force_are_those_of_finite_differences() -> None:
+    before, windows = nominal_fit(recordings(feeding, 1))
+    axis = Axis("velocity", -6.0, 6.0, 9)
+    force = GridForce("pendulum", (axis,), 0.2 * np.eye(9)[:, 2:7])
+    model = replace(before.model, learned=(force,))
+    theta = np.array([0.1, -0.3, 0.2, 0.4, 0.1])
+    lin = linearise(model, windows, theta, before.starts)
+    steps = 1e-3 * np.concatenate([np.eye(5), -np.eye(5)])
+    r = residual(windows, run(model, windows, theta + steps, np.tile(before.starts, (10, 1, 1))))
+    columns = ((r[5:] - r[:5]) / 2e-3).transpose(1, 2, 0)
+    apart = np.linalg.norm(lin.Jp - columns, axis=(0, 1))
+    assert (apart < 0.1 * np.linalg.norm(columns, axis=(0, 1))).all()

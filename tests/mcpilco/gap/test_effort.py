@@ -1,0 +1,110 @@
+"""What an investigation simulates is counted, and its stages end when their share is used up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.effects import CATALOGUE
+from mcpilco.gap.effort import Effort
+from mcpilco.gap.fit import fit, run
+from mcpilco.gap.given import Given
+from mcpilco.gap.search import search
+from mcpilco.gap.validate import ROUGH, most_predictive
+from mcpilco.plant import Active
+from tests.mcpilco.gap.pendulum import record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
+
+
+@pytest.fixture(scope="module")
+def given() -> Given:
+    """Recordings of a pendulum with a drag and a constant torque."""
+    rng = np.random.default_rng(0)
+    measured = [record(rng, lambda q, v: 0.1 - 0.02 * v * abs(v), number) for number in range(2)]
+    return Given.of(PLANT, measured, 0.01, (), {})
+
+
+def limited(given: Given, most: float) -> Given:
+    return replace(given, effort=Effort(most))
+
+
+def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
+    effort = Effort(100.0)
+    first = effort.share(0.25)
+    effort.taken[0] = 24
+    assert not first.used_up
+    effort.taken[0] = 60
+    assert first.used_up
+    assert effort.share(0.5).until == 80.0
+
+
+def test_of_an_effort_that_is_spent_every_share_is_used_up() -> None:
+    effort = Effort(100.0)
+    effort.taken[0] = 130
+    assert effort.share(0.9).used_up
+
+
+def test_equal_simulations_count_equal_steps_and_two_as_many_as_both(given: Given) -> None:
+    windows = given.windows()[:2]
+    counts = []
+    for some in (windows[:1], windows[1:], windows, windows):
+        model = limited(given, 1.0).model(windows)
+        run(model, some, np.zeros((1, model.nuisances)), some.guess[None])
+        counts.append(int(model.effort.taken[0]))
+    assert counts[0] >= windows.y.shape[2] - 1
+    assert counts[0] + counts[1] == counts[2] == counts[3]
+
+
+def test_a_stiff_friction_counts_for_more(given: Given) -> None:
+    windows = given.windows()[:4]
+    smooth = given.model(windows)
+    nothing, friction = (
+        np.zeros(smooth.nuisances),
+        Active(CATALOGUE["coulomb_friction"], "pendulum"),
+    )
+    counts = []
+    for model, theta in ((smooth, nothing), smooth.grown(nothing, friction, [0.5, 1e-3])):
+        counted = replace(model, effort=Effort())
+        run(counted, windows, theta[None], windows.guess[None])
+        counts.append(int(counted.effort.taken[0]))
+    assert counts[1] > 2 * counts[0]
+
+
+def test_a_fit_of_which_no_steps_are_left_makes_one_iteration(given: Given) -> None:
+    windows = given.windows()
+    known, spent = given.model(windows), limited(given, 0.0).model(windows)
+    theta = np.zeros(known.nuisances)
+    once = fit(known, windows, theta, windows.guess, iterations=1)
+    ended = fit(spent, windows, theta, windows.guess)
+    whole = fit(known, windows, theta, windows.guess)
+    assert ended.chi2 == once.chi2
+    assert whole.chi2 < ended.chi2
+
+
+def test_a_search_of_few_steps_ends_with_fewer_models(given: Given) -> None:
+    windows = given.windows()
+    candidates = given.candidates(windows)
+    whole = search(limited(given, 1e9).model(windows), windows, candidates)
+    few = int(whole.best.model.effort.taken[0]) // 4
+    part = search(limited(given, few).model(windows), windows, candidates)
+    again = search(limited(given, few).model(windows), windows, candidates)
+    assert 1 < len(part.ranked) < len(whole.ranked)
+    assert part.best.model.effort.taken[0] < whole.best.model.effort.taken[0]
+    assert [bic for _, bic in part.ranked] == [bic for _, bic in again.ranked]
+
+
+def test_where_no_steps_are_left_the_best_model_is_compared_with_no_other(given: Given) -> None:
+    windows = given.windows()
+    chosen = []
+    for most in (1e9, 0.0):
+        model = limited(given, most).model(windows)
+        null = fit(model, windows, np.zeros(model.nuisances), windows.guess)
+        assert np.median(null.by_window / windows.samples) > ROUGH
+        idle = model.grown(null.theta, Active(CATALOGUE["spring"], "pendulum"), [0.0])
+        larger = fit(idle[0], windows, idle[1], null.starts, iterations=1)
+        chosen.append(most_predictive([larger, null], windows) is larger)
+    assert chosen == [False, True]
