@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from operator import mul
+from typing import Any
+
 from mcpilco.dynamics import GPDynamics
+from mcpilco.equations.number import Real, cos, sin
+from mcpilco.equations.program import Program, features_of
 from mcpilco.kernels.base import NoCanonicalFormError
 from mcpilco.physics_dynamics import PhysicsDraw, PhysicsDynamics
 from mcpilco.policies import SumOfGaussians
@@ -18,12 +24,32 @@ def supports_physics(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> 
 def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
     """Whether `mcpilco.batched`, and so `mcpilco.fused`, can roll these out.
 
-    They know a GP whose kernel is a sum of canonical terms, and a sum of Gaussians that sees the
-    state as the GP does; `mcpilco.rollout` knows all.
+    They know a GP whose kernel is a sum of canonical terms of [z, u], and a sum of Gaussians that
+    sees the state as the GP does; `mcpilco.rollout` knows all.
     """
-    if not isinstance(dynamics, GPDynamics) or dynamics.features or dynamics.C.any():
+    if not isinstance(dynamics, GPDynamics) or dynamics.C.any():
         return False
-    return _canonical(dynamics, policy)
+    return _canonical(dynamics, policy) and canonical_features(dynamics) is None
+
+
+def canonical_features(dynamics: GPDynamics) -> Program | None:
+    """What a model's canonical terms see behind [z, u]: its features, and combinations of all.
+
+    None where they see nothing more.
+    """
+    W = dynamics.posterior.kernel.canonical().W
+    if not W.shape[1]:
+        return dynamics.features
+    seen = dynamics.augmentation
+
+    def rows(given: Sequence[Real]) -> list[Any]:
+        angles = [given[i] for i in seen.angles]
+        z = [*(given[i] for i in seen.plain), *map(cos, angles), *map(sin, angles)]
+        further = [] if dynamics.features is None else dynamics.features.on_tape(given)
+        x = [*z, *given[seen.state_dim :], *further]
+        return further + [sum(map(mul, column, x)) for column in W.T.tolist()]
+
+    return features_of(seen.state_dim + dynamics.C.shape[1], [rows])[0]
 
 
 def _canonical(dynamics: object, policy: Policy) -> bool:
@@ -33,7 +59,7 @@ def _canonical(dynamics: object, policy: Policy) -> bool:
     if (seen.state_dim, seen.angles) != (acted.state_dim, acted.angles):
         return False
     try:
-        dynamics.posterior.kernel.terms()
+        dynamics.posterior.kernel.canonical()
     except NoCanonicalFormError:
         return False
     return True

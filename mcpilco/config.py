@@ -70,7 +70,9 @@ class Checked:
 
 LINEAR_PARTS = ("features", "friction")
 """parts of a kernel that are linear in features of their own"""
-KERNELS = ("rbf", "mpk", *LINEAR_PARTS)
+LAGGED_PARTS = ("sed-mpk", "sed-fir")
+"""parts of a kernel that see present and past inputs as what a filter answers"""
+KERNELS = ("rbf", "mpk", *LAGGED_PARTS, *LINEAR_PARTS)
 """parts that the kernel of a model is a sum of"""
 
 
@@ -79,10 +81,11 @@ class ModelConfig(Checked):
     """How the dynamics are learned."""
 
     kernel: str = "rbf+mpk"
-    """kernel of each GP, a sum of parts: rbf, mpk, and linear ones of `features`, what the plant's
-    equations say, and `friction`, functions of the velocities"""
+    """kernel of each GP, a sum of parts: rbf, mpk; of the present and past inputs sed-mpk, a
+    Volterra series, and sed-fir, a filter that depends on the state; and linear ones of `features`,
+    what the plant's equations say, and `friction`, functions of the velocities"""
     degree: int = 2
-    """degree of the multiplicative polynomial kernel"""
+    """degree of the polynomials of mpk and sed-mpk"""
     mean: Literal["zero", "physics"] = "zero"
     """of the GPs; physics: the plant's equations, whose parameters are learned"""
     plant: dict | None = None
@@ -130,6 +133,12 @@ class ModelConfig(Checked):
         _require(
             self.sampling == "step" or (self.mean == "zero" and not {*parts} & {*LINEAR_PARTS}),
             "sampling path knows no physics and no features; choose sampling step.",
+        )
+        lagged = [part for part in parts if part in LAGGED_PARTS]
+        _require(
+            not lagged or (self.memory > 0 and self.sampling == "step"),
+            f"{'+'.join(lagged)} is of past inputs: choose a memory of at least 1 and sampling "
+            f"step, got memory {self.memory} and sampling {self.sampling}.",
         )
         late = self.delay > 0
         _require(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from itertools import accumulate, pairwise, starmap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integrati
 from mcpilco.equations.program import Program, Rows, features_of
 from mcpilco.features import AngleAugmentation
 from mcpilco.gp import GP
-from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear
+from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.pathwise import PathwisePosterior
 from mcpilco.physics_dynamics import PhysicsDynamics
 from mcpilco.sparse import subset_of_data
@@ -35,7 +36,11 @@ ITERATIONS = {"lbfgs": 200, "adam": 1500}
 
 
 def make_kernel(
-    config: ModelConfig, width: int, outputs: int, features: Sequence[int] = ()
+    config: ModelConfig,
+    width: int,
+    outputs: int,
+    features: Sequence[int] = (),
+    lags: Sequence[Sequence[int]] = (),
 ) -> Kernel:
     """The kernel that a configuration names, for all outputs at once.
 
@@ -44,23 +49,30 @@ def make_kernel(
         width: of [z, u], which rbf and mpk see.
         outputs: E.
         features: how many further regressors each linear part sees, in the order of the parts.
+        lags: of each input, which of [z, u] are its present and past values, newest first.
 
-    Reference: thesis eq. (5.10) for `rbf+mpk`.
+    Reference: thesis eq. (5.10) for `rbf+mpk`, eqs. (6.29) and (6.35) for `sed-mpk`.
     """
     total, batch = width + sum(features), (outputs,)
-    begin, counts, parts = width, iter(features), []
-    for name in config.kernel.split("+"):
-        dims = range(width)
-        if name in LINEAR_PARTS:
-            dims = range(begin, begin := begin + next(counts))
-        kernel: Kernel = {
-            "rbf": lambda dims: RBF(len(dims), batch),
-            "mpk": lambda dims: MPK(len(dims), config.degree, batch),
-            "features": lambda dims: Linear(len(dims), batch, bias=False),
-            "friction": lambda dims: Linear(len(dims), batch, bias=False),
-        }[name](dims)
-        parts.append(kernel if len(dims) == total else ActiveDims(kernel, dims, total))
-    first, *others = parts
+    everything, lagged = range(width), [dim for channel in lags for dim in channel]
+    rest = [dim for dim in everything if dim not in lagged]
+    further = starmap(range, pairwise(accumulate(features, initial=width)))
+
+    def of(dims: Sequence[int], kernel: Callable[..., Kernel], *how: int, **more: Any) -> Kernel:
+        part = kernel(len(dims), *how, batch, **more)
+        return part if len(dims) == total else ActiveDims(part, dims, total)
+
+    def series(degree: int) -> Kernel:
+        return of(lagged, SEDMPK, degree, channels=len(lags))
+
+    make: Mapping[str, Callable[[], Kernel]] = {
+        "rbf": lambda: of(everything, RBF),
+        "mpk": lambda: of(everything, MPK, config.degree),
+        "sed-mpk": lambda: series(config.degree),
+        "sed-fir": lambda: of(rest, RBF) * series(1),
+        **dict.fromkeys(LINEAR_PARTS, lambda: of(next(further), Linear, bias=False)),
+    }
+    first, *others = (make[name]() for name in config.kernel.split("+"))
     return sum(others, start=first)
 
 
@@ -93,7 +105,7 @@ class Model:
         self.names = tuple(task.state_names[i] for i in self.increment.predicted)
         self.features, counts = self._features()
         width = self.augmentation.width + U * (2 if self.delay.part else 1)
-        kernel = make_kernel(config, width, len(self.names), counts)
+        kernel = make_kernel(config, width, len(self.names), counts, self._lags())
         self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
         self.physics = self._mean() if config.mean == "physics" else None
 
@@ -101,6 +113,12 @@ class Model:
     def memory(self) -> int:
         """How many past inputs a state in the rows holds."""
         return self.config.memory + self.delay.memory
+
+    def _lags(self) -> list[list[int]]:
+        """Where each input, and its past values behind it, stand in [z, u]."""
+        seen, X, U = self.augmentation, len(self.task.state_names), len(self.task.input_names)
+        past = [seen.plain.index(i) for i in range(X, seen.state_dim)]
+        return [[seen.width + i, *past[i::U]] for i in range(U)]
 
     def _features(self) -> tuple[Program | None, tuple[int, ...]]:
         """Further regressors, and how many each linear part of the kernel sees."""

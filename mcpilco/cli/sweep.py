@@ -61,8 +61,8 @@ class Sweep:
     exploration: Annotated[int | None, optional("INT", "one rollout")] = None
     """steps of random inputs at first; several rollouts, where they end early"""
     model: ModelName = None
-    """of mcpilco: rbf, mpk, features, friction, joined by +; physics+ before them makes the plant's
-    equations the mean"""
+    """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
+    makes the plant's equations the mean"""
     prior: PlantPath = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
     memory: Memory = None

@@ -65,8 +65,8 @@ class Train:
     """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
     it"""
     model: ModelName = None
-    """of mcpilco: rbf, mpk, features, friction, joined by +; physics+ before them makes the plant's
-    equations the mean"""
+    """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
+    makes the plant's equations the mean"""
     prior: PlantPath = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
     memory: Memory = None

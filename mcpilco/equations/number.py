@@ -99,6 +99,11 @@ class Number:
 Real = float | Number
 
 
+def operate(operation: int, a: Real, b: Real) -> Real:
+    """The result of an operation, of which one that takes one number takes the first."""
+    return _binary(operation, a, b) if operation < SINE else _unary(operation, a)
+
+
 def _is(x: Real, value: float) -> bool:
     return not isinstance(x, Number) and x == value
 

@@ -29,6 +29,7 @@ from mcpilco.equations.number import (
     TANH,
     Real,
     Tape,
+    operate,
 )
 
 _TORCH: dict[int, Callable[..., Tensor]] = {
@@ -51,6 +52,10 @@ def _tensors(a: Tensor | float, b: Tensor | float) -> tuple[Tensor, Tensor]:
     like = a if isinstance(a, Tensor) else b
     assert isinstance(like, Tensor), "what is constant was computed on the tape"
     return torch.as_tensor(a).to(like), torch.as_tensor(b).to(like)
+
+
+def _in_torch(operation: int, a: Tensor | float, b: Tensor | float) -> Tensor:
+    return _TORCH[operation](a, b) if operation < SINE else _TORCH[operation](a)
 
 
 Rows = Callable[[Sequence[Real]], list[Any]]
@@ -107,16 +112,21 @@ class Program:
 
     def __call__(self, inputs: Float[Tensor, "*b I"]) -> Float[Tensor, "*b O"]:
         """The results, differentiable in the inputs."""
-        registers: list[Tensor | float] = [*inputs.unbind(-1), *self.constants.tolist()]
+        results, shape = self._follow(_in_torch, inputs.unbind(-1)), inputs.shape[:-1]
+        return torch.stack(
+            [torch.as_tensor(result, dtype=inputs.dtype).expand(shape) for result in results], -1
+        )
+
+    def on_tape(self, inputs: Sequence[Real]) -> list[Real]:
+        """The results, as part of another program."""
+        return self._follow(operate, inputs)
+
+    def _follow(self, operate: Callable[[int, Any, Any], Any], inputs: Sequence[Any]) -> list[Any]:
+        registers = [*inputs, *self.constants.tolist()]
         rows = zip(self.operations.tolist(), self.first.tolist(), self.second.tolist(), strict=True)
         for operation, a, b in rows:
-            operands = (registers[a], registers[b]) if operation < SINE else (registers[a],)
-            registers.append(_TORCH[operation](*operands))
-        shape = inputs.shape[:-1]
-        results = (
-            torch.as_tensor(registers[r], dtype=inputs.dtype).expand(shape) for r in self.outputs
-        )
-        return torch.stack(list(results), -1)
+            registers.append(operate(operation, registers[a], registers[b]))
+        return [registers[r] for r in self.outputs]
 
 
 def features_of(width: int, parts: Sequence[Rows]) -> tuple[Program, tuple[int, ...]]:

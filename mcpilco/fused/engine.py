@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.canonical import canonical_features
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
 from mcpilco.estimator import LinearObserver
@@ -48,6 +49,7 @@ def rollout(
 
 
 _model_arrays = functools.lru_cache(maxsize=4)(layout.model_arrays)
+_features = functools.lru_cache(maxsize=4)(canonical_features)
 
 
 def _physics(
@@ -55,9 +57,8 @@ def _physics(
 ) -> layout.PhysicsArrays:
     """What physics adds to a model, for particles that are padded with copies of the first."""
     model = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
-    features = None
-    if model.features is not None:
-        features = layout.program_arrays(model.features, None, dtype)
+    program = _features(model)
+    features = None if program is None else layout.program_arrays(program, None, dtype)
     if not isinstance(dynamics, PhysicsDraw):
         C = model.increment.C
         remembered = np.ascontiguousarray(C, dtype=dtype) if bool((C != 0).any()) else None

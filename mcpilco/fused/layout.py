@@ -294,11 +294,12 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
         NoCanonicalFormError: its kernel is no sum of canonical terms.
     """
     posterior = dynamics.posterior
-    terms = posterior.kernel.terms()
-    middle = posterior.X.mean(0)
+    form = posterior.kernel.canonical()
+    X, terms = form.regressors(posterior.X), form.terms
+    middle = X.mean(0)
     whiten, unwhiten = pack(posterior.L_inv.numpy()), pack(posterior.L_inv.mT.numpy())
     _, panels, _, height = whiten.shape
-    slopes, offsets, masses = _groups(posterior.X, middle, terms, panels * height)
+    slopes, offsets, masses = _groups(X, middle, terms, panels * height)
     has_exponent = np.array([_has_exponent(term) for term in terms])
 
     def real(array: Tensor | np.ndarray) -> np.ndarray:

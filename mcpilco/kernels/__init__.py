@@ -2,6 +2,7 @@
 
 from mcpilco.kernels.base import (
     ActiveDims,
+    Canonical,
     Kernel,
     NoCanonicalFormError,
     Product,
@@ -26,6 +27,7 @@ __all__ = [
     "RBF",
     "SEDMPK",
     "ActiveDims",
+    "Canonical",
     "Gate",
     "HardGate",
     "Kernel",

@@ -7,10 +7,10 @@ A kernel is one `nn.Module` for all E outputs at once: its hyperparameters have 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import product
+from itertools import chain, product
 from operator import mul
 
 import torch
@@ -96,6 +96,20 @@ class Term:
         return Term(self.v, scatter(self.w), self.c, scatter(self.s))
 
 
+@dataclass(frozen=True)
+class Canonical:
+    """A kernel as a sum of canonical terms, of the regressors and of combinations of them."""
+
+    W: Float[Tensor, "D M"]
+    """the combinations are x W; M is 0 where the kernel needs none"""
+    terms: list[Term]
+    """of [x, x W]"""
+
+    def regressors(self, X: Float[Tensor, "*b N D"]) -> Float[Tensor, "*b N D_plus_M"]:
+        """What the terms see."""
+        return torch.cat([X, X @ self.W], -1)
+
+
 class Kernel(nn.Module, ABC):
     """A covariance function of regressors of a given width, one for each entry of a batch.
 
@@ -141,6 +155,15 @@ class Kernel(nn.Module, ABC):
             "posterior, or use sums and products of RBF, Linear and MPK."
         )
 
+    def canonical(self) -> Canonical:
+        """The kernel as a sum of canonical terms, of combinations of the regressors if need be.
+
+        Raises:
+            NoCanonicalFormError: the kernel is not such a sum.
+        """
+        terms = self.terms()
+        return Canonical(torch.zeros(self.width, 0, dtype=torch.float64), terms)
+
     def spread(self, value: float | Sequence[float] | Tensor, *shape: int) -> Tensor:
         """A hyperparameter of this shape for each entry of the batch."""
         value = torch.as_tensor(value, dtype=torch.float64)
@@ -175,6 +198,23 @@ class _Composite(Kernel):
         super().__init__(parts[0].width, parts[0].batch)
         self.parts: Sequence[Kernel] = nn.ModuleList(parts)  # type: ignore[assignment]
 
+    @abstractmethod
+    def combined(self, parts: Iterable[list[Term]]) -> list[Term]:
+        """The terms of this kernel, given those of its parts."""
+
+    def terms(self) -> list[Term]:
+        return self.combined(part.terms() for part in self.parts)
+
+    def canonical(self) -> Canonical:
+        forms, begin = [part.canonical() for part in self.parts], self.width
+        W, scattered = torch.cat([form.W for form in forms], 1), []
+        for form in forms:
+            end = begin + form.W.shape[1]
+            dims = torch.tensor([*range(self.width), *range(begin, end)])
+            scattered.append([term.scattered(dims, sum(W.shape)) for term in form.terms])
+            begin = end
+        return Canonical(W, self.combined(scattered))
+
 
 class Sum(_Composite):
     """k(x, x') = sum_i k_i(x, x')."""
@@ -191,8 +231,8 @@ class Sum(_Composite):
         for part in self.parts:
             part.start_from(X, Y / len(self.parts) ** 0.5)
 
-    def terms(self) -> list[Term]:
-        return [term for part in self.parts for term in part.terms()]
+    def combined(self, parts: Iterable[list[Term]]) -> list[Term]:
+        return list(chain.from_iterable(parts))
 
 
 class Product(_Composite):
@@ -212,9 +252,8 @@ class Product(_Composite):
         for part in others:
             part.start_from(X, torch.ones_like(Y))
 
-    def terms(self) -> list[Term]:
-        choices = product(*(part.terms() for part in self.parts))
-        return [reduce(mul, choice) for choice in choices]
+    def combined(self, parts: Iterable[list[Term]]) -> list[Term]:
+        return [reduce(mul, choice) for choice in product(*parts)]
 
 
 class Scaled(Kernel):
@@ -240,7 +279,14 @@ class Scaled(Kernel):
         self.variance = mean_square(Y)
 
     def terms(self) -> list[Term]:
-        return [term.scaled(self.variance) for term in self.kernel.terms()]
+        return self._scaled(self.kernel.terms())
+
+    def canonical(self) -> Canonical:
+        form = self.kernel.canonical()
+        return Canonical(form.W, self._scaled(form.terms))
+
+    def _scaled(self, terms: list[Term]) -> list[Term]:
+        return [term.scaled(self.variance) for term in terms]
 
 
 class ActiveDims(Kernel):
@@ -278,6 +324,12 @@ class ActiveDims(Kernel):
 
     def terms(self) -> list[Term]:
         return [term.scattered(self.dims, self.width) for term in self.kernel.terms()]
+
+    def canonical(self) -> Canonical:
+        form = self.kernel.canonical()
+        W = form.W.new_zeros(self.width, form.W.shape[1]).index_copy(0, self.dims, form.W)
+        dims = torch.cat([self.dims, torch.arange(self.width, sum(W.shape))])
+        return Canonical(W, [term.scattered(dims, sum(W.shape)) for term in form.terms])
 
 
 def mean_square(Y: Float[Tensor, " N *b"]) -> Float[Tensor, "*b"]:

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Positive, Term
+from mcpilco.kernels.base import Canonical, Kernel, Positive, Term
 from mcpilco.kernels.volterra import Map, VolterraKernel, degrees, later
 from mcpilco.typing import InputError
 
@@ -95,7 +95,10 @@ class SEDMPK(VolterraKernel):
         return self.constant
 
     def maps(self) -> list[Map]:
-        factors = self._metrics().unbind(-3)
+        return self._maps(self._metrics().unbind(-3))
+
+    def _maps(self, factors: tuple[Tensor, ...]) -> list[Map]:
+        """The maps, given the metric of each factor."""
         scales = self.scales.unbind(-1)
         if not self.hierarchical:
             return [Map(v, factors * i) for i, v in enumerate(scales, 1)]
@@ -127,6 +130,17 @@ class SEDMPK(VolterraKernel):
     def terms(self) -> list[Term]:
         return Kernel.terms(self)
 
+    def canonical(self) -> Canonical:
+        """S_p = A_p A_p^T: each factor is an inner product of combinations x^T A_p.
+
+        Each entry of the batch has combinations of its own, which the terms of others do not see.
+        """
+        A = self._roots()
+        W = A.movedim(-2, 0).flatten(1)
+        own = torch.eye(W.shape[1], dtype=W.dtype).reshape(*A.shape[:-1], -1).sum(-2)
+        seen = torch.nn.functional.pad(own, (self.width, 0))
+        return Canonical(W, self.terms_of(self._maps(seen.unbind(-2)), sum(W.shape)))
+
     def times(self, X: Float[Tensor, "*#b N D"], S: Tensor) -> Float[Tensor, "*#b N D"]:
         return X @ S
 
@@ -149,6 +163,25 @@ class SEDMPK(VolterraKernel):
             return S
         weights = self.channel_weights[..., None, channel, None]
         return S * weights * (channel[:, None] == channel)
+
+    def _roots(self) -> Float[Tensor, "*b factors D D"]:
+        """A_p of S_p = A_p A_p^T, all factors below one another.
+
+            A_p(t, j) = exp(-decay_p t - decorrelation_p (t - j)) r_j,    j <= t,
+
+        with r_0 = 1 and r_j^2 = 1 - exp(-2 decorrelation_p): the maps are autoregressive processes
+        of first order that decay, and j counts what is new at each lag.
+        """
+        lag, channel = self._lag, self._channel
+        since = lag[:, None] - lag
+        alpha = self.decorrelation[..., channel, None]
+        beta = self.decay[..., channel, None]
+        new = torch.where(lag > 0, -torch.expm1(-2.0 * alpha), 1.0).sqrt()
+        A = torch.exp(-alpha * since.clamp(min=0.0) - beta * lag[:, None]) * new * (since >= 0.0)
+        if self.channels == 1:
+            return A
+        weights = self.channel_weights[..., None, channel, None]
+        return A * weights.sqrt() * (channel[:, None] == channel)
 
 
 def _kron(a: Float[Tensor, "*b A A"], b: Float[Tensor, "*b D D"]) -> Float[Tensor, "*b AD AD"]:

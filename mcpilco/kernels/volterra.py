@@ -66,13 +66,17 @@ class VolterraKernel(Kernel):
         return self._total(lambda S: (self.times(X, S) * X).sum(-1), 1)
 
     def terms(self) -> list[Term]:
-        w = torch.zeros(*self.batch, self.width, dtype=torch.float64)
+        return self.terms_of(self.maps(), self.width)
+
+    def terms_of(self, maps: Sequence[Map], width: int) -> list[Term]:
+        """The kernel with these maps, whose metrics are diagonals of this width."""
+        w = torch.zeros(*self.batch, width, dtype=torch.float64)
         constant = Term(self.offset_variance(), w, w[..., :0], w[..., None, :][..., :0, :])
         return [
             constant,
             *(
                 Term(v, w, w[..., :1].expand(*self.batch, len(metrics)), torch.stack(metrics, -2))
-                for v, metrics in self.maps()
+                for v, metrics in maps
             ),
         ]
 

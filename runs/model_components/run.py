@@ -38,14 +38,20 @@ USUAL = SearchConfig()
 THOROUGH = PRESETS["thorough"].config.search
 
 
-def described(parameters: Mapping[str, float], delay: float = 0.0) -> dict[str, Any]:
+def described(
+    parameters: Mapping[str, float], delay: float = 0.0, lag: float = 0.0
+) -> dict[str, Any]:
     """A correction of the cart-pole."""
-    late = {"name": "actuator_delay", "target": "actuator", "parameters": {"d": delay}}
+    late = (("actuator_delay", {"d": delay}), ("actuator_lag", {"T": lag}))
     return {
         "format": 1,
         "plant": CART_POLE,
         "parameters": dict(parameters),
-        "effects": [late] if delay else [],
+        "effects": [
+            {"name": name, "target": "actuator", "parameters": numbers}
+            for name, numbers in late
+            if any(numbers.values())
+        ],
     }
 
 
@@ -57,6 +63,8 @@ class Cell:
     """its masses are wrong where it knows a plant"""
     delay: float = 0.0
     """of the actuator [s]"""
+    lag: float = 0.0
+    """of the actuator: its time constant [s]"""
     trials: int = 4
     """policies to learn"""
     search: SearchConfig = USUAL
@@ -81,6 +89,10 @@ CELLS: Mapping[str, Cell] = {
     "delay-1-predicted": Cell(ModelConfig(delay=0.1), delay=0.1),
     "delay-1.5": Cell(ModelConfig(), delay=0.15, trials=3),
     "delay-1.5-predicted": Cell(ModelConfig(delay=0.15), delay=0.15),
+    "lag": Cell(ModelConfig(), lag=0.1),
+    "lag-memory": Cell(ModelConfig(memory=3), lag=0.1),
+    "lag-sed-mpk": Cell(ModelConfig(kernel="sed-mpk+rbf+mpk", memory=3), lag=0.1),
+    "lag-sed-fir": Cell(ModelConfig(kernel="sed-fir", memory=3), lag=0.1),
 }
 
 
@@ -108,7 +120,7 @@ def main() -> int:
     failed = False
     for name in arguments.cells:
         for system in arguments.systems:
-            if not (CELLS[name].delay and system == "mujoco"):  # its actuator answers at once
+            if system == "analytic" or not disturbed(CELLS[name]):  # MuJoCo's answers at once
                 failed |= bool(run(system, name, arguments, out)["failed"])
             write_readme(out)  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")
@@ -122,8 +134,7 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
     if arguments.quick:
         search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
         config, seeds, trials, fresh = replace(config, search=search), seeds[:1], 1, 4
-    kwargs = {"effects": described({}, cell.delay)} if cell.delay else {}
-    settings = Settings(f"envs:{SYSTEMS[system]}", kwargs, name, config, trials, fresh)
+    settings = Settings(f"envs:{SYSTEMS[system]}", disturbed(cell), name, config, trials, fresh)
     print(f"{system}, {name}, {len(seeds)} seeds of {trials} trials:", flush=True)
 
     def told(seed: int, outcome: Any) -> None:
@@ -133,6 +144,13 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
 
     path = out / "results" / system / name
     return sweep(settings, seeds, path, LocalEngine(arguments.workers), told, job_of)
+
+
+def disturbed(cell: Cell) -> dict[str, Any]:
+    """What the env of a cell is made with; nothing where its actuator is ideal."""
+    if not (cell.delay or cell.lag):
+        return {}
+    return {"effects": described({}, cell.delay, cell.lag)}
 
 
 def job_of(settings: Settings, seed: int) -> SeedJob:

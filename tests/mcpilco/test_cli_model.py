@@ -16,12 +16,13 @@ from mcpilco.typing import InputError
     [
         ("mpk", ModelConfig(kernel="mpk")),
         ("features+rbf", ModelConfig(kernel="features+rbf")),
+        ("sed-fir", ModelConfig(kernel="sed-fir", memory=3)),
         ("physics+rbf", ModelConfig(kernel="rbf", mean="physics")),
         ("rbf+physics+mpk", ModelConfig(kernel="rbf+mpk", mean="physics")),
     ],
 )
 def test_a_name_is_a_sum_of_parts(name, model):
-    assert with_model(Config(), name).model == model
+    assert with_model(Config(), name, memory=model.memory).model == model
 
 
 @pytest.mark.parametrize("name", ["physics", "gauss", "rbf+", "rbf+rbf"])

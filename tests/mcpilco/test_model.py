@@ -41,6 +41,35 @@ def test_a_kernel_is_the_sum_of_what_it_is_called(kernel: str, terms: list[str])
     assert (made.width, made.batch) == (3, (2,))
 
 
+def with_two_inputs(task: TaskSpec) -> TaskSpec:
+    return dataclasses.replace(task, input_names=("force", "torque"), input_units=("N", "N m"))
+
+
+def test_a_series_sees_all_lags_of_one_input_and_then_those_of_the_next(task: TaskSpec) -> None:
+    model = Model(ModelConfig(kernel="rbf+sed-mpk", memory=2), with_two_inputs(task))
+    newest_first = [[4.0, 5.0, 6.0, 7.0]]  # force and torque of one step ago, then of two
+    state = np.concatenate([np.zeros((1, 4)), newest_first], 1)
+    X, _ = model.rows(Transitions(state, np.array([[2.0, 3.0]]), state))
+    series = model.gp.kernel.parts[1]
+    assert X[0, series.dims].tolist() == [2.0, 4.0, 6.0, 3.0, 5.0, 7.0]
+    assert series.kernel.channels == 2
+
+
+def test_a_filter_is_affine_in_present_and_past_inputs(task: TaskSpec) -> None:
+    model, data = Model(ModelConfig(kernel="sed-fir", memory=2), task), some_data(task, 9)
+    past = np.random.default_rng(1).normal(size=(10, 2))
+    states = np.concatenate([data.states, past[:-1]], 1)
+    rows = Transitions(states, data.inputs, np.concatenate([data.next_states, past[1:]], 1))
+    posterior = model.dynamics(rows).posterior
+    change = torch.zeros(model.gp.kernel.width, dtype=torch.float64)
+    change[model._lags()[0]] = torch.tensor([1.0, -0.5, 2.0], dtype=torch.float64)
+    at = posterior.X[:1] + torch.arange(3.0)[:, None] * change
+    mean, _ = posterior.mean_and_variance(at)
+    torch.testing.assert_close(mean[0] + mean[2], 2 * mean[1])
+    aside, _ = posterior.mean_and_variance(at + 1.0 * (change == 0))
+    assert not torch.allclose(aside[1] - aside[0], mean[1] - mean[0])
+
+
 @pytest.mark.parametrize(
     ("integration", "names"),
     [

@@ -25,6 +25,14 @@ def test_masses_are_wrong_by_up_to_a_fifth_and_only_where_a_plant_is_known(run):
         assert not knows or told["parameters"] == run.wrong_masses(3)
 
 
+def test_an_actuator_is_late_or_lags_as_its_cell_says(run):
+    told = {name: run.disturbed(cell) for name, cell in run.CELLS.items()}
+    assert told["rbf"] == {}
+    (late,), (lagging,) = (told[name]["effects"]["effects"] for name in ("delay-1", "lag"))
+    assert (late["name"], late["parameters"]) == ("actuator_delay", {"d": 0.1})
+    assert (lagging["name"], lagging["parameters"]) == ("actuator_lag", {"T": 0.1})
+
+
 def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "LocalEngine", lambda workers: HereEngine())
     cells = ["physics+rbf", "delay-1-predicted"]

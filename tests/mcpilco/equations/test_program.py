@@ -36,6 +36,15 @@ def test_a_program_computes_its_formula(name):
 
 
 @pytest.mark.parametrize("name", FORMULAS)
+def test_a_program_on_another_tape_is_the_same(name):
+    program, tape = traced(FORMULAS[name]), Tape(2)
+    again = Program.of(tape, program.on_tape(tape.inputs))
+    points = torch.rand(20, 2, dtype=torch.float64) + 1.0
+    torch.testing.assert_close(again(points), program(points), rtol=1e-15, atol=1e-15)
+    assert len(again.operations) == len(program.operations)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
 def test_a_programs_gradient_is_that_of_differences(name):
     points = torch.tensor([[0.3, 1.2], [-1.1, 0.7]], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(traced(FORMULAS[name]), points)

@@ -52,6 +52,10 @@ COMPONENTS = {
     "friction": ModelConfig(kernel="friction+rbf+mpk"),
     "all": ModelConfig(kernel="features+friction+rbf", mean="physics", plant=described()),
     "memory": ModelConfig(memory=2),
+    "lags": ModelConfig(kernel="sed-mpk+rbf+mpk", memory=3),
+    "filter": ModelConfig(kernel="sed-fir", memory=2),
+    "filter, features": ModelConfig(kernel="friction+sed-fir", memory=1),
+    "filter, physics": ModelConfig(kernel="sed-fir+rbf", mean="physics", memory=2, plant=LATE),
     "full": ModelConfig(kernel="rbf", mean="physics", integration="full", plant=described()),
 }
 

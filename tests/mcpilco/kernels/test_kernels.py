@@ -47,6 +47,9 @@ KERNELS = {
     "SEDMPK beside an RBF": lambda batch: (
         RBF(WIDTH, batch) + ActiveDims(SEDMPK(2, 2, batch), (2, 1), WIDTH)
     ),
+    "SEDMPK by an RBF": lambda batch: Scaled(
+        RBF(WIDTH, batch) * ActiveDims(SEDMPK(2, 2, batch), (2, 0), WIDTH), 2.0
+    ),
 }
 
 
@@ -102,6 +105,17 @@ def test_terms_are_the_kernel(make):
         pytest.skip("no canonical form")
     total = sum(term(X1, X2) for term in terms)
     torch.testing.assert_close(total, kernel(X1, X2), rtol=1e-12, atol=1e-12)
+
+
+def test_canonical_terms_are_the_kernel_too(make):
+    kernel, X1, X2 = shake(make((2,))), points(5, WIDTH), points(4, WIDTH, seed=2)
+    try:
+        form = kernel.canonical()
+    except NoCanonicalFormError:
+        pytest.skip("no canonical form")
+    total = sum(term(form.regressors(X1), form.regressors(X2)) for term in form.terms)
+    torch.testing.assert_close(total, kernel(X1, X2), rtol=1e-12, atol=1e-12)
+    assert form.W.shape[1] == 0 or not terms_of(kernel)
 
 
 class Everything(torch.nn.Module):
