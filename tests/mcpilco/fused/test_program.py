@@ -55,7 +55,7 @@ COMPONENTS = {
     "lags": ModelConfig(kernel="sed-mpk+rbf+mpk", memory=3),
     "filter": ModelConfig(kernel="sed-fir", memory=2),
     "filter, features": ModelConfig(kernel="friction+sed-fir", memory=1),
-    "filter, physics": ModelConfig(kernel="sed-fir+rbf", mean="physics", memory=2, plant=LATE),
+    "filter, physics": ModelConfig(kernel="sed-fir+rbf", mean="physics", memory=3, plant=LATE),
     "full": ModelConfig(kernel="rbf", mean="physics", integration="full", plant=described()),
 }
 
