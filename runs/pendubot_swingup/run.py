@@ -47,10 +47,9 @@ CONFIG = Config(
     search=SearchConfig(
         particles=48,
         evaluation_particles=96,
-        restarts=(7,),
-        screening=0.3,
+        restarts=(1,),
         rates=(1.0, 1.0, 0.7, 0.5, 0.3),
-        failing=0.005,
+        failing=0.02,
         phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
         widening=2.0,
         correlations=(0.0,),
