@@ -63,6 +63,30 @@ def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
     )
 
 
+def plainer(found: Found, candidates: Sequence[Active]) -> Found:
+    """The search, its best model's effects replaced by special cases that explain as much.
+
+    Friction that is alike in both directions is Coulomb's, whatever the search came upon first.
+
+    Args:
+        found: a search.
+        candidates: effects that may be missing.
+    """
+    windows, best = found.windows, found.best
+    seen: Seen = {frozenset(known.model.named): known for known, _ in found.ranked}
+    for active in best.model.named:
+        special = [
+            c
+            for c in candidates
+            if c.target == active.target and c.effect.name in active.effect.special
+        ]
+        for key, simple in _instead(best, active, special, windows, found.null.model.priors):
+            seen[key] = min((known for known in (simple, seen.get(key)) if known), key=_misfit)
+            if not Yardstick.of(best, windows).prefers(best, seen[key], found.null):
+                best = seen[key]
+    return found if best is found.best else found.with_best(best, seen.values())
+
+
 def _misfit(found: Fit) -> float:
     return found.chi2
 
@@ -77,10 +101,24 @@ def _others(
 ) -> Iterator[tuple[frozenset[Active], Fit]]:
     """Models with another effect in the place of one, that were not seen yet."""
     for active in share.lasting(best.model.named):
-        parameter = best.model.plant.parameter_of(active)
-        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
-        smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
-        lin = linearise(smaller.model, windows, smaller.theta, smaller.starts)
-        new = [c for c in candidates if frozenset({*model.named, c}) not in seen]
-        for score in screen(smaller, lin, windows, new, per_effect=1)[:TRIED]:
-            yield frozenset({*model.named, score.active}), grow(smaller, score, windows)
+        rest = {*best.model.named} - {active}
+        new = [c for c in candidates if frozenset({*rest, c}) not in seen]
+        yield from _instead(best, active, new, windows, priors)
+
+
+def _instead(
+    best: Fit,
+    active: Active,
+    candidates: Sequence[Active],
+    windows: Windows,
+    priors: Mapping[str, float],
+) -> Iterator[tuple[frozenset[Active], Fit]]:
+    """Models with one of some candidates in the place of an effect, the most promising ones."""
+    if not candidates:
+        return
+    parameter = best.model.plant.parameter_of(active)
+    model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
+    smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
+    lin = linearise(smaller.model, windows, smaller.theta, smaller.starts)
+    for score in screen(smaller, lin, windows, candidates, per_effect=1)[:TRIED]:
+        yield frozenset({*model.named, score.active}), grow(smaller, score, windows)

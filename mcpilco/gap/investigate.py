@@ -9,7 +9,7 @@ import numpy as np
 
 from mcpilco.gap.effort import LEARNING, Effort
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
-from mcpilco.gap.exchange import exchanged
+from mcpilco.gap.exchange import exchanged, plainer
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
@@ -182,6 +182,7 @@ def _found(
     candidates = given.candidates(windows)
     found = exchanged(search(given.model(everything), _some(windows), candidates), candidates)
     found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
+    found = plainer(found, candidates)
     best, windows = finish(found.best, windows)
     far = outlying(best, windows)  # of what the best model leaves over
     masked, explained = _explained(best, windows, masked)

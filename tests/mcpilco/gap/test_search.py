@@ -12,7 +12,7 @@ import pytest
 import envs
 from mcpilco.effects import CATALOGUE
 from mcpilco.gap import where
-from mcpilco.gap.exchange import exchanged
+from mcpilco.gap.exchange import exchanged, plainer
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
@@ -98,6 +98,27 @@ def test_an_effect_that_stands_for_another_is_exchanged(
     named = {str(each) for each in best.model.named}
     assert named == {"actuator_lag (actuator)", "coulomb_friction (pendulum)"}
     assert best.chi2 < 1.2 * windows.samples.sum() < wrong.chi2
+
+
+@pytest.mark.parametrize(
+    ("forces", "named"),
+    [((0.1, 0.1), "coulomb_friction"), ((0.13, 0.07), "asymmetric_friction")],
+)
+def test_a_special_case_is_named_where_it_explains_as_much(
+    forces: tuple[float, float], named: str
+) -> None:
+    names = "coulomb_friction", "asymmetric_friction", "stribeck_friction"
+    candidates = [active(name, "pendulum") for name in names]
+    hidden = [(candidates[1], (*forces, 2e-3))]
+    known = given(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    model, theta = null.model.grown(null.theta, candidates[1], [*forces, 2e-3])
+    rich = fitted(model, windows, theta)
+    found = Found(rich, null, (), (), windows).with_best(rich, [null, rich])
+    (effect,) = plainer(found, candidates).best.model.named
+    assert effect.effect.name == named
 
 
 def test_a_model_that_fits_to_the_noise_is_left_as_it_is(
