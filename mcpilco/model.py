@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.config import LINEAR_PARTS, ModelConfig
+from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.delay import Delay, StatePredictor
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
@@ -50,6 +50,8 @@ def make_kernel(
     total, batch = width + sum(features), (outputs,)
     begin, counts, parts = width, iter(features), []
     for name in config.kernel.split("+"):
+        if name == FORCE_PART:
+            continue
         dims = range(width)
         if name in LINEAR_PARTS:
             dims = range(begin, begin := begin + next(counts))
@@ -140,6 +142,7 @@ class Model:
             config.memory,
             config.uncertainty,
             config.plant_step,
+            FORCE_PART in config.kernel.split("+"),
         )
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
@@ -198,7 +201,7 @@ class Model:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything learned, as named arrays: what `load_arrays` reads."""
-        known = {} if self.physics is None else self.physics.belief.to_arrays()
+        known = {} if self.physics is None else self.physics.to_arrays()
         return self.gp.to_arrays() | known
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -207,7 +210,7 @@ class Model:
         Raises:
             InputError: an array is missing or unknown, of another shape, or not finite.
         """
-        ours = {} if self.physics is None else self.physics.belief.to_arrays()
+        ours = {} if self.physics is None else self.physics.to_arrays()
         self.gp.load_arrays({name: a for name, a in arrays.items() if name not in ours})
         if self.physics is not None:
             self.physics.load_arrays(arrays)

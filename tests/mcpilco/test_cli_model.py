@@ -17,6 +17,7 @@ from mcpilco.typing import InputError
         ("mpk", ModelConfig(kernel="mpk")),
         ("features+rbf", ModelConfig(kernel="features+rbf")),
         ("physics+rbf", ModelConfig(kernel="rbf", mean="physics")),
+        ("physics+gip+rbf", ModelConfig(kernel="gip+rbf", mean="physics")),
         ("rbf+physics+mpk", ModelConfig(kernel="rbf+mpk", mean="physics")),
     ],
 )
