@@ -72,7 +72,9 @@ LINEAR_PARTS = ("features", "friction")
 """parts of a kernel that are linear in features of their own"""
 LAGGED_PARTS = ("sed-mpk", "sed-fir")
 """parts of a kernel that see present and past inputs as what a filter answers"""
-KERNELS = ("rbf", "mpk", *LAGGED_PARTS, *LINEAR_PARTS)
+FORCE_PART = "gip"
+"""the part that is a force in the plant's equations, and none of the GPs' kernel"""
+KERNELS = ("rbf", "mpk", *LAGGED_PARTS, *LINEAR_PARTS, FORCE_PART)
 """parts that the kernel of a model is a sum of"""
 
 
@@ -83,7 +85,8 @@ class ModelConfig(Checked):
     kernel: str = "rbf+mpk"
     """kernel of each GP, a sum of parts: rbf, mpk; of the present and past inputs sed-mpk, a
     Volterra series, and sed-fir, a filter that depends on the state; and linear ones of `features`,
-    what the plant's equations say, and `friction`, functions of the velocities"""
+    what the plant's equations say, and `friction`, functions of the velocities; with `gip` the
+    plant's equations get the forces that they lack, polynomials of the motion"""
     degree: int = 2
     """degree of the polynomials of mpk and sed-mpk"""
     mean: Literal["zero", "physics"] = "zero"
@@ -129,6 +132,11 @@ class ModelConfig(Checked):
             set(parts) <= set(KERNELS) and len(set(parts)) == len(parts),
             f"kernel must be a sum of different parts out of {', '.join(KERNELS)}, such as "
             f"rbf+mpk, got {self.kernel!r}.",
+        )
+        _require(
+            FORCE_PART not in parts or (self.mean == "physics" and len(parts) > 1),
+            "gip is what a plant's equations lack, and another part learns the rest; choose mean "
+            f"physics and a kernel such as gip+rbf, got {self.mean} and {self.kernel}.",
         )
         _require(
             self.sampling == "step" or (self.mean == "zero" and not {*parts} & {*LINEAR_PARTS}),

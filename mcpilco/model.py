@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.config import LINEAR_PARTS, ModelConfig
+from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.delay import Delay, StatePredictor
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
@@ -72,7 +72,8 @@ def make_kernel(
         "sed-fir": lambda: of(rest, RBF) * series(1),
         **dict.fromkeys(LINEAR_PARTS, lambda: of(next(further), Linear, bias=False)),
     }
-    first, *others = (make[name]() for name in config.kernel.split("+"))
+    names = [name for name in config.kernel.split("+") if name != FORCE_PART]
+    first, *others = (make[name]() for name in names)
     return sum(others, start=first)
 
 
@@ -158,6 +159,7 @@ class Model:
             config.memory,
             config.uncertainty,
             config.plant_step,
+            FORCE_PART in config.kernel.split("+"),
         )
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
@@ -216,7 +218,7 @@ class Model:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything learned, as named arrays: what `load_arrays` reads."""
-        known = {} if self.physics is None else self.physics.belief.to_arrays()
+        known = {} if self.physics is None else self.physics.to_arrays()
         return self.gp.to_arrays() | known
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -225,7 +227,7 @@ class Model:
         Raises:
             InputError: an array is missing or unknown, of another shape, or not finite.
         """
-        ours = {} if self.physics is None else self.physics.belief.to_arrays()
+        ours = {} if self.physics is None else self.physics.to_arrays()
         self.gp.load_arrays({name: a for name, a in arrays.items() if name not in ours})
         if self.physics is not None:
             self.physics.load_arrays(arrays)

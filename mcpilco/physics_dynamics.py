@@ -35,7 +35,7 @@ class PhysicsDynamics:
         self.model = model
         self.physics, self._rows = physics, rows
         self.program = physics.step.program
-        normal = _normal_points(len(physics.free))
+        normal = _normal_points(len(physics.belief.mean))
         spread = normal @ np.linalg.cholesky(physics.belief.covariance).T
         self._numbers = physics.numbers(physics.belief.mean + spread)
         # given theta, alpha = (K + s^2 I)^-1 (y - F(theta)): linear in theta near its mean

@@ -62,7 +62,7 @@ class Sweep:
     """steps of random inputs at first; several rollouts, where they end early"""
     model: ModelName = None
     """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
-    makes the plant's equations the mean"""
+    makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
     prior: PlantPath = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
     memory: Memory = None

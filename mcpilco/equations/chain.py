@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from mcpilco.equations.number import Real, cos, sin, sqrt
+from mcpilco.equations.number import Real, cos, larger, sin, sqrt
 
 Vector = Sequence[Any]
 Matrix = Sequence[Sequence[Any]]
 ZERO = (0.0, 0.0, 0.0)
+LEAST_INERTIA = 0.1
+"""part of each pivot of the mass matrix that further inertia leaves [-]"""
 
 
 def inverse_dynamics(
@@ -75,27 +77,73 @@ def inverse_dynamics(
     return tau
 
 
+def mass_matrix(chain: Any, q: Sequence[Real]) -> list[list[Any]]:
+    """M(q) [kg, kg m or kg m^2]: forces that unit accelerations take, without gravity."""
+    J = len(q)
+    rest = [0.0] * J
+    return [
+        inverse_dynamics(chain, q, rest, [float(i == j) for i in range(J)], ZERO) for j in range(J)
+    ]
+
+
 def accelerations(
     chain: Any, q: Sequence[Real], dq: Sequence[Real], tau: Sequence[Real]
 ) -> list[Any]:
     """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2]; arguments as in `inverse_dynamics`."""
     J = len(q)
-    rest = [0.0] * J
-    columns = [
-        inverse_dynamics(chain, q, rest, [float(i == j) for i in range(J)], ZERO) for j in range(J)
-    ]
-    bias = inverse_dynamics(chain, q, dq, rest, chain.gravity)
-    # M = L L^T; L y = tau - bias; L^T x = y
-    L: list[list[Any]] = [[0.0] * J for _ in range(J)]
+    L = _cholesky(mass_matrix(chain, q))
+    bias = inverse_dynamics(chain, q, dq, [0.0] * J, chain.gravity)
+    # L y = tau - bias; L^T x = y
     x: list[Any] = [t - b for t, b in zip(tau, bias, strict=True)]
     for i in range(J):
-        for j in range(i + 1):
-            total = columns[j][i] - _sum(L[i][k] * L[j][k] for k in range(j))
-            L[i][j] = sqrt(total) if i == j else total / L[j][j]
         x[i] = (x[i] - _sum(L[i][k] * x[k] for k in range(i))) / L[i][i]
     for i in range(J - 1, -1, -1):
         x[i] = (x[i] - _sum(L[k][i] * x[k] for k in range(i + 1, J))) / L[i][i]
     return x
+
+
+def accelerations_with(
+    chain: Any, q: Sequence[Real], dq: Sequence[Real], tau: Sequence[Real], R: Matrix
+) -> list[Any]:
+    """q'' = (M(q) + R)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2].
+
+    Elimination without an exchange of rows. All pivots of a positive definite matrix are positive;
+    here each is at least `LEAST_INERTIA` of what it is without R: where R would take more inertia
+    than that from a joint, it takes as much.
+
+    Args:
+        chain: as in `inverse_dynamics`.
+        q: joint positions [m or rad].
+        dq: joint velocities [m/s or rad/s].
+        tau: forces at the joints [N or N m].
+        R: further inertia, which need not be symmetric [kg, kg m or kg m^2].
+    """
+    J = len(q)
+    M = mass_matrix(chain, q)
+    L = _cholesky(M)
+    bias = inverse_dynamics(chain, q, dq, [0.0] * J, chain.gravity)
+    x: list[Any] = [t - b for t, b in zip(tau, bias, strict=True)]
+    A = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(M, R, strict=True)]
+    for k in range(J):
+        A[k][k] = larger(A[k][k], LEAST_INERTIA * (L[k][k] * L[k][k]))
+        for i in range(k + 1, J):
+            factor = A[i][k] / A[k][k]
+            x[i] = x[i] - factor * x[k]
+            A[i][k + 1 :] = [A[i][j] - factor * A[k][j] for j in range(k + 1, J)]
+    for k in range(J - 1, -1, -1):
+        x[k] = (x[k] - _sum(A[k][j] * x[j] for j in range(k + 1, J))) / A[k][k]
+    return x
+
+
+def _cholesky(M: Matrix) -> list[list[Any]]:
+    """L, lower triangular, with M = L L^T."""
+    J = len(M)
+    L: list[list[Any]] = [[0.0] * J for _ in range(J)]
+    for i in range(J):
+        for j in range(i + 1):
+            total = M[j][i] - _sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = sqrt(total) if i == j else total / L[j][j]
+    return L
 
 
 def _sum(terms: Any) -> Any:

@@ -37,12 +37,13 @@ def shaped(actuator: Sequence[Any], command: Real) -> Real:
         actuator: a row of `mcpilco.simulation.Tables.actuators`.
         command: in its unit.
     """
-    x = _limited(command, actuator[RANGE]) * actuator[GAIN]
+    x = limited(command, actuator[RANGE]) * actuator[GAIN]
     dead = actuator[DEAD_ZONE]
     if dead != 0.0:
         x = larger(x - dead, 0.0) + smaller(x + dead, 0.0)
-    return _limited(x, actuator[LIMIT])
+    return limited(x, actuator[LIMIT])
 
 
-def _limited(x: Real, most: float) -> Real:
+def limited(x: Real, most: float) -> Real:
+    """x within +-most."""
     return x if most == math.inf else smaller(larger(x, -most), most)

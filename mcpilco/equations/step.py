@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,8 +20,9 @@ from jaxtyping import Float
 
 from mcpilco.equations import chain as chains
 from mcpilco.equations.friction import followable
-from mcpilco.equations.laws import JOINT_LAWS, shaped
+from mcpilco.equations.laws import JOINT_LAWS, limited, shaped
 from mcpilco.equations.number import Real, Tape, exp
+from mcpilco.equations.polynomial_force import PolynomialForces
 from mcpilco.equations.program import Program
 from mcpilco.plant import Plant
 from mcpilco.simulation import Tables
@@ -50,12 +52,12 @@ class Slot:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The next state of a plant, as a program of [state, command, slots]."""
+    """The next state of a plant, as a program of [state, command, slots, weights]."""
 
     program: Program
     """results are the next state, remembered commands included"""
     slots: tuple[Slot, ...]
-    """its last inputs"""
+    """its last inputs, but for the weights of forces that the plant's equations lack"""
 
 
 def free_parameters(plant: Plant) -> tuple[int, ...]:
@@ -74,7 +76,13 @@ def numbers_of(
     return np.stack(columns, 1) if columns else np.zeros((len(parameters), 0))
 
 
-def step_of(plant: Plant, task: TaskSpec, longest: float, memory: int = 0) -> Step:
+def step_of(
+    plant: Plant,
+    task: TaskSpec,
+    longest: float,
+    memory: int = 0,
+    missing: PolynomialForces | None = None,
+) -> Step:
     """The program of one sampling interval.
 
     Args:
@@ -82,6 +90,7 @@ def step_of(plant: Plant, task: TaskSpec, longest: float, memory: int = 0) -> St
         task: names states and inputs; its `dt` is the interval.
         longest: a step of the Runge-Kutta method takes [s].
         memory: how many past commands the state holds, behind the plant's own, newest first.
+        missing: forces that the plant's equations lack; their weights are given behind the slots.
 
     Raises:
         InputError: names differ, or the plant has what such a program cannot say.
@@ -91,9 +100,12 @@ def step_of(plant: Plant, task: TaskSpec, longest: float, memory: int = 0) -> St
     slots = _slots(plant)
     X, U = len(task.state_names), len(task.input_names)
     width = X + memory * U + U
-    tape = Tape(width + len(slots))
-    given = tape.inputs[width:]
-    system = system_of(tables, dict(zip(slots, given, strict=True)))
+    behind = width + len(slots)
+    tape = Tape(behind + (missing.count if missing else 0))
+    system = system_of(tables, dict(zip(slots, tape.inputs[width:behind], strict=True)))
+    if missing:
+        system.missing = partial(missing, weights=tape.inputs[behind:])
+        system.most = missing.most
     followable(system_of(tables, {}), system, min(longest, task.dt))
     state, commands = tape.inputs[:X], commands_of(tape.inputs[X:width], U, memory)
     following = _advance(system, order_of(plant, task), state, commands, task.dt, longest)
@@ -178,7 +190,7 @@ def system_of(tables: Tables, given: dict[Slot, Real]) -> SimpleNamespace:
     laws = zip(tables.law.tolist(), tables.joint.tolist(), arrays["constants"], strict=True)
     sensors = tables.sensors[0].tolist()
     return SimpleNamespace(
-        **arrays, laws=list(laws), drives=tables.drives.tolist(), sensors=sensors
+        **arrays, laws=list(laws), drives=tables.drives.tolist(), sensors=sensors, missing=None
     )
 
 
@@ -289,10 +301,15 @@ def _runge_kutta(
 
 
 def accelerations(system: Any, q: list[Any], v: list[Any], forces: Sequence[Real]) -> list[Any]:
-    """q'' under the forces of the actuators and those in the joints."""
+    """q'' under the forces of the actuators, those in the joints, and those that are missing."""
     tau: list[Any] = [0.0] * len(q)
     for drive, force in zip(system.drives, forces, strict=True):
         tau[drive] = force + tau[drive]
     for law, j, constants in system.laws:
         tau[j] = JOINT_LAWS[law](q[j], v[j], *constants) + tau[j]
-    return chains.accelerations(system, q, v, tau)
+    if system.missing is None:
+        return chains.accelerations(system, q, v, tau)
+    R, s = system.missing(q, v)
+    left = [t - x for t, x in zip(tau, s, strict=True)]
+    found = chains.accelerations_with(system, q, v, left, R)
+    return [limited(a, most) for a, most in zip(found, system.most, strict=True)]

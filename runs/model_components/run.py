@@ -85,6 +85,7 @@ CELLS: Mapping[str, Cell] = {
     "physics+rbf": physics("rbf"),
     "physics+rbf-thorough": physics("rbf", THOROUGH),
     "physics+mpk": physics("mpk"),
+    "physics+gip+rbf": physics("gip+rbf"),
     "delay-1": Cell(ModelConfig(), delay=0.1, trials=3),
     "delay-1-predicted": Cell(ModelConfig(delay=0.1), delay=0.1),
     "delay-1.5": Cell(ModelConfig(), delay=0.15, trials=3),

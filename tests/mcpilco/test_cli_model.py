@@ -18,6 +18,7 @@ from mcpilco.typing import InputError
         ("features+rbf", ModelConfig(kernel="features+rbf")),
         ("sed-fir", ModelConfig(kernel="sed-fir", memory=3)),
         ("physics+rbf", ModelConfig(kernel="rbf", mean="physics")),
+        ("physics+gip+rbf", ModelConfig(kernel="gip+rbf", mean="physics")),
         ("rbf+physics+mpk", ModelConfig(kernel="rbf+mpk", mean="physics")),
     ],
 )

@@ -27,6 +27,7 @@ PLANT = {
     "parameters": {"cart_mass": 0.6, "pole_mass": 0.42},
     "effects": [],
 }
+HEAVY = PLANT | {"parameters": {"cart_mass": 3.0}}
 COMPONENTS = {
     "physics": ModelConfig(kernel="rbf", mean="physics", plant=PLANT),
     "features": ModelConfig(kernel="features+rbf", plant=PLANT),
@@ -36,6 +37,8 @@ COMPONENTS = {
     "filter": ModelConfig(kernel="sed-fir", memory=2),
     "delay": ModelConfig(kernel="rbf", delay=0.2),
     "part of a delay": ModelConfig(kernel="friction+rbf+mpk", delay=0.13),
+    "missing forces": ModelConfig(kernel="gip+rbf", mean="physics", plant=HEAVY, uncertainty=0.0),
+    "missing forces, memory": ModelConfig(kernel="gip+rbf", mean="physics", memory=1),
     "physics, memory": ModelConfig(kernel="rbf", mean="physics", memory=1),
 }
 
@@ -155,6 +158,8 @@ def test_states_that_are_measured_in_part_hold_no_inputs():
     [
         ({"kernel": "rbf+rbf"}, "different parts"),
         ({"kernel": "cubic"}, "different parts"),
+        ({"kernel": "gip+rbf"}, "choose mean physics"),
+        ({"kernel": "gip", "mean": "physics"}, "another part learns the rest"),
         ({"memory": -1}, "memory must be at least 0"),
         ({"delay": -0.1}, "delay must be at least 0"),
         ({"delay": 0.1, "memory": 1}, "delay goes with memory 0"),

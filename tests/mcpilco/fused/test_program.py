@@ -46,6 +46,7 @@ LATE = described(
 COMPONENTS = {
     "physics": ModelConfig(kernel="rbf", mean="physics", plant=described()),
     "physics with effects": ModelConfig(kernel="mpk", mean="physics", plant=EVERY),
+    "missing forces": ModelConfig(kernel="gip+rbf", mean="physics", plant=EVERY),
     "physics, trusted": ModelConfig(kernel="rbf", mean="physics", uncertainty=0.0),
     "physics of a late actuator": ModelConfig(mean="physics", plant=LATE, memory=3),
     "features": ModelConfig(kernel="features+rbf", plant=described()),
@@ -69,11 +70,23 @@ def episode(task) -> Transitions:
     return Transitions(states[:-1], inputs, states[1:])
 
 
+def give_forces(model) -> None:
+    """A fourth of all forces that may be missing, with weights of any size."""
+    rng, arrays = np.random.default_rng(1), model.to_arrays()
+    roots = np.where(rng.uniform(size=arrays["physics.roots"].shape) < 0.25, 0.02, 0.0)
+    mean = np.concatenate([arrays["physics.mean"], rng.normal(size=(roots > 0).sum())])
+    told = {"roots": roots, "mean": mean, "covariance": 0.01 * np.eye(len(mean))}
+    told["fastest"] = np.full(2, 1e3)
+    model.load_arrays(arrays | {f"physics.{name}": value for name, value in told.items()})
+
+
 def drawn(task, config):
     """Dynamics, not fitted: only their arithmetic matters; and a policy that sees all."""
     model, rows = Model(config, task), episode(task).after_inputs(config.memory)
     if model.physics is not None:
         model.physics.identify(rows, 0.01)
+        if model.physics.missing is not None:
+            give_forces(model)
     model.gp._start_from(*model.rows(rows))
     dynamics = model.dynamics(rows)
     if hasattr(dynamics, "draw"):
