@@ -90,7 +90,7 @@ class MissingForces:
     def forces(self) -> PolynomialForces | None:
         """The forces, as a function of the motion and of these weights; None: none is missing."""
         terms = [(int(j), self.monomials[f]) for j, f in np.argwhere(self.roots > 0)]
-        return PolynomialForces(self.kinds, terms, self.most) if terms else None
+        return PolynomialForces(self.kinds, terms, self.most.tolist()) if terms else None
 
     def fit(
         self,
@@ -135,8 +135,8 @@ class MissingForces:
     ) -> tuple[Float[Tensor, "N Q"], Float[np.ndarray, "N J J"]]:
         """[q, q', q''] in the middle of each step, and M(q) there; q'' is constant in a step."""
         system = system_of(tables, {})
-        q, v = map(np.array, true_state(system, self.order, rows.states.T))
-        _, v_next = map(np.array, true_state(system, self.order, rows.next_states.T))
+        q, v = map(np.array, true_state(system, self.order, list(rows.states.T)))
+        _, v_next = map(np.array, true_state(system, self.order, list(rows.next_states.T)))
         middle = q + self.dt * (3 * v + v_next) / 8  # positions may be wrapped between samples
         motion = np.concatenate([middle, (v + v_next) / 2, (v_next - v) / self.dt]).T
         inertia = np.array([mass_matrix(system, pose) for pose in middle.T.tolist()])

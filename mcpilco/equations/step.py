@@ -206,7 +206,7 @@ def commands_of(inputs: Sequence[Real], U: int, memory: int) -> list[list[Real]]
     return [now, *(list(inputs[k * U : (k + 1) * U]) for k in range(memory))]
 
 
-def true_state(system: Any, order: Any, state: Sequence[Real]) -> tuple[list[Any], list[Any]]:
+def true_state(system: Any, order: Any, state: Sequence[Any]) -> tuple[list[Any], list[Any]]:
     """Positions and velocities, of measured states in the order of the task."""
     true = [
         (state[i] - sensor[OFFSET]) / sensor[SCALE]
