@@ -43,6 +43,10 @@ class Active:
     def __str__(self) -> str:
         return f"{self.effect.name} ({self.target})"
 
+    def holds(self, other: Active) -> bool:
+        """Whether the other is a special case of this."""
+        return self.target == other.target and other.effect.name in self.effect.special
+
 
 @dataclass(frozen=True)
 class Base:

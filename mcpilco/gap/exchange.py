@@ -66,25 +66,25 @@ def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
 def plainer(found: Found, candidates: Sequence[Active]) -> Found:
     """The search, its best model's effects replaced by special cases that explain as much.
 
-    Friction that is alike in both directions is Coulomb's, whatever the search came upon first.
+    Friction that is alike in both directions is Coulomb's, whatever the search came upon first. The
+    model of special cases alone is among what was seen, even where it explains less.
 
     Args:
         found: a search.
         candidates: effects that may be missing.
     """
-    windows, best = found.windows, found.best
+    windows, null = found.windows, found.null
+    best = plainest = found.best
     seen: Seen = {frozenset(known.model.named): known for known, _ in found.ranked}
-    for active in best.model.named:
-        special = [
-            c
-            for c in candidates
-            if c.target == active.target and c.effect.name in active.effect.special
-        ]
-        for key, simple in _instead(best, active, special, windows, found.null.model.priors):
-            seen[key] = min((known for known in (simple, seen.get(key)) if known), key=_misfit)
-            if not Yardstick.of(best, windows).prefers(best, seen[key], found.null):
-                best = seen[key]
-    return found if best is found.best else found.with_best(best, seen.values())
+    for active in found.best.model.named:
+        special = [c for c in candidates if active.holds(c)]
+        for base in [best] if best is plainest else [best, plainest]:
+            for key, simple in _instead(base, active, special, windows, null.model.priors):
+                seen[key] = min([simple, seen.get(key, simple)], key=_misfit)
+                plainest = seen[key] if base is plainest else plainest
+                if base is best and not Yardstick.of(best, windows).prefers(best, seen[key], null):
+                    best = seen[key]
+    return found.with_best(best, seen.values())
 
 
 def _misfit(found: Fit) -> float:

@@ -181,8 +181,8 @@ def _found(
     windows = everything[everything.of(given.train)]
     candidates = given.candidates(windows)
     found = exchanged(search(given.model(everything), _some(windows), candidates), candidates)
-    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     found = plainer(found, candidates)
+    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
     best, windows = finish(found.best, windows)
     far = outlying(best, windows)  # of what the best model leaves over
     masked, explained = _explained(best, windows, masked)

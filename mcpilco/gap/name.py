@@ -60,8 +60,7 @@ class Rival:
 
     def holds(self, active: Active) -> bool:
         """Whether an effect is a special case of the other, which then cannot be worse."""
-        same = active.target == self.active.target
-        return same and active.effect.name in self.active.effect.special
+        return self.active.holds(active)
 
 
 def rivals(found: Found, active: Active) -> list[Rival]:
