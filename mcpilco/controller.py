@@ -13,7 +13,6 @@ from torch import Tensor
 
 from mcpilco.delay import StatePredictor
 from mcpilco.perception import Perception
-from mcpilco.policies import SumOfGaussians
 from mcpilco.typing import InputError
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
@@ -24,7 +23,8 @@ Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 class Controller:
     """A policy, and the perception behind which it was learned."""
 
-    policy: SumOfGaussians
+    policy: Any
+    """from states to inputs; it tells its `input_dim` where inputs are remembered"""
     perception: Perception | None
     """None where states are measured"""
     memory: int = 0

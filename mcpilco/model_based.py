@@ -270,6 +270,9 @@ class ModelBasedAgent(TrialAgent):
     def _controller(self, policy: Any, perception: Perception | None) -> Controller:
         return Controller(policy, perception, self.model.memory, self.predictor)
 
+    def on_states(self) -> Act:
+        return remembering(self._controller(self.policy, self.perception).answer)
+
     def look_ahead(self) -> None:
         """Predict states by the model and the data it was fitted to, where the actuator is late."""
         known = self._data[: self.fitted_rows] if self.fitted_rows else None

@@ -20,7 +20,7 @@ from mcpilco.agent_file import SavedAgent, reading
 from mcpilco.callbacks import Callback, Progress, as_callback
 from mcpilco.config import Preset
 from mcpilco.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from mcpilco.controller import Act, remembering
+from mcpilco.controller import Act, Controller, remembering
 from mcpilco.data import Transitions, TrialResult
 from mcpilco.learning import Learning, answer_alone
 from mcpilco.model import Model
@@ -210,6 +210,10 @@ class TrialAgent(ABC):
         It remembers what `predict` returns as its state; each episode needs a new one.
         """
         return remembering(self.predict)
+
+    def on_states(self) -> Act:
+        """The same from states, or from what is measured of them, whatever the env observes."""
+        return remembering(Controller(self.policy, self.perception).answer)
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.

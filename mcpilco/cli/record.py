@@ -177,7 +177,7 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
             f"the inputs {', '.join(agent.task.input_names)}, got an env with "
             f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
         )
-    return lambda rng: agent.controller()
+    return lambda rng: agent.on_states()
 
 
 def _write(path: Path, recording: Any) -> None:
