@@ -82,11 +82,10 @@ class MCPILCO(ModelBasedAgent):
         self, dynamics: Any, trial: int
     ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
         """Dynamics on the way to these, where effects make them hard."""
-        if not self.config.search.continuation:
+        if trial > 1 or not self.config.search.continuation:  # later ones begin with a policy
             return None
-        if isinstance(dynamics, PhysicsDynamics):  # its equations are known from the first trial on
-            return dynamics.weakened if trial == 1 and dynamics.physics.plant.added else None
-        return None
+        known = isinstance(dynamics, PhysicsDynamics) and dynamics.physics.plant.added
+        return dynamics.weakened if known else None
 
     @property
     def _searched(self) -> TaskSpec:

@@ -18,7 +18,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.dynamics import GPDynamics, Increment
+from mcpilco.dynamics import GPDynamics, Increment, regressors
+from mcpilco.equations import Program
+from mcpilco.features import AngleAugmentation
 from mcpilco.typing import InputError
 
 MOST = 100
@@ -74,6 +76,28 @@ class Delay:
             return new, torch.zeros_like(new)
         old = commands[..., self.whole + 1, :]
         return (1 - self.part) * new + self.part * old, new - old
+
+
+def turning_regressors(
+    augmentation: AngleAugmentation,
+    features: Program | None,
+    states: Float[Tensor, "*b X"],
+    acting: Float[Tensor, "*b U"],
+    turned: Float[Tensor, "*b U"],
+) -> Float[Tensor, "*b D"]:
+    """What GPs regress on in a step in which two commands act: [z, mean, change, features].
+
+    Args:
+        augmentation: from the state to z.
+        features: further regressors, of [state, mean command]; the first U stand for the change.
+        states: before the step.
+        acting: the mean of the command in the step.
+        turned: by how much it changes.
+    """
+    asked = regressors(augmentation, features, states, acting)
+    begin = augmentation.width + acting.shape[-1]
+    asked[..., begin : begin + turned.shape[-1]] = turned
+    return asked
 
 
 class StatePredictor:
@@ -161,10 +185,12 @@ class StatePredictor:
             inputs: mean of those that act in it.
             turned: by how much they change in it; None: not at all.
         """
-        asked = self._known.regressors(states, inputs)
-        if turned is not None:
-            begin = self._known.augmentation.width + inputs.shape[-1]
-            asked[..., begin : begin + turned.shape[-1]] = turned
+        known = self._known
+        if turned is None:
+            asked = known.regressors(states, inputs)
+        else:
+            law = known.augmentation, known.features
+            asked = turning_regressors(*law, states, inputs, turned)
         mean, _ = self._known.posterior.mean_and_variance(asked.reshape(-1, asked.shape[-1]))
         return mean.reshape(*asked.shape[:-1], -1)
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.delay import Delay, StatePredictor
+from mcpilco.delay import Delay, StatePredictor, turning_regressors
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
 from mcpilco.equations.program import Program, Rows, features_of
 from mcpilco.features import AngleAugmentation
@@ -182,11 +182,9 @@ class Model:
         N, U = inputs.shape
         present, past = states[:, : -U * self.delay.memory], states[:, -U * self.delay.memory :]
         acting, turned = self.delay.acting(torch.cat([inputs, past], 1).reshape(N, -1, U))
-        X = regressors(self.augmentation, self.features, present, acting)
-        if self.delay.part:
-            begin = self.augmentation.width + U
-            X[:, begin : begin + U] = turned
-        return X
+        if not self.delay.part:
+            return regressors(self.augmentation, self.features, present, acting)
+        return turning_regressors(self.augmentation, self.features, present, acting, turned)
 
     def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
         """Learn the hyperparameters from these data; returns the numbers of the fit by name.

@@ -11,12 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
 from mcpilco.gap.effort import Share
-from mcpilco.gap.fit import Fit, fit, linearise
+from mcpilco.gap.fit import Fit, linearise
 from mcpilco.gap.screen import screen
-from mcpilco.gap.search import ENOUGH, HOPELESS, Found, Yardstick, grow, without_superfluous
+from mcpilco.gap.search import (
+    ENOUGH,
+    HOPELESS,
+    Found,
+    Yardstick,
+    grow,
+    without,
+    without_superfluous,
+)
 from mcpilco.gap.where import structure
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
@@ -116,9 +122,7 @@ def _instead(
     """Models with one of some candidates in the place of an effect, the most promising ones."""
     if not candidates:
         return
-    parameter = best.model.plant.parameter_of(active)
-    model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
-    smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
+    smaller = without(best, active, windows, priors)
     lin = linearise(smaller.model, windows, smaller.theta, smaller.starts)
     for score in screen(smaller, lin, windows, candidates, per_effect=1)[:TRIED]:
-        yield frozenset({*model.named, score.active}), grow(smaller, score, windows)
+        yield frozenset({*smaller.model.named, score.active}), grow(smaller, score, windows)

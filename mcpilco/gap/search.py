@@ -188,6 +188,13 @@ def _log_misfit(
     return float(np.log(np.maximum(by_window / windows.samples, 1.0)).sum())
 
 
+def without(known: Fit, active: Active, windows: Windows, priors: Mapping[str, float]) -> Fit:
+    """The fit of a model without one of its effects; `priors` are those of parameters."""
+    parameter = known.model.plant.parameter_of(active)
+    model, theta = known.model.shrunk(known.theta, active, priors.get(parameter or "", np.inf))
+    return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
+
+
 def without_superfluous(
     best: Fit,
     windows: Windows,
@@ -198,10 +205,8 @@ def without_superfluous(
 ) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
     for active in best.model.named if len(best.model.named) > 1 else ():
-        parameter = best.model.plant.parameter_of(active)
-        model, theta = best.model.shrunk(best.theta, active, priors.get(parameter or "", np.inf))
-        key = frozenset(model.named)
-        smaller = fit(model, windows, theta, best.starts, iterations=12, hasty=True)
+        smaller = without(best, active, windows, priors)
+        key = frozenset(smaller.model.named)
         if key not in seen or smaller.chi2 < seen[key].chi2:
             seen[key] = smaller
         if not yardstick.prefers(best, seen[key], null):
