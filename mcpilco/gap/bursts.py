@@ -71,10 +71,10 @@ def unforeseen(
     windows, touched = apart[chosen], touched[chosen]
     response = respond(moved(found, windows), windows)
     folds = np.where(touched < 0, np.arange(len(windows)), touched) % FOLDS
-    left = np.minimum(*(explain(response, response.weights, folds, n).left for n in (1, 2)))
+    left = [explain(response, response.weights, folds, n).left for n in (1, 2)]
     before = response.by_window / response.samples
     own = [touched == number for number in range(len(spans))]
-    strange = [left[mine].sum() >= STRANGE * before[mine].sum() for mine in own]
+    strange = [min(x[mine].sum() for x in left) >= STRANGE * before[mine].sum() for mine in own]
     return tuple(span for span, so in zip(spans, strange, strict=True) if so)
 
 

@@ -69,30 +69,6 @@ def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
     )
 
 
-def plainer(found: Found, candidates: Sequence[Active]) -> Found:
-    """The search, its best model's effects replaced by special cases that explain as much.
-
-    Friction that is alike in both directions is Coulomb's, whatever the search came upon first. The
-    model of special cases alone is among what was seen, even where it explains less.
-
-    Args:
-        found: a search.
-        candidates: effects that may be missing.
-    """
-    windows, null = found.windows, found.null
-    best = plainest = found.best
-    seen: Seen = {frozenset(known.model.named): known for known, _ in found.ranked}
-    for active in found.best.model.named:
-        special = [c for c in candidates if active.holds(c)]
-        for base in [best] if best is plainest else [best, plainest]:
-            for key, simple in _instead(base, active, special, windows, null.model.priors):
-                seen[key] = min([simple, seen.get(key, simple)], key=_misfit)
-                plainest = seen[key] if base is plainest else plainest
-                if base is best and not Yardstick.of(best, windows).prefers(best, seen[key], null):
-                    best = seen[key]
-    return found.with_best(best, seen.values())
-
-
 def _misfit(found: Fit) -> float:
     return found.chi2
 
@@ -109,10 +85,10 @@ def _others(
     for active in share.lasting(best.model.named):
         rest = {*best.model.named} - {active}
         new = [c for c in candidates if frozenset({*rest, c}) not in seen]
-        yield from _instead(best, active, new, windows, priors)
+        yield from instead(best, active, new, windows, priors)
 
 
-def _instead(
+def instead(
     best: Fit,
     active: Active,
     candidates: Sequence[Active],
@@ -122,7 +98,13 @@ def _instead(
     """Models with one of some candidates in the place of an effect, the most promising ones."""
     if not candidates:
         return
-    smaller = without(best, active, windows, priors)
-    lin = linearise(smaller.model, windows, smaller.theta, smaller.starts)
-    for score in screen(smaller, lin, windows, candidates, per_effect=1)[:TRIED]:
-        yield frozenset({*smaller.model.named, score.active}), grow(smaller, score, windows)
+    yield from further(without(best, active, windows, priors), windows, candidates)
+
+
+def further(
+    known: Fit, windows: Windows, candidates: Sequence[Active]
+) -> Iterator[tuple[frozenset[Active], Fit]]:
+    """Models with one of some candidates more, the most promising ones."""
+    lin = linearise(known.model, windows, known.theta, known.starts)
+    for score in screen(known, lin, windows, candidates, per_effect=1)[:TRIED]:
+        yield frozenset({*known.model.named, score.active}), grow(known, score, windows)

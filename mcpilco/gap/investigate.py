@@ -9,13 +9,14 @@ import numpy as np
 
 from mcpilco.gap.effort import LEARNING, Effort
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
-from mcpilco.gap.exchange import exchanged, plainer
+from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
 from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
 from mcpilco.gap.name import Named, weigh
+from mcpilco.gap.plain import plainer
 from mcpilco.gap.quiet import quiet
 from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
@@ -34,8 +35,8 @@ STRUCTURED = 50.0
 """whiteness of residuals beyond which something may still be missing"""
 PREDICTED = 0.3
 """part of what is left that forces of state and command explain, beyond which it is an effect"""
-LEFT = 0.3
-"""part of the gap that may be left over in any case"""
+LEFT, LEFT_USUALLY = 0.3, 0.5
+"""part of the gap that may be left over in any case; likewise of that in a usual window"""
 MOST = 0.1
 """part of the gap that effects may leave over and still stay where a force is learned too"""
 LARGE, UNEVEN = 3.0, 3.0
@@ -124,10 +125,13 @@ def investigate(
         given = known
         found, best, windows, masked = _searched(given, _windows(given))
     recordings = given.recordings
-    given, pushes = quiet(given, best)
+    left, pushes = quiet(given, _closest(found, windows))
     if pushes:
+        everything = _windows(left)
+        found, best, *_ = _found(left, everything, everything[:0])
+        given, pushes = quiet(given, best)
         everything = _windows(given)
-        found, best, windows, masked = _found(given, everything, everything[:0])
+        best, windows, masked = _finished(given, best, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
     spans, final = (*pushes, *events(masked, recordings)), best
     unknown = _something_else(best, null, windows) or _mispredicts(best, null, given, spans)
@@ -182,15 +186,35 @@ def _found(
     candidates = given.candidates(windows)
     found = exchanged(search(given.model(everything), _some(windows), candidates), candidates)
     found = plainer(found, candidates)
-    found = found.choosing(most_predictive([f for f, _ in found.ranked], found.windows))
-    best, windows = finish(found.best, windows)
+    found = found.choosing(most_predictive(found.fits, found.windows))
+    return (found, *_finished(given, found.best, everything, masked))
+
+
+def _finished(
+    given: Given, best: Fit, everything: Windows, masked: Windows
+) -> tuple[Fit, Windows, Windows]:
+    """A model fitted to all windows that it can explain, these, and those with events.
+
+    Args:
+        given: plant and recordings.
+        best: the model.
+        everything: windows without events, of all recordings.
+        masked: windows that seem to hold an event.
+    """
+    best, windows = finish(best, everything[everything.of(given.train)])
     far = outlying(best, windows)  # of what the best model leaves over
     masked, explained = _explained(best, windows, masked)
     if far.any() or len(explained):
         kept = windows[~far].joined(explained[explained.of(given.train)])
         masked = masked.joined(windows[far])
         best, windows = finish(best, kept)
-    return found, best, windows, masked
+    return best, windows, masked
+
+
+def _closest(found: Found, windows: Windows) -> Fit:
+    """The model that leaves over least, on all windows: what it misses is no effect of the list."""
+    closest = min(found.fits, key=lambda known: known.chi2)
+    return finish(closest, windows)[0]
 
 
 def _clear(given: Given, spans: Sequence[Event]) -> Windows:
@@ -275,7 +299,7 @@ def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
         return False
     if left.excess > LEFT * gap.excess and (left.excess > LARGE or left.unevenness > UNEVEN):
         return True
-    if left.usual > max(LARGE, LEFT * gap.usual):  # few windows can make the whole gap seem closed
+    if left.usual > max(LARGE, LEFT_USUALLY * gap.usual):  # few windows may make most of the gap
         return True
     return explain(respond(best, windows)).share > PREDICTED
 

@@ -12,7 +12,7 @@ from mcpilco.gap.learn import SHORT_S
 from mcpilco.gap.refit import finish
 from mcpilco.typing import InputError
 
-PASSES, SHARE = 6, 0.25
+PASSES, SHARE = 6, 0.5
 """to find bursts, for those that were found no longer blur the next; part of the steps left to an
 investigation: both at most"""
 

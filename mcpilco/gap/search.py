@@ -58,6 +58,11 @@ class Found:
     windows: Windows
     """on which it searched"""
 
+    @property
+    def fits(self) -> list[Fit]:
+        """All of them, the best first."""
+        return [known for known, _ in self.ranked]
+
     def choosing(self, best: Fit) -> Found:
         """This search, with another of its fits as the best."""
         rest = tuple(pair for pair in self.ranked if pair[0] is not best)

@@ -17,7 +17,7 @@ from mcpilco.gap.windows import Windows
 
 ROUGH = 4.0
 """misfit of a sample beyond which a model does not fit to the noise"""
-SHARE = 0.2
+SHARE = 0.4
 """of the steps left to an investigation, to compare models in"""
 NEAR, OF_EACH_SIZE = 3.0, 5
 """times the misfit of the first model; models that are compared"""
@@ -28,7 +28,7 @@ WORTH = 0.1
 
 
 def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
-    """The model of the fewest effects that predicts recordings from the others as well as any.
+    """The model of the fewest numbers that predicts recordings from the others as well as any.
 
     As well is within one standard error of the difference, which the windows tell.
 
@@ -40,23 +40,40 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
         section 3.4.3: the rule of one standard error.
     """
     best = ranked[0]
-    if np.median(best.by_window / windows.samples) < ROUGH:
+    if not fits_roughly(best, windows):
         return best
-    sizes = {len(found.model.named) for found in ranked}
-    near = [found for found in ranked if found.chi2 < NEAR * best.chi2]
-    compared = [
-        found
-        for size in sorted(sizes)
-        for found in [f for f in near if len(f.model.named) == size][:OF_EACH_SIZE]
-    ]
+    compared = promising(ranked)
     parts = _parts(windows)
-    compared.sort(key=lambda found: found is not best)
     share = best.model.effort.share(SHARE)
     told = [_unseen(found, windows, parts) for found in share.lasting(compared)]
     compared, missed = compared[: len(told)], np.stack(told)
     effects = np.array([len(found.model.named) for found in compared])
     symbols = np.array([_symbols(found) for found in compared])
     return compared[fewest(missed, effects, symbols, windows.overlap)]
+
+
+def promising(ranked: Sequence[Fit]) -> list[Fit]:
+    """Models that fit nearly as well as the first.
+
+    These are the first ones of each number of effects, and such of special cases of theirs.
+    """
+    near = [found for found in ranked if found.chi2 < NEAR * ranked[0].chi2]
+    sizes = [len(found.model.named) for found in near]
+    places = range(len(near))
+    first = [near[k] for k in places if sizes[:k].count(sizes[k]) < OF_EACH_SIZE]
+    return [found for found in near if any(_narrows(found, known) for known in first)]
+
+
+def _narrows(found: Fit, known: Fit) -> bool:
+    """Whether a model has the effects of another, or special cases of them."""
+    ours, theirs = {*found.model.named}, {*known.model.named}
+    special = all(any(t.holds(o) for t in theirs - ours) for o in ours - theirs)
+    return len(ours) == len(theirs) and special
+
+
+def fits_roughly(best: Fit, windows: Windows) -> bool:
+    """Whether a model leaves over more than noise in most windows."""
+    return bool(np.median(best.by_window / windows.samples) >= ROUGH)
 
 
 def _symbols(found: Fit) -> int:
@@ -78,10 +95,10 @@ def fewest(
     symbols: Int[np.ndarray, " M"],
     overlap: float,
 ) -> int:
-    """Number of the model with the fewest effects that is as good as the best one.
+    """Number of the model with the fewest numbers that is as good as the best one.
 
-    Of as many effects that with the fewest numbers is taken: dry friction before one that is
-    another in each direction.
+    Dry friction comes before one that is another in each direction, also where it needs an offset
+    beside it. Of as many numbers the model is taken that predicts best.
 
     Args:
         missed: log misfit of each window that was not seen, by model.
@@ -94,7 +111,7 @@ def fewest(
     independent = max(missed.shape[1] / overlap, 2.0)
     error = apart.std(axis=1) / np.sqrt(independent - 1.0)
     good = np.flatnonzero(apart.mean(axis=1) <= error)
-    return int(min(good, key=lambda m: (effects[m], symbols[m], score[m])))
+    return int(min(good, key=lambda m: (symbols[m], score[m])))
 
 
 def _unseen(found: Fit, windows: Windows, parts: Int[np.ndarray, " W"]) -> Float[np.ndarray, " W"]:

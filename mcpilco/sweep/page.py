@@ -66,6 +66,7 @@ def fill(
         InputError: the page has not both lines, once each and in order.
         RunFolderError: the page cannot be written.
     """
+    page.parent.mkdir(parents=True, exist_ok=True)
     begun = page if template is None or page.exists() else template
     text = begun.read_text(encoding="utf-8")
     begin, end = marks(name)

@@ -12,10 +12,11 @@ import pytest
 import envs
 from mcpilco.effects import CATALOGUE
 from mcpilco.gap import where
-from mcpilco.gap.exchange import exchanged, plainer
+from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
+from mcpilco.gap.plain import plainer
 from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.screen import screen
 from mcpilco.gap.search import PROMISING, Found, Yardstick
@@ -119,6 +120,29 @@ def test_a_special_case_is_named_where_it_explains_as_much(
     found = Found(rich, null, (), (), windows).with_best(rich, [null, rich])
     (effect,) = plainer(found, candidates).best.model.named
     assert effect.effect.name == named
+
+
+@pytest.mark.parametrize(("std", "seen"), [(2e-3, False), (5e-4, True)])
+def test_where_nothing_fits_special_cases_are_tried_beside_another_effect(
+    std: float, seen: bool
+) -> None:
+    """Coulomb friction and an encoder that is off look like friction that differs by direction."""
+    candidates = [
+        active("coulomb_friction", "pendulum"),
+        active("asymmetric_friction", "pendulum"),
+        active("sensor_offset", "angle"),
+    ]
+    hidden = [(candidates[0], (0.1, 2e-3)), (candidates[2], (0.02,))]
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    known = Given.of(plant, recorded(plant.having(hidden), 2), 0.01, (), {"angle": std})
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    model, theta = null.model.grown(null.theta, candidates[1], [0.13, 0.07, 2e-3])
+    rich = fitted(model, windows, theta)
+    found = Found(rich, null, (), (), windows).with_best(rich, [null, rich])
+    models = [set(tried.model.named) for tried in plainer(found, candidates).fits]
+    assert ({candidates[0], candidates[2]} in models) == seen
 
 
 def test_a_model_that_fits_to_the_noise_is_left_as_it_is(
