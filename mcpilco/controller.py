@@ -49,6 +49,8 @@ class Controller:
         Raises:
             InputError: the state belongs to other observations.
         """
+        if self.predictor is not None:
+            return self._answer_ahead(self.predictor, observation, state, restart)
         if self.memory:
             return self._answer_after_inputs(observation, state, restart)
         if self.perception is not None:
@@ -61,29 +63,49 @@ class Controller:
     def _answer_after_inputs(
         self, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The input, of what the last ones tell; before an episode they were 0."""
-        U = self.policy.input_dim
-        shape = (*states.shape[:-1], U * self.memory)
+        """The input, of a state and the last inputs."""
+        past, _ = self._past(self.memory, states, state, restart)
+        with torch.no_grad():
+            inputs = self.policy(torch.cat([torch.as_tensor(states).double(), past], -1)).numpy()
+        return inputs, (_newer(inputs, past),)
+
+    def _answer_ahead(
+        self, predictor: StatePredictor, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The input, of the state in which it will act; the predictor learns of the episode."""
+        past, begun = self._past(self.memory + 1, states, state, restart)
+        commands = past.reshape(*begun.shape, self.memory + 1, -1)
+        now, steps = torch.as_tensor(states).double(), predictor.no_steps(*begun.shape)
+        if state is not None and steps is not None:
+            _, before, known = state
+            steps = (known or steps).then(*predictor.step(before, commands, now), begun)
+        with torch.no_grad():
+            ahead = predictor.after(steps)(now, commands[..., :-1, :])
+            inputs = self.policy(ahead).numpy()
+        return inputs, (_newer(inputs, past), now, steps)
+
+    def _past(
+        self, count: int, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
+    ) -> tuple[Float[Tensor, "*b M"], Bool[Tensor, "*b"]]:
+        """The last inputs, newest first, and where an episode begins: before it they were 0."""
+        batch = states.shape[:-1]
+        shape = (*batch, self.policy.input_dim * count)
         past = np.zeros(shape) if state is None else np.asarray(state[0], dtype=np.float64)
         if past.shape != shape:
             raise InputError(
                 f"predict expects the state that it returned for the observations before, of shape "
                 f"{shape}, got {past.shape}; pass None to begin an episode."
             )
-        if restart is not None:
-            past = np.where(np.broadcast_to(restart, shape[:-1])[..., None], 0.0, past)
-        with torch.no_grad():
-            inputs = self.policy(self._seen(torch.as_tensor(states).double(), past)).numpy()
-        return inputs, (np.concatenate([inputs, past[..., : shape[-1] - U]], -1),)
+        begun = np.broadcast_to(False if restart is None else restart, batch)
+        past = np.where(begun[..., None], 0.0, past)
+        return torch.from_numpy(past), torch.tensor(begun)
 
-    def _seen(
-        self, states: Float[Tensor, "*b X"], past: Float[np.ndarray, "*b M"]
-    ) -> Float[Tensor, "*b S"]:
-        """What the policy sees of a state and the last inputs."""
-        known = torch.from_numpy(past)
-        if self.predictor is None:
-            return torch.cat([states, known], -1)
-        return self.predictor(states, known.reshape(*states.shape[:-1], self.memory, -1))
+
+def _newer(
+    inputs: Float[np.ndarray, "*b U"], past: Float[Tensor, "*b M"]
+) -> Float[np.ndarray, "*b M"]:
+    """The last inputs, of which the oldest gives way to a new one."""
+    return np.concatenate([inputs, past.numpy()], -1)[..., : past.shape[-1]]
 
 
 def remembering(answer: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]) -> Act:

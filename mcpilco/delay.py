@@ -3,7 +3,9 @@
 A command acts on the state that the system will be in when it arrives. A policy that answers the
 prediction of that state is in the situation of a policy without delay, and is searched as one: in
 the model of an actuator that answers at once. The prediction follows the model from what is
-measured now, under the commands that are on their way.
+measured now, under the commands that are on their way. Where a model has seen little it errs alike
+from step to step, and a policy that acts on such predictions does not balance: the model therefore
+learns of each step of the episode as soon as it is over.
 
 Reference: O. J. M. Smith, Chemical Engineering Progress 53 (5), 1957; for learned models T. J.
 Walsh et al., Autonomous Agents and Multi-Agent Systems 18 (1), 2009.
@@ -21,6 +23,7 @@ from torch import Tensor
 from mcpilco.dynamics import GPDynamics, Increment, regressors
 from mcpilco.equations import Program
 from mcpilco.features import AngleAugmentation
+from mcpilco.gp import Samples
 from mcpilco.typing import InputError
 
 MOST = 100
@@ -103,7 +106,9 @@ def turning_regressors(
 class StatePredictor:
     """Where a state will be when the next command acts."""
 
-    def __init__(self, delay: Delay, dynamics: GPDynamics | None) -> None:
+    def __init__(
+        self, delay: Delay, dynamics: GPDynamics | None, steps: Samples | None = None
+    ) -> None:
         """A predictor.
 
         Args:
@@ -111,9 +116,41 @@ class StatePredictor:
             dynamics: of an actuator that answers at once; where `delay` has a part, its posterior
                 regresses on [z, mean command, its change, ...]. None: nothing is known, and a state
                 stays where it is.
+            steps: of which the model learns besides; None: of none.
         """
         self._delay = delay
         self._dynamics = dynamics
+        self._steps = steps
+
+    def after(self, steps: Samples | None) -> StatePredictor:
+        """The predictor that has learned of the steps of an episode so far."""
+        return StatePredictor(self._delay, self._dynamics, steps)
+
+    def no_steps(self, *batch: int) -> Samples | None:
+        """Those of an episode that begins; None where nothing is known that could learn of them."""
+        if self._dynamics is None:
+            return None
+        posterior = self._dynamics.posterior
+        X = posterior.X.new_empty(*batch, 0, posterior.X.shape[-1])
+        Y = posterior.X.new_empty(*batch, 0, len(posterior.noise_std))
+        return Samples(X, Y, torch.empty(*batch, 0, dtype=torch.bool))
+
+    def step(
+        self,
+        states: Float[Tensor, "*b X"],
+        commands: Float[Tensor, "*b M_plus_1 U"],
+        following: Float[Tensor, "*b X"],
+    ) -> tuple[Float[Tensor, "*b D"], Float[Tensor, "*b E"]]:
+        """What a model learns of a step: regressors and changes.
+
+        Args:
+            states: when it began.
+            commands: that of the step, and those before it, newest first.
+            following: measured at its end.
+        """
+        acting, turned = self._delay.acting(commands)
+        asked = self._asked(states, acting, turned if self._delay.part else None)
+        return asked, (following - states)[..., self._known.predicted]
 
     @torch.no_grad()
     def __call__(
@@ -185,14 +222,24 @@ class StatePredictor:
             inputs: mean of those that act in it.
             turned: by how much they change in it; None: not at all.
         """
+        asked, posterior = self._asked(states, inputs, turned), self._known.posterior
+        if self._steps is not None:
+            return posterior.mean_after(asked[..., None, :], self._steps)[..., 0, :]
+        mean, _ = posterior.mean_and_variance(asked.reshape(-1, asked.shape[-1]))
+        return mean.reshape(*asked.shape[:-1], -1)
+
+    def _asked(
+        self,
+        states: Float[Tensor, "*b X"],
+        inputs: Float[Tensor, "*b U"],
+        turned: Float[Tensor, "*b U"] | None,
+    ) -> Float[Tensor, "*b D"]:
+        """What the GPs regress on; arguments as those of `_change`."""
         known = self._known
         if turned is None:
-            asked = known.regressors(states, inputs)
-        else:
-            law = known.augmentation, known.features
-            asked = turning_regressors(*law, states, inputs, turned)
-        mean, _ = self._known.posterior.mean_and_variance(asked.reshape(-1, asked.shape[-1]))
-        return mean.reshape(*asked.shape[:-1], -1)
+            return known.regressors(states, inputs)
+        law = known.augmentation, known.features
+        return turning_regressors(*law, states, inputs, turned)
 
     @property
     def _known(self) -> GPDynamics:

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from mcpilco.evidence import (
@@ -34,6 +34,12 @@ logger = logging.getLogger(__name__)
 _LOG_RANGE = log(1e4)
 """A fitted hyperparameter stays within this log distance of its data-dependent start."""
 
+RECENT = 100
+"""Samples, at most, that a posterior learns of besides its own."""
+
+_ROUNDING = 1e-10
+"""The least noise variance of a further sample, in parts of its prior variance [-]."""
+
 _SMALLEST_VARIANCE = 1e-9
 """The least posterior variance, in parts of the noise variance [-]."""
 
@@ -50,6 +56,38 @@ class FitReport:
     """evaluations of the marginal likelihood and its gradient"""
     converged: bool
     """the optimiser stopped by its own tolerance, in every start"""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples that come after those a posterior was conditioned on, for each of a batch."""
+
+    X: Float[Tensor, "*b T D"]
+    """regressors"""
+    Y: Float[Tensor, "*b T E"]
+    """outputs, with their noise"""
+    told: Bool[Tensor, "*b T"]
+    """which of them are known"""
+
+    def then(
+        self, X: Float[Tensor, "*b D"], Y: Float[Tensor, "*b E"], begun: Bool[Tensor, "*b"]
+    ) -> Samples:
+        """These and one more, the latest `RECENT` of them.
+
+        Args:
+            X: its regressors.
+            Y: its outputs.
+            begun: which of the batch know nothing any more, nor this one.
+        """
+        fresh = ~begun[..., None]
+        found = Samples(
+            torch.cat([self.X, X[..., None, :]], -2),
+            torch.cat([self.Y, Y[..., None, :]], -2),
+            torch.cat([self.told & fresh, fresh], -1),
+        )
+        return Samples(
+            found.X[..., -RECENT:, :], found.Y[..., -RECENT:, :], found.told[..., -RECENT:]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +123,34 @@ class Posterior:
         # k** - k*^T (K + s^2 I)^-1 k* = k** - |L^-1 k*|^2
         variance = self.kernel.diag(Xq) - (self.L_inv @ Kq).square().sum(-2)
         return mean.mT, torch.maximum(variance, self.smallest_variance[:, None]).mT
+
+    def mean_after(self, Xq: Float[Tensor, "*b M D"], steps: Samples) -> Float[Tensor, "*b M E"]:
+        """Mean of the latent function at the queries, given further samples as well.
+
+        A further sample has as much more noise as rounding may make of a large prior variance; where
+        their covariance has no Cholesky factor all the same, they are left out.
+
+        Args:
+            Xq: queries.
+            steps: the samples, of each of the batch its own.
+
+        Reference: R&W eq. (2.25), the posterior in the place of the prior.
+        """
+        told = steps.told[..., None, :]  # *b 1 T
+        Xq, X = Xq[..., None, :, :], steps.X[..., None, :, :]
+        Kq, K = self.kernel(self.X, Xq), self.kernel(self.X, X)  # *b E N M, *b E N T
+        Vq, V = self.L_inv @ Kq, self.L_inv @ K
+        left = steps.Y.mT - (self.alpha[:, None, :] @ K).squeeze(-2)  # *b E T
+        both = told[..., :, None] & told[..., None, :]
+        S = (self.kernel(X, X) - V.mT @ V) * both
+        noise = self.noise_std.square()[:, None] + _ROUNDING * self.kernel.diag(X)
+        S = S + torch.diag_embed(torch.where(told, noise, 1.0))
+        c = (self.kernel(X, Xq) - V.mT @ Vq) * told[..., None]  # *b E T M
+        L, info = torch.linalg.cholesky_ex(S)
+        more = torch.cholesky_solve((left * told)[..., None], L).mT @ c
+        more = torch.where((info == 0)[..., None, None] & more.isfinite(), more, 0.0)
+        mean = self.alpha[:, None, :] @ Kq + more
+        return mean.squeeze(-2).mT
 
     @property
     def smallest_variance(self) -> Float[Tensor, " E"]:

@@ -313,7 +313,7 @@ class ModelBasedAgent(TrialAgent):
         Where states are measured in part, the agent estimates them from the measurements so far:
         pass the state that the last call returned, as with recurrent policies. Else there is no
         memory, and the state is returned as it came. With `model.memory` it holds the last inputs,
-        and is to be passed likewise.
+        with `model.delay` the steps of the episode too, and is to be passed likewise.
 
         Args:
             observation: in the env's units.

@@ -13,6 +13,7 @@ import envs  # noqa: F401  registers the cart-pole
 from mcpilco.agent import MCPILCO
 from mcpilco.archive import read_groups, write_groups
 from mcpilco.config import Config, ModelConfig
+from mcpilco.data import Transitions
 from mcpilco.history import read_transitions
 from mcpilco.recorder import Recorder
 from mcpilco.run_folder import RunFolder
@@ -112,20 +113,39 @@ def test_an_agent_remembers_its_inputs_and_forgets_them_at_a_start():
 
 
 def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on():
+    """As the model predicts it that has learned of the episode's own steps."""
     agent = make_agent("delay").learn(2 * STEPS)
     seen = []
     agent.policy.forward = lambda states, *rest: seen.append(states) or states[..., :1]
     act = agent.controller()
     x = np.array([[0.1, 0.2, 0.3, 0.4], [0.3, -0.2, 0.5, 1.0]])
     inputs = [act(x), act(x + 0.1), act(x)]
-    dynamics = agent.model.dynamics(agent.transitions[:STEPS])  # the policy's own data
-    ahead = torch.from_numpy(x)
-    for u in inputs[:2]:  # those on their way, the older one first
-        u = torch.from_numpy(u).double()
-        mean, _ = dynamics.posterior.mean_and_variance(dynamics.regressors(ahead, u))
-        ahead = dynamics.advance(ahead, u, mean)
-    torch.testing.assert_close(seen[2], ahead, rtol=1e-6, atol=1e-6)  # actions are float32
+    own = agent.transitions[:STEPS]  # the policy's own data
+    for b in range(2):
+        states = np.stack([x[b], x[b] + 0.1, x[b]])
+        steps = Transitions(states[:-1], np.stack([u[b] for u in inputs[:2]]), states[1:])
+        steps = steps.after_inputs(2)
+        dynamics = agent.model.dynamics(own + steps)
+        ahead = torch.from_numpy(x[b : b + 1])
+        for u in inputs[:2]:  # those on their way, the older one first
+            u = torch.from_numpy(u[b : b + 1]).double()
+            mean, _ = dynamics.posterior.mean_and_variance(dynamics.regressors(ahead, u))
+            ahead = dynamics.advance(ahead, u, mean)
+        torch.testing.assert_close(seen[2][b : b + 1], ahead, rtol=1e-5, atol=1e-5)
     assert seen[0].shape == (2, 4)
+
+
+def test_what_an_episode_has_taught_ends_with_it():
+    agent = make_agent("part of a delay").learn(2 * STEPS)
+    x = np.array([[0.1, 0.2, 0.3, 0.4], [0.3, -0.2, 0.5, 1.0]])
+    first, state = agent.predict(x)
+    _, state = agent.predict(x + 0.3, state)
+    going_on, _ = agent.predict(x, state)
+    one_begins, _ = agent.predict(x, state, episode_start=np.array([True, False]))
+    np.testing.assert_allclose(one_begins, [first[0], going_on[1]], rtol=1e-6)
+    assert not np.isclose(first[1], going_on[1])
+    with pytest.raises(InputError, match="pass None to begin"):
+        agent.predict(x, (np.zeros(2),))
 
 
 def test_the_particles_of_a_late_actuator_are_shown_when_they_will_be_there():

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from mcpilco.evidence import JITTERS, cholesky
-from mcpilco.gp import GP
+from mcpilco.gp import GP, RECENT, Samples
 from mcpilco.kernels import MPK, RBF, Kernel
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 
@@ -441,3 +441,53 @@ def test_arrays_that_do_not_fit_are_refused():
         gp.load_arrays({**arrays, "kernel.log_variance": np.ones(3)})
     with pytest.raises(InputError, match="kernel.log_variance must be finite"):
         gp.load_arrays({**arrays, "kernel.log_variance": np.full(2, np.nan)})
+
+
+def after(steps: tuple[int, ...], T: int = 6, seed: int = 5) -> Samples:
+    """Further samples of a batch, drawn for each of it."""
+    X, Y = normal(*steps, T, WIDTH, seed=seed), normal(*steps, T, OUTPUTS, seed=seed + 1)
+    return Samples(X, Y, torch.ones(*steps, T, dtype=torch.bool))
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_further_samples_count_as_the_others(kernel):
+    gp, (X, Y), query = make_gp(KERNELS[kernel]()), data(), normal(2, 3, 4, WIDTH, seed=9)
+    gp.fit(X, Y)
+    further = after((2, 3))
+    found = gp.condition(X, Y).mean_after(query, further)
+    for i, j in np.ndindex(2, 3):
+        together = gp.condition(torch.cat([X, further.X[i, j]]), torch.cat([Y, further.Y[i, j]]))
+        expected, _ = together.mean_and_variance(query[i, j])
+        torch.testing.assert_close(found[i, j], expected, rtol=1e-5, atol=1e-5)
+
+
+def test_what_is_not_told_does_not_count():
+    gp, (X, Y), query = make_gp(), data(), normal(2, 4, WIDTH, seed=9)
+    posterior, further = gp.condition(X, Y), after((2,))
+    some = Samples(further.X, further.Y, further.told.clone())
+    some.told[0, 2:], some.told[1] = False, False
+    found = posterior.mean_after(query, some)
+    first = Samples(further.X[0, :2], further.Y[0, :2], further.told[0, :2])
+    torch.testing.assert_close(found[0], posterior.mean_after(query[0], first))
+    torch.testing.assert_close(found[1], posterior.mean_and_variance(query[1])[0])
+
+
+def test_further_samples_far_beyond_all_others_break_nothing():
+    gp, (X, Y), query = make_gp(KERNELS["RBF + MPK"]()), data(), normal(4, WIDTH, seed=9)
+    gp.fit(X, Y)
+    posterior, further = gp.condition(X, Y), after(())
+    for size in 10.0 ** np.arange(2, 12):
+        X_far = torch.cat([further.X[:3], size * further.X[3:]])
+        assert posterior.mean_after(query, Samples(X_far, further.Y, further.told)).isfinite().all()
+
+
+def test_the_latest_samples_are_kept_and_a_start_forgets_them():
+    steps = after((2,), T=1)
+    begun = torch.tensor([False, True])
+    for k in range(RECENT + 5):
+        x = torch.full((2, WIDTH), float(k)).double()
+        steps = steps.then(x, x[:, :OUTPUTS], begun if k == RECENT else ~begun & begun)
+    assert steps.X.shape == (2, RECENT, WIDTH)
+    assert steps.X[:, -1].eq(RECENT + 4).all()
+    assert steps.told[0].all()
+    assert steps.told[1].sum() == 4
