@@ -127,7 +127,7 @@ class Posterior:
     def mean_after(self, Xq: Float[Tensor, "*b M D"], steps: Samples) -> Float[Tensor, "*b M E"]:
         """Mean of the latent function at the queries, given further samples as well.
 
-        A further sample has as much more noise as rounding may make of a large prior variance; where
+        A further sample has as much more noise as rounding makes of a large prior variance. Where
         their covariance has no Cholesky factor all the same, they are left out.
 
         Args:

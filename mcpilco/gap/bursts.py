@@ -64,7 +64,7 @@ def unforeseen(
     What a contact or a magnet does recurs where the machine comes by again; a push does not.
     """
     apart = short[::2]
-    touched = _touched(spans, apart, recordings)
+    touched = touched_by(spans, apart, recordings)
     others = np.flatnonzero(touched < 0)
     some = others[np.linspace(0, len(others) - 1, min(OTHERS, len(others))).astype(int)]
     chosen = np.union1d(some, np.flatnonzero(touched >= 0))
@@ -112,7 +112,7 @@ def _grown(
     return far
 
 
-def _touched(
+def touched_by(
     spans: Sequence[Event], windows: Windows, recordings: Sequence[Recording]
 ) -> Int[np.ndarray, " W"]:
     """Which span touches each window; -1 where none does."""

@@ -18,6 +18,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.name import Named, weigh
 from mcpilco.gap.plain import plainer
 from mcpilco.gap.quiet import quiet
+from mcpilco.gap.recurrence import recurring
 from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.search import Found, search
@@ -126,7 +127,10 @@ def investigate(
         found, best, windows, masked = _searched(given, _windows(given))
     recordings = given.recordings
     left, pushes = quiet(given, _closest(found, windows))
-    if pushes:
+    place = recurring(pushes, given)
+    if place is not None:  # what happens there each time is no push
+        pushes = ()
+    elif pushes:
         everything = _windows(left)
         found, best, *_ = _found(left, everything, everything[:0])
         given, pushes = quiet(given, best)
@@ -134,8 +138,9 @@ def investigate(
         best, windows, masked = _finished(given, best, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
     spans, final = (*pushes, *events(masked, recordings)), best
-    unknown = _something_else(best, null, windows) or _mispredicts(best, null, given, spans)
-    where = locate(best if unknown else null, windows)
+    unknown = place is not None or _something_else(best, null, windows)
+    unknown = unknown or _mispredicts(best, null, given, spans)
+    where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
         named = named if _explains_most(best, null, windows) else ()
         spans, final = (*pushes, *learned.spans), learned.fit
