@@ -77,6 +77,11 @@ class Controller:
         commands = past.reshape(*begun.shape, self.memory + 1, -1)
         now, steps = torch.as_tensor(states).double(), predictor.no_steps(*begun.shape)
         if state is not None and steps is not None:
+            if len(state) != 3:
+                raise InputError(
+                    f"predict expects the state that it returned for the observations before, of 3 "
+                    f"entries, got {len(state)}; pass None to begin an episode."
+                )
             _, before, known = state
             steps = (known or steps).then(*predictor.step(before, commands, now), begun)
         with torch.no_grad():

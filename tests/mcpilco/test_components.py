@@ -144,8 +144,9 @@ def test_what_an_episode_has_taught_ends_with_it():
     one_begins, _ = agent.predict(x, state, episode_start=np.array([True, False]))
     np.testing.assert_allclose(one_begins, [first[0], going_on[1]], rtol=1e-6)
     assert not np.isclose(first[1], going_on[1])
-    with pytest.raises(InputError, match="pass None to begin"):
-        agent.predict(x, (np.zeros(2),))
+    for foreign in ((np.zeros(2),), (state[0],)):
+        with pytest.raises(InputError, match="pass None to begin"):
+            agent.predict(x, foreign)
 
 
 def test_the_particles_of_a_late_actuator_are_shown_when_they_will_be_there():
