@@ -51,6 +51,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     assert gap.named == ()
 
 
+@pytest.mark.slow
 def test_a_delay_of_part_of_a_sample_is_found() -> None:
     rng = np.random.default_rng(6)
     measured = [record(rng, nothing, number, delay=0.033) for number in range(3)]
@@ -59,6 +60,7 @@ def test_a_delay_of_part_of_a_sample_is_found() -> None:
     assert gap.named[0].parameters["d"].value == pytest.approx(0.033, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_gain_within_three_prior_std_is_no_finding_and_beyond_it_is() -> None:
     for gain, names in ((1.02, []), (1.3, ["actuator_gain"])):
         rng = np.random.default_rng(7)
