@@ -23,7 +23,7 @@ from torch import Tensor
 from mcpilco.dynamics import GPDynamics, Increment, regressors
 from mcpilco.equations import Program
 from mcpilco.features import AngleAugmentation
-from mcpilco.gp import Samples
+from mcpilco.gp import Further, Samples
 from mcpilco.typing import InputError
 
 MOST = 100
@@ -107,7 +107,7 @@ class StatePredictor:
     """Where a state will be when the next command acts."""
 
     def __init__(
-        self, delay: Delay, dynamics: GPDynamics | None, steps: Samples | None = None
+        self, delay: Delay, dynamics: GPDynamics | None, learned: Further | None = None
     ) -> None:
         """A predictor.
 
@@ -116,15 +116,16 @@ class StatePredictor:
             dynamics: of an actuator that answers at once; where `delay` has a part, its posterior
                 regresses on [z, mean command, its change, ...]. None: nothing is known, and a state
                 stays where it is.
-            steps: of which the model learns besides; None: of none.
+            learned: the posterior that has learned of further steps; None: of none.
         """
         self._delay = delay
         self._dynamics = dynamics
-        self._steps = steps
+        self._learned = learned
 
     def after(self, steps: Samples | None) -> StatePredictor:
         """The predictor that has learned of the steps of an episode so far."""
-        return StatePredictor(self._delay, self._dynamics, steps)
+        learned = None if steps is None else self._known.posterior.after(steps)
+        return StatePredictor(self._delay, self._dynamics, learned)
 
     def no_steps(self, *batch: int) -> Samples | None:
         """Those of an episode that begins; None where nothing is known that could learn of them."""
@@ -222,10 +223,10 @@ class StatePredictor:
             inputs: mean of those that act in it.
             turned: by how much they change in it; None: not at all.
         """
-        asked, posterior = self._asked(states, inputs, turned), self._known.posterior
-        if self._steps is not None:
-            return posterior.mean_after(asked[..., None, :], self._steps)[..., 0, :]
-        mean, _ = posterior.mean_and_variance(asked.reshape(-1, asked.shape[-1]))
+        asked = self._asked(states, inputs, turned)
+        if self._learned is not None:
+            return self._learned.mean(asked[..., None, :])[..., 0, :]
+        mean, _ = self._known.posterior.mean_and_variance(asked.reshape(-1, asked.shape[-1]))
         return mean.reshape(*asked.shape[:-1], -1)
 
     def _asked(

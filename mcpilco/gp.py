@@ -124,38 +124,59 @@ class Posterior:
         variance = self.kernel.diag(Xq) - (self.L_inv @ Kq).square().sum(-2)
         return mean.mT, torch.maximum(variance, self.smallest_variance[:, None]).mT
 
-    def mean_after(self, Xq: Float[Tensor, "*b M D"], steps: Samples) -> Float[Tensor, "*b M E"]:
-        """Mean of the latent function at the queries, given further samples as well.
+    def after(self, steps: Samples) -> Further:
+        """The posterior given further samples as well.
 
         A further sample has as much more noise as rounding makes of a large prior variance. Where
         their covariance has no Cholesky factor all the same, they are left out.
 
         Args:
-            Xq: queries.
             steps: the samples, of each of the batch its own.
 
         Reference: R&W eq. (2.25), the posterior in the place of the prior.
         """
-        told = steps.told[..., None, :]  # *b 1 T
-        Xq, X = Xq[..., None, :, :], steps.X[..., None, :, :]
-        Kq, K = self.kernel(self.X, Xq), self.kernel(self.X, X)  # *b E N M, *b E N T
-        Vq, V = self.L_inv @ Kq, self.L_inv @ K
+        told, X = steps.told[..., None, :], steps.X[..., None, :, :]  # *b 1 T, *b 1 T D
+        K = self.kernel(self.X, X)  # *b E N T
+        V = self.L_inv @ K
         left = steps.Y.mT - (self.alpha[:, None, :] @ K).squeeze(-2)  # *b E T
         both = told[..., :, None] & told[..., None, :]
         S = (self.kernel(X, X) - V.mT @ V) * both
         noise = self.noise_std.square()[:, None] + _ROUNDING * self.kernel.diag(X)
         S = S + torch.diag_embed(torch.where(told, noise, 1.0))
-        c = (self.kernel(X, Xq) - V.mT @ Vq) * told[..., None]  # *b E T M
         L, info = torch.linalg.cholesky_ex(S)
-        more = torch.cholesky_solve((left * told)[..., None], L).mT @ c
-        more = torch.where((info == 0)[..., None, None] & more.isfinite(), more, 0.0)
-        mean = self.alpha[:, None, :] @ Kq + more
-        return mean.squeeze(-2).mT
+        weights = torch.cholesky_solve((left * told)[..., None], L)
+        return Further(self, X, V, told[..., None], weights, (info == 0)[..., None, None])
 
     @property
     def smallest_variance(self) -> Float[Tensor, " E"]:
         """What rounding cannot push a variance below, in the squared unit of each output."""
         return _SMALLEST_VARIANCE * self.noise_std.square()
+
+
+@dataclass(frozen=True, eq=False)
+class Further:
+    """A posterior that has learned of further samples, for each of a batch."""
+
+    posterior: Posterior
+    X: Float[Tensor, "*b 1 T D"]
+    """their regressors"""
+    V: Float[Tensor, "*b E N T"]
+    """L^-1 times their covariance with the posterior's samples"""
+    told: Bool[Tensor, "*b 1 T 1"]
+    """which of them are known"""
+    weights: Float[Tensor, "*b E T 1"]
+    """of their covariances with a query"""
+    solved: Bool[Tensor, "*b E 1 1"]
+    """whether the weights could be found"""
+
+    def mean(self, Xq: Float[Tensor, "*b M D"]) -> Float[Tensor, "*b M E"]:
+        """Mean of the latent function at the queries."""
+        known, Xq = self.posterior, Xq[..., None, :, :]
+        Kq = known.kernel(known.X, Xq)  # *b E N M
+        c = (known.kernel(self.X, Xq) - self.V.mT @ (known.L_inv @ Kq)) * self.told  # *b E T M
+        more = self.weights.mT @ c
+        more = torch.where(self.solved & more.isfinite(), more, 0.0)
+        return (known.alpha[:, None, :] @ Kq + more).squeeze(-2).mT
 
 
 class GP(nn.Module):

@@ -454,7 +454,7 @@ def test_further_samples_count_as_the_others(kernel):
     gp, (X, Y), query = make_gp(KERNELS[kernel]()), data(), normal(2, 3, 4, WIDTH, seed=9)
     gp.fit(X, Y)
     further = after((2, 3))
-    found = gp.condition(X, Y).mean_after(query, further)
+    found = gp.condition(X, Y).after(further).mean(query)
     for i, j in np.ndindex(2, 3):
         together = gp.condition(torch.cat([X, further.X[i, j]]), torch.cat([Y, further.Y[i, j]]))
         expected, _ = together.mean_and_variance(query[i, j])
@@ -466,9 +466,9 @@ def test_what_is_not_told_does_not_count():
     posterior, further = gp.condition(X, Y), after((2,))
     some = Samples(further.X, further.Y, further.told.clone())
     some.told[0, 2:], some.told[1] = False, False
-    found = posterior.mean_after(query, some)
+    found = posterior.after(some).mean(query)
     first = Samples(further.X[0, :2], further.Y[0, :2], further.told[0, :2])
-    torch.testing.assert_close(found[0], posterior.mean_after(query[0], first))
+    torch.testing.assert_close(found[0], posterior.after(first).mean(query[0]))
     torch.testing.assert_close(found[1], posterior.mean_and_variance(query[1])[0])
 
 
@@ -478,7 +478,8 @@ def test_further_samples_far_beyond_all_others_break_nothing():
     posterior, further = gp.condition(X, Y), after(())
     for size in 10.0 ** np.arange(2, 12):
         X_far = torch.cat([further.X[:3], size * further.X[3:]])
-        assert posterior.mean_after(query, Samples(X_far, further.Y, further.told)).isfinite().all()
+        far = posterior.after(Samples(X_far, further.Y, further.told))
+        assert far.mean(query).isfinite().all()
 
 
 def test_the_latest_samples_are_kept_and_a_start_forgets_them():
