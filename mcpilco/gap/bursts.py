@@ -88,13 +88,13 @@ def _far(part: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
     std = np.sqrt(np.einsum("wii->wi", covariance))
     size = force / np.maximum(np.median(force, axis=0), 1e-12)
     strong = ((size > STRONG) & (force > SURE * std)).any(axis=1)
-    return _grown(strong, (size > WEAK).any(axis=1), _runs(short))
+    return _grown(strong, (size > WEAK).any(axis=1), runs(short))
 
 
-def _runs(short: Windows) -> list[slice]:
+def runs(short: Windows) -> list[slice]:
     """Windows that follow one another without a break."""
-    length = short.y.shape[2] * short.dt
-    broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > length)
+    longest = (short.y.shape[2] + 0.5) * short.dt  # from one start to the next, side by side
+    broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > longest)
     ends = [0, *(np.flatnonzero(broken) + 1), len(short)]
     return [slice(a, b) for a, b in pairwise(ends)]
 

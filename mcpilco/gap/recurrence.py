@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from mcpilco.gap.bursts import touched_by
+from mcpilco.gap.bursts import runs, touched_by
 from mcpilco.gap.events import Event
 from mcpilco.gap.given import Given
 from mcpilco.gap.learn import SHORT_S
-from mcpilco.gap.where import Disagreement
+from mcpilco.gap.where import Disagreement, mean_of_known
 
 LEVEL = 0.01
 """probability, all places that are looked at together, below which events are no accidents"""
@@ -34,11 +34,11 @@ def recurring(spans: Sequence[Event], given: Given) -> Disagreement | None:
     touched = touched_by(spans, short, given.recordings)
     if not spans or not (touched >= 0).any():
         return None
-    apart = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > 1.5 * SHORT_S)
-    broken = np.concatenate([[True], apart])
+    broken = np.zeros(len(short), dtype=bool)
+    broken[[run.start for run in runs(short)]] = True
     layout, found = given.plant.layout, []
     for j, joint in enumerate(layout.joints):
-        q = _mean(short.y[:, 2 * j])
+        q = mean_of_known(short.y[:, 2 * j])
         if 2 * j in given.plant.angles:
             q = np.mod(q + np.pi, 2.0 * np.pi) - np.pi
         chance, low, high = _rarest(q, touched, broken)
@@ -75,10 +75,3 @@ def _rarest(
             best = min(best, (chance, float(low), float(high)))
     pairs = len(ends) * (len(ends) + 1) / 2
     return min(1.0, best[0] * pairs), best[1], best[2]
-
-
-def _mean(y: Float[np.ndarray, "W T"]) -> Float[np.ndarray, " W"]:
-    """Of what is known in each window; NaN where nothing is."""
-    known = np.isfinite(y)
-    total = np.where(known, y, 0.0).sum(axis=1)
-    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)

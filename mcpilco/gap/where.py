@@ -133,8 +133,8 @@ def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str
     traits: dict[str, np.ndarray] = {}
     for j, joint in enumerate(layout.joints):
         q = windows.y[:, 2 * j]
-        traits[f"|{layout.states[2 * j]}|"] = _mean(np.abs(q))
-        traits[f"speed of {joint}"] = _mean(np.abs(np.gradient(q, axis=1)))
+        traits[f"|{layout.states[2 * j]}|"] = mean_of_known(np.abs(q))
+        traits[f"speed of {joint}"] = mean_of_known(np.abs(np.gradient(q, axis=1)))
     for u, name in enumerate(layout.inputs):
         used = windows.commands[:, windows.lead :, u]
         traits[f"|{name}|"] = np.abs(used).mean(axis=1)
@@ -147,10 +147,11 @@ def _condition(found: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str
     return f"at {'large' if ranks[name] > 0.0 else 'small'} {name}"
 
 
-def _mean(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, " W"]:
-    """Of what is known in each window; 0 where nothing is."""
-    known = np.isfinite(x)
-    return np.where(known, x, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+def mean_of_known(y: Float[np.ndarray, "W T"]) -> Float[np.ndarray, " W"]:
+    """Of what is known in each window; NaN where nothing is."""
+    known = np.isfinite(y)
+    total = np.where(known, y, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
 
 
 def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
