@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Int
 
-from mcpilco.gap.events import RARE, STRANGE, Event, events, without_spikes
+from mcpilco.gap.events import STRANGE, Event, events, without_spikes
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.learn import SHORT_S, moved
 from mcpilco.gap.residual_force import FOLDS, explain, respond
@@ -26,6 +26,8 @@ STRONG, WEAK = 5.0, 3.0
 """times the usual missed force, in the middle of a burst and at its ends"""
 SURE = 8.0
 """standard deviations that the force in the middle of a burst is away from 0"""
+OFTEN = 0.2
+"""part of the windows beyond which what comes and goes is no accident"""
 OTHERS = 60
 """windows without a burst, at most, that may tell what a state and a command do"""
 
@@ -42,7 +44,7 @@ def bursts(found: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple
     """
     part, short = _without_spikes(moved(found, short), short)
     far = _far(part, short)
-    return () if far.mean() > RARE else events(short[far], recordings)
+    return () if far.mean() > OFTEN else events(short[far], recordings)
 
 
 def _without_spikes(part: Fit, windows: Windows) -> tuple[Fit, Windows]:

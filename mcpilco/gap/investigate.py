@@ -20,30 +20,18 @@ from mcpilco.gap.plain import plainer
 from mcpilco.gap.quiet import quiet
 from mcpilco.gap.recurrence import recurring
 from mcpilco.gap.refit import finish, refit
-from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.search import Found, search
-from mcpilco.gap.show import Comparison, Models, beyond_noise, compare, path, shrunk
+from mcpilco.gap.show import Comparison, Models, compare, path
 from mcpilco.gap.timing import likelier, timings
 from mcpilco.gap.validate import most_predictive
-from mcpilco.gap.where import Disagreement, locate, located, structure
+from mcpilco.gap.verdict import explains_most, mispredicts, something_else, worth
+from mcpilco.gap.where import Disagreement, locate, located
 from mcpilco.gap.windows import SECONDS, Windows
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 
 ORDINARY = 3.0
 """times the usual misfit up to which a window holds no event"""
-STRUCTURED = 50.0
-"""whiteness of residuals beyond which something may still be missing"""
-PREDICTED = 0.3
-"""part of what is left that forces of state and command explain, beyond which it is an effect"""
-LEFT, LEFT_USUALLY = 0.3, 0.5
-"""part of the gap that may be left over in any case; likewise of that in a usual window"""
-MOST = 0.1
-"""part of the gap that effects may leave over and still stay where a force is learned too"""
-LARGE, UNEVEN = 3.0, 3.0
-"""misfit of a sample over the noise, and its unevenness, that no noise has"""
-CLOSED, FAR = 0.5, 2.0
-"""part of the held-out error that effects must take away, where it is so many times the least"""
 EVERY_S = 0.3
 """between the starts of two held-out windows [s]"""
 SEARCHED = 28
@@ -138,14 +126,15 @@ def investigate(
         best, windows, masked = _finished(given, best, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
     spans, final = (*pushes, *events(masked, recordings)), best
-    unknown = place is not None or _something_else(best, null, windows)
-    unknown = unknown or _mispredicts(best, null, given, spans)
+    unknown = place is not None or something_else(best, null, windows)
+    clear = _clear(given, spans, best)
+    unknown = unknown or mispredicts(best, null, windows, clear)
     where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
-        named = named if _explains_most(best, null, windows) else ()
+        named = named if explains_most(best, null, windows) else ()
         spans, final = (*pushes, *learned.spans), learned.fit
         where = (*located(final, windows), *where)
-    elif unknown and not _worth(best, (null,), given, spans):
+    elif unknown and not worth(best, (null,), clear):
         named, final = (), null
     models = Models(found.null.model, null, final, path(found, best) if named else ())
     train, held_out = given.names
@@ -155,7 +144,7 @@ def investigate(
         named=named,
         corrected=_corrected(final),
         where=where,
-        comparison=compare(models, _clear(given, spans)),
+        comparison=compare(models, _clear(given, spans, final)),
         events=spans,
         experiments=tuple(experiments(found, best, windows)),
         train=train,
@@ -222,9 +211,10 @@ def _closest(found: Found, windows: Windows) -> Fit:
     return finish(closest, windows)[0]
 
 
-def _clear(given: Given, spans: Sequence[Event]) -> Windows:
-    """Held-out windows without events."""
-    return outside(spans, given.windows(given.held_out, every=EVERY_S), given.names[1])
+def _clear(given: Given, spans: Sequence[Event], known: Fit) -> Windows:
+    """Held-out windows without events, and without samples that a model shows to be misread."""
+    windows = outside(spans, given.windows(given.held_out, every=EVERY_S), given.names[1])
+    return without_spikes(moved(known, windows), windows)
 
 
 @dataclass(frozen=True)
@@ -240,19 +230,14 @@ def _learned(
     given: Given, best: Fit, null: Fit, windows: Windows, masked: Windows
 ) -> _Learned | None:
     """What is left over as a force; None where it does not shrink the held-out error."""
-    base = best if _explains_most(best, null, windows) else null
+    base = best if explains_most(best, null, windows) else null
     base = replace(base, model=replace(base.model, effort=Effort(LEARNING)))
     every = windows.joined(masked[masked.of(given.train)])
     short = given.windows(given.train, seconds=SHORT_S)
     found = learn(base, _usable(base, every), _usable(base, short))
     spans = events(_explained(moved(found, windows), windows, masked)[0], given.recordings)
-    return _Learned(found, spans) if _worth(found, (null, best), given, spans) else None
-
-
-def _worth(found: Fit, others: Sequence[Fit], given: Given, spans: Sequence[Event]) -> bool:
-    """Whether a model's error on held-out windows without events is surely less than others'."""
-    clear = _clear(given, spans)
-    return all(shrunk(known, found, clear).low > 0.0 for known in others)
+    clear = _clear(given, spans, found)
+    return _Learned(found, spans) if worth(found, (null, best), clear) else None
 
 
 def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
@@ -291,36 +276,6 @@ def _some(windows: Windows) -> Windows:
     if len(windows) <= SEARCHED:
         return windows
     return windows[np.linspace(0, len(windows) - 1, SEARCHED).round().astype(int)]
-
-
-def _something_else(best: Fit, null: Fit, windows: Windows) -> bool:
-    """Whether what the best model leaves over is neither noise nor of little account.
-
-    Noise of sensors may be correlated as well, but then it is alike in all windows, and no force
-    predicts it.
-    """
-    left, gap = structure(best, windows), structure(null, windows)
-    if left.whiteness < STRUCTURED:
-        return False
-    if left.excess > LEFT * gap.excess and (left.excess > LARGE or left.unevenness > UNEVEN):
-        return True
-    if left.usual > max(LARGE, LEFT_USUALLY * gap.usual):  # few windows may make most of the gap
-        return True
-    return explain(respond(best, windows)).share > PREDICTED
-
-
-def _mispredicts(best: Fit, null: Fit, given: Given, spans: Sequence[Event]) -> bool:
-    """Whether effects that fit their recordings leave much of the error on those held out."""
-    if not best.model.named:
-        return False
-    clear = _clear(given, spans)
-    return shrunk(null, best, clear).value < CLOSED and beyond_noise(best, clear) > FAR
-
-
-def _explains_most(best: Fit, null: Fit, windows: Windows) -> bool:
-    """Whether the effects of a model that does not fit are to stay beside what is learned."""
-    left, gap = structure(best, windows), structure(null, windows)
-    return bool(best.model.named) and left.excess < MOST * gap.excess
 
 
 def _usable(base: Fit, windows: Windows) -> Windows:

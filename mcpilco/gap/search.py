@@ -29,7 +29,7 @@ PART = 0.05
 """least part of what is left over beyond the noise that a further effect must explain"""
 SHORTLIST = 8, 5, 4
 """effects that are tried on a model that has none, one, two"""
-BEAM = 3, 2
+BEAM = 3, 4
 """models with one effect, with two, that are carried on"""
 BEGUN = 1.0, 0.25, 0.0625
 """of the size that a linear response tells, from the best of which an effect is fitted"""
@@ -132,7 +132,8 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             best = leaner
             break
         best = leaner
-        if level == MOST - 1 or (level and best.chi2 > HOPELESS * null.chi2):
+        closest = min(found.chi2 for found in grown)
+        if level == MOST - 1 or (level and closest > HOPELESS * null.chi2):
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
     return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
@@ -155,9 +156,11 @@ def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
     """Models to carry on beside the best: those of the smallest BIC, and the one that fits best.
 
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
-    it. That costs it its rank, but it is one effect away from what is there.
+    it. That costs it its rank, but it is one effect away from what is there. Of models that do the
+    same one is enough.
     """
-    followed = list(grown[:count])
+    apart = [g for k, g in enumerate(grown) if all(abs(g.chi2 - o.chi2) >= SAME for o in grown[:k])]
+    followed = apart[:count]
     closest = min(grown, key=lambda found: found.chi2, default=None)
     if closest is not None and all(closest is not found for found in followed):
         followed.append(closest)

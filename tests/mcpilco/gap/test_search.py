@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,16 +10,13 @@ import pytest
 
 import envs
 from mcpilco.effects import CATALOGUE
-from mcpilco.gap import where
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
 from mcpilco.gap.plain import plainer
-from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.screen import screen
 from mcpilco.gap.search import PROMISING, Found, Yardstick
-from mcpilco.gap.show import Interval
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
@@ -186,38 +182,3 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     assert yardstick.prefers(perfect, null, null) == meant
     found = Found(null, null, (), (), windows).with_best(null, [null, perfect])
     assert [known for known, _ in found.ranked] == ([null, perfect] if meant else [null])
-
-
-@pytest.mark.parametrize(
-    ("closed", "beyond", "bad"), [(0.9, 50.0, False), (0.3, 1.2, False), (0.3, 4.0, True)]
-)
-def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
-    lagging: tuple[Given, Windows, Fit],
-    monkeypatch: pytest.MonkeyPatch,
-    closed: float,
-    beyond: float,
-    bad: bool,
-) -> None:
-    known, _, null = lagging
-    model, theta = null.model.grown(null.theta, active("armature", "pendulum"), [0.01])
-    module = importlib.import_module("mcpilco.gap.investigate")
-    monkeypatch.setattr(module, "shrunk", lambda *fits: Interval(closed, closed, closed))
-    monkeypatch.setattr(module, "beyond_noise", lambda found, windows: beyond)
-    monkeypatch.setattr(module, "_clear", lambda given, spans: None)
-    assert module._mispredicts(replace(null, model=model, theta=theta), null, known, ()) == bad
-    assert not module._mispredicts(null, null, known, ())
-
-
-@pytest.mark.parametrize(("usual", "unknown"), [(0.5, False), (50.0, True)])
-def test_a_gap_that_is_closed_in_few_windows_alone_is_not_named(
-    monkeypatch: pytest.MonkeyPatch, usual: float, unknown: bool
-) -> None:
-    """Few windows make nearly all of the misfit: they are explained, the usual ones are not."""
-    left = where.Structure(whiteness=1e4, excess=60.0, usual=usual, unevenness=1.5)
-    gap = where.Structure(whiteness=1e4, excess=1e5, usual=60.0, unevenness=900.0)
-    told = iter((left, gap))
-    module = importlib.import_module("mcpilco.gap.investigate")
-    monkeypatch.setattr(module, "structure", lambda found, windows: next(told))
-    monkeypatch.setattr(module, "respond", lambda found, windows: None)
-    monkeypatch.setattr(module, "explain", lambda response: Explained(0.0, np.zeros(1)))
-    assert module._something_else(None, None, None) == unknown
