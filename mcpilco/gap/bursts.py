@@ -17,7 +17,7 @@ from jaxtyping import Bool, Int
 
 from mcpilco.gap.events import STRANGE, Event, events, without_spikes
 from mcpilco.gap.fit import Fit
-from mcpilco.gap.learn import SHORT_S, moved
+from mcpilco.gap.learn import SHORT_S, candidates, log_misfit, moved
 from mcpilco.gap.residual_force import FOLDS, explain, respond
 from mcpilco.gap.windows import Windows
 from mcpilco.recordings import Recording
@@ -63,7 +63,15 @@ def unforeseen(
 ) -> tuple[Event, ...]:
     """Those of some spans whose forces no state and command predict, as all other windows tell.
 
-    What a contact or a magnet does recurs where the machine comes by again; a push does not.
+    What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
+    sought as a force that is alike everywhere, and as one in a joint over few coordinates, which
+    may be narrow.
+
+    Args:
+        spans: the events.
+        found: a fit.
+        short: windows of `SHORT_S` seconds that overlap by half, of all recordings in their order.
+        recordings: these.
     """
     apart = short[::2]
     touched = touched_by(spans, apart, recordings)
@@ -71,13 +79,22 @@ def unforeseen(
     some = others[np.linspace(0, len(others) - 1, min(OTHERS, len(others))).astype(int)]
     chosen = np.union1d(some, np.flatnonzero(touched >= 0))
     windows, touched = apart[chosen], touched[chosen]
-    response = respond(moved(found, windows), windows)
+    part = moved(found, windows)
     folds = np.where(touched < 0, np.arange(len(windows)), touched) % FOLDS
-    left = [explain(response, response.weights, folds, n).left for n in (1, 2)]
-    before = response.by_window / response.samples
-    own = [touched == number for number in range(len(spans))]
-    strange = [min(x[mine].sum() for x in left) >= STRANGE * before[mine].sum() for mine in own]
-    return tuple(span for span, so in zip(spans, strange, strict=True) if so)
+    response = respond(part, windows)
+    smooth = [explain(response, response.weights, folds, n).left for n in (1, 2)]
+    narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).left
+    before, samples = part.by_window / windows.samples, windows.samples
+
+    def strange(number: int) -> bool:
+        own = touched == number
+        missed = min(left[own].sum() for left in smooth) >= STRANGE * before[own].sum()
+        if not (missed and own.any()):
+            return bool(missed)
+        logs = [log_misfit(left[own], samples[own]) for left in (narrow, before)]
+        return logs[0] >= STRANGE * logs[1]
+
+    return tuple(span for number, span in enumerate(spans) if strange(number))
 
 
 def _far(part: Fit, short: Windows) -> Bool[np.ndarray, " W"]:

@@ -17,7 +17,7 @@ from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
 from mcpilco.gap.name import Named, weigh
 from mcpilco.gap.plain import plainer
-from mcpilco.gap.quiet import quiet
+from mcpilco.gap.quiet import foreseen, quiet
 from mcpilco.gap.recurrence import recurring
 from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.search import Found, search
@@ -125,9 +125,11 @@ def investigate(
         everything = _windows(given)
         best, windows, masked = _finished(given, best, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
-    spans, final = (*pushes, *events(masked, recordings)), best
-    unknown = place is not None or something_else(best, null, windows)
+    missed = events(masked, recordings)
+    spans, final = (*pushes, *missed), best
     clear = _clear(given, spans, best)
+    unknown = place is not None or foreseen(missed, given, best)
+    unknown = unknown or something_else(best, null, windows)
     unknown = unknown or mispredicts(best, null, windows, clear)
     where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:

@@ -132,6 +132,8 @@ class Candidate:
     """what the windows tell of its directions, beside a prior of 1"""
     predicted: float
     """part of the log misfit that it predicts of windows from others [-]"""
+    left: Float[np.ndarray, " W"]
+    """squared residual of a sample of each window that it does not predict from others"""
 
     def force(self) -> GridForce:
         """The force, in the directions that the windows tell of; in the others it stays 0."""
@@ -147,8 +149,17 @@ def simplest(known: Sequence[Candidate]) -> Candidate:
     return best if best.predicted > single.predicted + WORTH_A_PAIR else single
 
 
-def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
-    """Forces in each joint over all that they could depend on, each at its best strength."""
+def candidates(
+    found: Fit, windows: Windows, folds: Int[np.ndarray, " W"] | None = None
+) -> Iterator[Candidate]:
+    """Forces in each joint over all that they could depend on, each at its best strength.
+
+    Args:
+        found: a fit to the windows.
+        windows: short ones.
+        folds: number of each window's fold, below `FOLDS`; by default they take turns.
+    """
+    folds = np.arange(len(windows)) % FOLDS if folds is None else folds
     response = respond(found, windows, hold_s=windows.dt)
     layout = found.model.plant.layout
     moves = moves_of(found.model, found.theta, windows)
@@ -166,7 +177,7 @@ def candidates(found: Fit, windows: Windows) -> Iterator[Candidate]:
             prior = Prior.of(axes, lengthscales, LEAST)
             features = prior.features([moves[:, :, c].ravel() for c in over])
             columns = G @ features.reshape(*moves.shape[:2], -1)
-            yield _judged(joint, prior, usual, columns, response)
+            yield _judged(joint, prior, usual, columns, response, folds)
 
 
 Form = tuple[tuple[int, ...], tuple[Fineness, ...]]
@@ -232,6 +243,7 @@ def _judged(
     usual: float,
     columns: Float[np.ndarray, "W n R"],
     response: Response,
+    fold: Int[np.ndarray, " W"],
 ) -> Candidate:
     """What a force predicts of each window from the windows of the other folds.
 
@@ -240,21 +252,18 @@ def _judged(
     """
     misfit = response.by_window / response.samples
     size = np.sqrt(np.maximum(1.0, INFLATION * misfit))[:, None]
-    fold = np.arange(len(response)) % FOLDS
     A, b = np.empty((FOLDS, *columns.shape[2:] * 2)), np.empty((FOLDS, columns.shape[2]))
     for k in range(FOLDS):
         own = fold == k
         flat = (columns[own] / size[own, :, None]).reshape(-1, columns.shape[2])
         A[k], b[k] = flat.T @ flat, flat.T @ (response.r[own] / size[own]).ravel()
     before = log_misfit(misfit, response.samples)
-    left = [
-        log_misfit(_unpredicted(strength, A, b, columns, fold, response), response.samples)
-        for strength in STRENGTHS
-    ]
-    best = int(np.argmin(left))
+    left = [_unpredicted(strength, A, b, columns, fold, response) for strength in STRENGTHS]
+    after = [log_misfit(part, response.samples) for part in left]
+    best = int(np.argmin(after))
     information = STRENGTHS[best] ** 2 * A.sum(axis=0)
-    share = 1.0 - left[best] / before if before > 0.0 else 0.0
-    return Candidate(joint, prior, usual * STRENGTHS[best], information, share)
+    share = 1.0 - after[best] / before if before > 0.0 else 0.0
+    return Candidate(joint, prior, usual * STRENGTHS[best], information, share, left[best])
 
 
 def _unpredicted(

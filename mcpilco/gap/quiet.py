@@ -10,6 +10,7 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.given import FEWEST, Given
 from mcpilco.gap.learn import SHORT_S
 from mcpilco.gap.refit import finish
+from mcpilco.gap.windows import Windows
 from mcpilco.typing import InputError
 
 PASSES, SHARE = 6, 0.5
@@ -24,7 +25,7 @@ def quiet(given: Given, best: Fit) -> tuple[Given, tuple[Event, ...]]:
         given: plant and recordings.
         best: the best model, which bursts that were not seen may have bent.
     """
-    short = given.windows(seconds=SHORT_S, every=0.5 * SHORT_S)
+    short = _short(given)
     left = given
     spans: tuple[Event, ...] = ()
     share = given.effort.share(SHARE)
@@ -37,6 +38,18 @@ def quiet(given: Given, best: Fit) -> tuple[Given, tuple[Event, ...]]:
     spans = unforeseen(spans, best, short, given.recordings) if left is not given else ()
     left = _with_gaps(given, spans)
     return left, spans if left is not given else ()
+
+
+def foreseen(spans: Sequence[Event], given: Given, best: Fit) -> bool:
+    """Whether some events are none, for a force of state and command predicts them."""
+    if not spans:
+        return False
+    return len(unforeseen(spans, best, _short(given), given.recordings)) < len(spans)
+
+
+def _short(given: Given) -> Windows:
+    """Windows that overlap by half, in which a push shows."""
+    return given.windows(seconds=SHORT_S, every=0.5 * SHORT_S)
 
 
 def _with_gaps(given: Given, spans: Sequence[Event]) -> Given:

@@ -1,6 +1,6 @@
 """How often `mcpilco gap` names an effect that a seed has hidden in recordings.
 
-python runs/hidden_effects/run.py                            # all tiers, 40 cases each
+python runs/hidden_effects/run.py                            # all tiers, 38 cases each
 python runs/hidden_effects/run.py --quick                    # one case of each tier, no peers
 python runs/hidden_effects/run.py --only-tables              # of the results that are there
 python runs/hidden_effects/run.py --tiers one --seeds 0:100 --no-peers
@@ -53,8 +53,8 @@ METHOD = digest("gap", "effects", "simulation", "mechanics", "recordings")[:12]
 class Arguments:
     """Hide effects, look for them, and write the tables."""
 
-    seeds: str = "1200:1240"
-    """`1200:1240` are 1200 to 1239"""
+    seeds: str = "1240:1278"
+    """`1240:1278` are 1240 to 1277"""
     tiers: tuple[Literal[*TIERS], ...] = tuple(TIERS)
     """kinds of cases"""
     peers: bool = True

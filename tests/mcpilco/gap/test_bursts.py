@@ -49,9 +49,12 @@ def test_noise_holds_no_burst() -> None:
     assert bursts(*nominal()) == ()
 
 
-def test_what_a_magnet_does_wherever_the_pendulum_comes_by_is_no_event() -> None:
+@pytest.mark.parametrize(("width", "size"), [(0.15, 0.6), (0.1, 3.0)])
+def test_what_a_magnet_does_wherever_the_pendulum_comes_by_is_no_event(
+    width: float, size: float
+) -> None:
     def detent(q: float, v: float) -> float:
-        return -4.0 * (q - 0.1) * float(np.exp(-(((q - 0.1) / 0.15) ** 2)))
+        return -size * (q - 0.1) / width * float(np.exp(-(((q - 0.1) / width) ** 2)))
 
     known, short, recordings = nominal(detent)
     spans = bursts(known, short, recordings)
