@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mcpilco.delay import StatePredictor
-from mcpilco.perception import Perception
-from mcpilco.typing import InputError
+from mcpilco.perception import Perception, foreign_state
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 """what acts for one episode, or a batch that begins together"""
@@ -78,10 +77,7 @@ class Controller:
         now, steps = torch.as_tensor(states).double(), predictor.no_steps(*begun.shape)
         if state is not None and steps is not None:
             if len(state) != 3:
-                raise InputError(
-                    f"predict expects the state that it returned for the observations before, of 3 "
-                    f"entries, got {len(state)}; pass None to begin an episode."
-                )
+                raise foreign_state("3 entries", len(state))
             _, before, known = state
             steps = (known or steps).then(*predictor.step(before, commands, now), begun)
         with torch.no_grad():
@@ -97,10 +93,7 @@ class Controller:
         shape = (*batch, self.policy.input_dim * count)
         past = np.zeros(shape) if state is None else np.asarray(state[0], dtype=np.float64)
         if past.shape != shape:
-            raise InputError(
-                f"predict expects the state that it returned for the observations before, of shape "
-                f"{shape}, got {past.shape}; pass None to begin an episode."
-            )
+            raise foreign_state(f"shape {shape}", past.shape)
         begun = np.broadcast_to(False if restart is None else restart, batch)
         past = np.where(begun[..., None], 0.0, past)
         return torch.from_numpy(past), torch.tensor(begun)

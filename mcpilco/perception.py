@@ -101,10 +101,7 @@ class Perception:
         first = self.estimator.begin(*measured.shape[:-1])
         known = first if memory is None else torch.as_tensor(memory, dtype=torch.float64)
         if known.shape != first.shape:
-            raise InputError(
-                f"predict expects the state that it returned for the measurements before, of shape "
-                f"{tuple(first.shape)}, got {tuple(known.shape)}; pass None to begin an episode."
-            )
+            raise foreign_state(f"shape {tuple(first.shape)}", tuple(known.shape))
         if restart is not None:
             again = np.broadcast_to(np.asarray(restart, dtype=bool), measured.shape[:-1])
             known = torch.where(torch.tensor(again)[..., None], first, known)
@@ -145,3 +142,11 @@ class Perception:
             raise ValueError("its estimator does not fit the measured states")
         self.estimator = LinearEstimator(**loaded)
         self.noise_std = self.noise_std if noise is None else noise
+
+
+def foreign_state(expected: str, got: object) -> InputError:
+    """The error of a state that `predict` did not return."""
+    return InputError(
+        f"predict expects the state that it returned before, of {expected}, got {got}; "
+        "pass None to begin an episode."
+    )
