@@ -119,10 +119,10 @@ def investigate(
     if place is not None:  # what happens there each time is no push
         pushes = ()
     elif pushes:
-        everything = _windows(left)
+        everything = _legible(best, _windows(left))
         found, best, *_ = _found(left, everything, everything[:0])
         given, pushes = quiet(given, best)
-        everything = _windows(given)
+        everything = _legible(best, _windows(given))
         best, windows, masked = _finished(given, best, everything, everything[:0])
     null, named = refit(found.null, windows), weigh(found, best, windows)
     missed = events(masked, recordings)
@@ -198,6 +198,9 @@ def _finished(
         masked: windows that seem to hold an event.
     """
     best, windows = finish(best, everything[everything.of(given.train)])
+    legible = without_spikes(best, windows)
+    if not np.array_equal(legible.measured, windows.measured):
+        best, windows = refit(best, legible), legible
     far = outlying(best, windows)  # of what the best model leaves over
     masked, explained = _explained(best, windows, masked)
     if far.any() or len(explained):
@@ -215,7 +218,12 @@ def _closest(found: Found, windows: Windows) -> Fit:
 
 def _clear(given: Given, spans: Sequence[Event], known: Fit) -> Windows:
     """Held-out windows without events, and without samples that a model shows to be misread."""
-    windows = outside(spans, given.windows(given.held_out, every=EVERY_S), given.names[1])
+    windows = given.windows(given.held_out, every=EVERY_S)
+    return _legible(known, outside(spans, windows, given.names[1]))
+
+
+def _legible(known: Fit, windows: Windows) -> Windows:
+    """The windows without samples that a model shows to be misread."""
     return without_spikes(moved(known, windows), windows)
 
 
@@ -282,8 +290,7 @@ def _some(windows: Windows) -> Windows:
 
 def _usable(base: Fit, windows: Windows) -> Windows:
     """Windows without what is read wrongly, as far as they remember their starts."""
-    kept = remembered(base.model, windows, base.theta, windows.guess)
-    return without_spikes(moved(base, kept), kept)
+    return _legible(base, remembered(base.model, windows, base.theta, windows.guess))
 
 
 def _corrected(best: Fit) -> Plant:
