@@ -109,7 +109,8 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             tried: dict[frozenset[Active], Fit] = {}
             for score in listed:
                 key = frozenset({*known.model.named, score.active})
-                if score.gain < PROMISING or (key in seen and key not in tried):
+                fine = key in seen and seen[key].chi2 <= known.chi2
+                if score.gain < PROMISING or (fine and key not in tried):
                     continue
                 if key not in tried and len(tried) == SHORTLIST[level]:
                     continue
@@ -118,21 +119,25 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
                 fitted = grow(known, score, windows)
                 if key not in tried or fitted.chi2 < tried[key].chi2:
                     tried[key] = fitted
-            seen |= tried
-            grown += tried.values()
+            better = {k: f for k, f in tried.items() if k not in seen or f.chi2 < seen[k].chi2}
+            seen |= better
+            grown += better.values()
         if not grown:
             break
         yardstick = Yardstick.of(min(grown, key=lambda found: found.chi2), windows)
         grown = _in_order(grown, yardstick)
         worth = [f for f in grown if yardstick.prefers(f, best, null)]
+        closest = min(found.chi2 for found in grown)
+        if not worth and level < MOST - 1 and closest < HOPELESS * best.chi2:
+            beam = _followed(grown, BEAM[level])  # its parameters bend for what else is missing
+            continue
         if not worth:
             break
         leaner = without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
-        if leaner is best or set(leaner.model.named) == set(best.model.named):
-            best = leaner
-            break
+        done = {*leaner.model.named} == {*best.model.named} and best.chi2 - leaner.chi2 < ENOUGH
         best = leaner
-        closest = min(found.chi2 for found in grown)
+        if done:
+            break
         if level == MOST - 1 or (level and closest > HOPELESS * null.chi2):
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,8 +16,8 @@ from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
 from mcpilco.gap.plain import plainer
-from mcpilco.gap.screen import screen
-from mcpilco.gap.search import PROMISING, Found, Yardstick
+from mcpilco.gap.screen import Score, screen
+from mcpilco.gap.search import PROMISING, Found, Yardstick, grow, search
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
@@ -182,3 +183,43 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     assert yardstick.prefers(perfect, null, null) == meant
     found = Found(null, null, (), (), windows).with_best(null, [null, perfect])
     assert [known for known, _ in found.ranked] == ([null, perfect] if meant else [null])
+
+
+def named(found: Found) -> set[str]:
+    return {known.effect.name for known in found.best.model.named}
+
+
+def test_a_search_goes_on_from_an_effect_that_is_worth_little_and_explains_most(
+    lagging: tuple[Given, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone it bends the nominal parameters beyond their priors, in place of what else is there."""
+    known, windows, _ = lagging
+    prefers = Yardstick.prefers
+
+    def only_two(self: Yardstick, larger: Fit, smaller: Fit, null: Fit) -> bool:
+        return len(larger.model.named) > 1 and prefers(self, larger, smaller, null)
+
+    monkeypatch.setattr(Yardstick, "prefers", only_two)
+    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
+    found = search(known.model(windows), windows, candidates)
+    assert named(found) == {"coulomb_friction", "actuator_lag"}
+
+
+def test_a_fit_that_ended_worse_than_with_an_effect_less_is_made_again(
+    lagging: tuple[Given, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    ended: list[Fit] = []
+
+    def at_first_badly(fit: Fit, score: Score, windows: Windows) -> Fit:
+        grown = grow(fit, score, windows)
+        if len(grown.model.named) < 2 or len(ended) > 1:
+            return grown
+        ended.append(replace(grown, chi2=2.0 * null.chi2, by_window=2.0 * null.by_window))
+        return ended[-1]
+
+    module = importlib.import_module("mcpilco.gap.search")
+    monkeypatch.setattr(module, "grow", at_first_badly)
+    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
+    found = search(known.model(windows), windows, candidates)
+    assert named(found) == {"coulomb_friction", "actuator_lag"}
