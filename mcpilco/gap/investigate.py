@@ -138,6 +138,8 @@ def investigate(
         where = (*located(final, windows), *where)
     elif unknown and not worth(best, (null,), clear):
         named, final = (), null
+    if final is not best:
+        clear = _clear(given, spans, final)
     models = Models(found.null.model, null, final, path(found, best) if named else ())
     train, held_out = given.names
     return Gap(
@@ -146,7 +148,7 @@ def investigate(
         named=named,
         corrected=_corrected(final),
         where=where,
-        comparison=compare(models, _clear(given, spans, final)),
+        comparison=compare(models, clear),
         events=spans,
         experiments=tuple(experiments(found, best, windows)),
         train=train,

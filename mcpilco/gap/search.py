@@ -128,17 +128,15 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         grown = _in_order(grown, yardstick)
         worth = [f for f in grown if yardstick.prefers(f, best, null)]
         closest = min(found.chi2 for found in grown)
-        if not worth and level < MOST - 1 and closest < HOPELESS * best.chi2:
+        if not worth:
+            if level == MOST - 1 or closest >= HOPELESS * best.chi2:
+                break
             beam = _followed(grown, BEAM[level])  # its parameters bend for what else is missing
             continue
-        if not worth:
-            break
         leaner = without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
         done = {*leaner.model.named} == {*best.model.named} and best.chi2 - leaner.chi2 < ENOUGH
         best = leaner
-        if done:
-            break
-        if level == MOST - 1 or (level and closest > HOPELESS * null.chi2):
+        if done or level == MOST - 1 or (level and closest > HOPELESS * null.chi2):
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
     return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())

@@ -18,11 +18,16 @@ Force = Callable[[float, float], float]
 """of angle and velocity [N m]"""
 
 
+def dry_friction(size: float) -> Force:
+    """Coulomb's, of so many N m, which turns over smoothly."""
+    return lambda q, v: -size * v / float(np.hypot(v, 2e-3))
+
+
 def hidden(rng: np.random.Generator) -> tuple[str, dict[str, float], Force]:
     """An effect that a seed chooses: name, parameters, force."""
     size = rng.uniform(0.05, 0.15)
     forces: dict[str, tuple[dict[str, float], Force]] = {
-        "coulomb_friction": ({"f_c": size}, lambda q, v: -size * v / np.hypot(v, 2e-3)),
+        "coulomb_friction": ({"f_c": size}, dry_friction(size)),
         "quadratic_drag": ({"c": 0.05 * size}, lambda q, v: -0.05 * size * v * abs(v)),
         "spring": ({"k": size}, lambda q, v: -size * q),
         "hardening_spring": ({"k_3": size}, lambda q, v: -size * q**3),

@@ -10,7 +10,7 @@ import pytest
 import envs
 from mcpilco.gap import Gap, investigate
 from mcpilco.recordings import Recording
-from tests.mcpilco.gap.pendulum import record
+from tests.mcpilco.gap.pendulum import dry_friction, record
 
 HIDDEN_FRICTION = 0.1
 """Coulomb friction of the pendulum of `found` [N m]"""
@@ -22,10 +22,7 @@ PUSH_S = 4.0, 4.7
 def found() -> Gap:
     """A pendulum with dry friction that nobody told of."""
     rng = np.random.default_rng(0)
-
-    def force(q: float, v: float) -> float:
-        return -HIDDEN_FRICTION * v / float(np.hypot(v, 2e-3))
-
+    force = dry_friction(HIDDEN_FRICTION)
     recordings = [record(rng, force, number) for number in range(3)]
     return investigate(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings)
 

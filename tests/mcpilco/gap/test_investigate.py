@@ -14,7 +14,7 @@ from mcpilco.gap.given import Given
 from mcpilco.gap.report import summary, to_json
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
-from tests.mcpilco.gap.pendulum import STD, hidden, record
+from tests.mcpilco.gap.pendulum import STD, dry_friction, hidden, record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]
 
@@ -82,14 +82,11 @@ def test_a_detent_that_is_not_in_the_catalogue_is_unknown() -> None:
 def test_a_push_by_hand_is_an_event_and_no_effect() -> None:
     rng = np.random.default_rng(10)
 
-    def friction(q: float, v: float) -> float:
-        return -0.1 * v / float(np.hypot(v, 2e-3))
-
     def push(time: float) -> float:
         return 3.0 if 4.0 <= time < 4.3 else 0.0
 
-    measured = [record(rng, friction, number) for number in range(4)]
-    measured[1] = record(rng, friction, 1, outside=push)
+    measured = [record(rng, dry_friction(0.1), number) for number in range(4)]
+    measured[1] = record(rng, dry_friction(0.1), 1, outside=push)
     gap = investigate(PLANT(), measured)
     assert [named.name for named in gap.named] == ["coulomb_friction"]
     assert {event.recording for event in gap.events} == {"recording_1"}
@@ -103,14 +100,11 @@ def test_a_push_by_hand_is_an_event_and_no_effect() -> None:
 def test_samples_that_were_read_wrongly_are_no_sign_beside_a_weak_push() -> None:
     rng = np.random.default_rng(11)
 
-    def friction(q: float, v: float) -> float:
-        return -0.1 * v / float(np.hypot(v, 2e-3))
-
     def push(time: float) -> float:
         return 0.6 if 4.0 <= time < 4.6 else 0.0
 
-    measured = [record(rng, friction, number) for number in range(3)]
-    measured[0] = record(rng, friction, 0, outside=push)
+    measured = [record(rng, dry_friction(0.1), number) for number in range(3)]
+    measured[0] = record(rng, dry_friction(0.1), 0, outside=push)
     for recording in measured:
         wrong = rng.choice(len(recording), len(recording) // 100, replace=False)
         recording.states[wrong, 0] += rng.choice([-1.0, 1.0], len(wrong)) * 20.0 * STD
