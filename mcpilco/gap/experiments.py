@@ -90,7 +90,7 @@ def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
     """
     designed = _simulated(best, part, windows)
     some = cut([designed], windows.std)
-    starts = settle(rival.model, some, rival.theta, some.guess)
+    starts = settle(rival.model, some, rival.theta)
     return float(fit(rival.model, some, rival.theta, starts, iterations=12).by_window.sum())
 
 

@@ -214,10 +214,17 @@ class Robust:
 
 
 def settle(
-    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
+    model: Model,
+    windows: Windows,
+    theta: Float[np.ndarray, " p"],
+    starts: Float[np.ndarray, "W X"] | None = None,
 ) -> Float[np.ndarray, "W X"]:
-    """Start states fitted window by window, first to its beginning and then to all of it."""
+    """Start states fitted window by window, first to its beginning and then to all of it.
+
+    They begin where the sensors of the model would have measured what was measured, if not told.
+    """
     T = windows.y.shape[2]
+    starts = model.unread(theta, windows.guess) if starts is None else starts
     for part in (T // 3, T):
         y = windows.y.copy()
         y[:, :, part:] = np.nan
@@ -336,7 +343,7 @@ def _recovered(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Start states and misfits, those of lost windows fitted anew where that helps."""
     some = windows[lost]
-    anew = settle(model, some, theta, some.guess)
+    anew = settle(model, some, theta)
     found = misfits(model, some, theta, anew)
     better = found < by_window[lost]
     starts, by_window = starts.copy(), by_window.copy()
@@ -383,11 +390,12 @@ MEMORY = 20.0
 """growth of a start state's error beyond which a window is cut off"""
 
 
-def remembered(model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray) -> Windows:
+def remembered(model: Model, windows: Windows, theta: Float[np.ndarray, " p"]) -> Windows:
     """The windows, cut off where a motion has forgotten its start.
 
     Beyond, an error of the start, or of anything else, has grown so much that no fit can follow it.
     """
+    starts = model.unread(theta, windows.guess)
     lin = linearise(model, windows, theta, starts, over_theta=False)
     W, X, T = windows.y.shape
     felt = lin.Jx.reshape(W, X, T, X) * (windows.std[:, None, None] / windows.std)

@@ -255,8 +255,8 @@ def _learned(
 def _without_events(model: Model, windows: Windows) -> tuple[Windows, Windows]:
     """The windows to search, and those that hold an event: it must not be explained by effects."""
     theta = np.zeros(model.nuisances)
-    kept = remembered(model, windows, theta, windows.guess)
-    null = fit(model, kept, theta, settle(model, kept, theta, kept.guess))
+    kept = remembered(model, windows, theta)
+    null = fit(model, kept, theta, settle(model, kept, theta))
     clean = without_spikes(null, windows)
     if not np.array_equal(clean.measured, windows.measured):
         kept = without_spikes(null, kept)
@@ -276,8 +276,8 @@ def _explained(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, W
     if not len(masked):
         return masked, masked
     usual = float(np.median(best.by_window / windows.samples))
-    kept = remembered(best.model, masked, best.theta, masked.guess)
-    starts = settle(best.model, kept, best.theta, kept.guess)
+    kept = remembered(best.model, masked, best.theta)
+    starts = settle(best.model, kept, best.theta)
     misfit = misfits(best.model, kept, best.theta, starts) / kept.samples
     fine = misfit < ORDINARY * max(1.0, usual)
     return masked[~fine], masked[fine]
@@ -292,7 +292,7 @@ def _some(windows: Windows) -> Windows:
 
 def _usable(base: Fit, windows: Windows) -> Windows:
     """Windows without what is read wrongly, as far as they remember their starts."""
-    return _legible(base, remembered(base.model, windows, base.theta, windows.guess))
+    return _legible(base, remembered(base.model, windows, base.theta))
 
 
 def _corrected(best: Fit) -> Plant:

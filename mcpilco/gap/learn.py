@@ -93,7 +93,7 @@ def learn(found: Fit, windows: Windows, short: Windows) -> Fit:
 
 def moved(found: Fit, windows: Windows) -> Fit:
     """A fit as it is on other windows, whose starts alone are fitted."""
-    starts = settle(found.model, windows, found.theta, windows.guess)
+    starts = settle(found.model, windows, found.theta)
     by_window = misfits(found.model, windows, found.theta, starts)
     return Fit(found.model, found.theta, starts, float(by_window.sum()), by_window)
 

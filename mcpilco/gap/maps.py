@@ -54,7 +54,7 @@ def time_map(
     total = sum(len(recording) * recording.dt for recording in recordings)
     cell = max(CELL_S, total / MOST)
     windows = cut(recordings, std, every=cell)
-    starts = settle(model, windows, theta, windows.guess)
+    starts = settle(model, windows, theta)
     r = residual(windows, run(model, windows, theta[None], starts[None])[0])
     squares = np.square(r).reshape(windows.y.shape).sum(axis=2)  # (W, X)
     samples = windows.measured.sum(axis=2)

@@ -18,11 +18,14 @@ from mcpilco.gap.windows import Windows
 from mcpilco.mechanics import generalised_forces, mass_matrix
 from mcpilco.plant import Active, Plant
 from mcpilco.simulation import Tables
+from mcpilco.simulation.tables import OFFSET, SCALE
 
 FREE = 1.0
 """relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
 FARTHEST = 2.5
 """factor by which a step of a fit may change a mass, or what enters as a logarithm"""
+LEAST_SCALE = 0.1
+"""of a sensor, below which its measurement is not read back"""
 QUICKEST_S = 1e-4
 """in which dry friction may bring its joint to rest [s]"""
 
@@ -219,6 +222,13 @@ class Model:
         parameters, values = self.decode(theta)
         grids = [force.grid for force in self.learned]
         return self.plant.tables(parameters, self.actives, values, grids, self.weights(theta))
+
+    def unread(
+        self, theta: Float[np.ndarray, " n"], measured: Float[np.ndarray, "W X"]
+    ) -> Float[np.ndarray, "W X"]:
+        """States of which the sensors would measure this at rest."""
+        sensors = self.tables(theta[None]).sensors[0]
+        return (measured - sensors[:, OFFSET]) / np.maximum(sensors[:, SCALE], LEAST_SCALE)
 
     def weights(self, theta: Float[np.ndarray, "S n"]) -> list[Float[np.ndarray, "S _"]]:
         """Weights of the splines of each learned force."""

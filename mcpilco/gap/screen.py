@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,8 @@ from mcpilco.plant import Active
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""
+INFLUENCE = 10.0
+"""times as much as in three quarters of the windows that a signature may count in one"""
 SEPARABLE = 1e-6
 """least part of a signature that the parameters of the fitted model, held by their priors, could
 not have made"""
@@ -41,7 +43,8 @@ def screen(
 
     Each is simulated at small sizes. Of these signatures, what no start state and no parameter of
     the fitted model could have done is compared with the residual; signs that make no sense
-    are not allowed.
+    are not allowed. Where that promises more, few windows that are moved far more than the others
+    count less: near an unstable rest a signature is no straight line.
 
     Args:
         fit: of a model.
@@ -66,8 +69,11 @@ def screen(
         view = thinned if len(probes) > MANY else whole
         own = []
         for probe, columns in zip(probes, signatures(view, active, probes), strict=True):
+            one_sided = _one_sided(active, probe)
             S, b = view.normal_equations(columns)
-            mix, gain = _best_mix(S, b, _one_sided(active, probe))
+            mixes = [_best_mix(S, b, one_sided)]
+            mixes.append(_best_mix(*view.bounding(columns).normal_equations(columns), one_sided))
+            mix, gain = max(mixes, key=lambda found: found[1])
             repeated = len(windows) / len(view.windows)
             felt = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
             own.append(Score(active, repeated * gain, _values(active, probe, mix), felt))
@@ -112,6 +118,19 @@ class _Projection:
         precision += 1e-9  # of what is free and unfelt
         P, H, g = lin.normal_equations(fit.theta, weight, precision)
         return cls(fit, lin, windows, weight, P, H, g, precision)
+
+    def bounding(self, columns: Float[np.ndarray, "W n k"]) -> _Projection:
+        """This view, no window of which has far more influence on a signature than the others.
+
+        Reference: Hampel, Ronchetti, Rousseeuw & Stahel, Robust Statistics (1986), section 6.3:
+            Mallows's estimator, with windows for samples.
+        """
+        Q = self.lin.cleaned(columns)
+        influence = np.einsum("wnk,wnk->w", Q, Q)
+        most = INFLUENCE * np.percentile(influence, 75.0)
+        weight = self.weight * np.minimum(1.0, most / np.maximum(influence, 1e-12))
+        _, H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
+        return replace(self, weight=weight, H=H, g=g)
 
     def normal_equations(
         self, columns: Float[np.ndarray, "W n k"]

@@ -27,14 +27,12 @@ FRACTION = 3e-5
 """least part of the nominal misfit that a further effect must explain"""
 PART = 0.05
 """least part of what is left over beyond the noise that a further effect must explain"""
-SHORTLIST = 8, 5, 4
-"""effects that are tried on a model that has none, one, two"""
-BEAM = 3, 4
-"""models with one effect, with two, that are carried on"""
+SHORTLIST, BEAM = (8, 5, 4), (3, 4, 4)
+"""effects that are tried on a model that has none, one, two; models that are carried on then"""
 BEGUN = 1.0, 0.25, 0.0625
 """of the size that a linear response tells, from the best of which an effect is fitted"""
-MOST = 3
-"""effects at most"""
+MOST, ROUNDS = 3, 5
+"""effects; rounds of a search, of which some only drop what became superfluous: both at most"""
 HOPELESS = 0.5
 """part of the nominal misfit that two effects leave over, beyond which no third is sought"""
 SHARE = 0.4
@@ -92,13 +90,15 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     """
     share = model.effort.share(SHARE)
     theta = np.zeros(model.nuisances)
-    windows = remembered(model, windows, theta, windows.guess)
-    starts = settle(model, windows, theta, windows.guess)
+    windows = remembered(model, windows, theta)
+    starts = settle(model, windows, theta)
     null = fit(model, windows, theta, starts)
     best, beam = null, [null]
     seen: dict[frozenset[Active], Fit] = {frozenset(): null}
     scores: list[Score] = []
-    for level in range(MOST):
+    for _ in range(ROUNDS):
+        if not beam or (level := len(beam[0].model.named)) == MOST:
+            break
         grown: list[Fit] = []
         for number, known in enumerate(share.lasting(beam)):
             lin = linearise(known.model, windows, known.theta, known.starts)
@@ -129,14 +129,14 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
         worth = [f for f in grown if yardstick.prefers(f, best, null)]
         closest = min(found.chi2 for found in grown)
         if not worth:
-            if level == MOST - 1 or closest >= HOPELESS * best.chi2:
+            if closest >= HOPELESS * best.chi2:
                 break
             beam = _followed(grown, BEAM[level])  # its parameters bend for what else is missing
             continue
         leaner = without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
         done = {*leaner.model.named} == {*best.model.named} and best.chi2 - leaner.chi2 < ENOUGH
         best = leaner
-        if done or level == MOST - 1 or (level and closest > HOPELESS * null.chi2):
+        if done or (level and closest > HOPELESS * null.chi2):
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
     return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
@@ -160,8 +160,9 @@ def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
 
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
     it. That costs it its rank, but it is one effect away from what is there. Of models that do the
-    same one is enough.
+    same one is enough. Those that have as many effects as may be end here.
     """
+    grown = [found for found in grown if len(found.model.named) < MOST]
     apart = [g for k, g in enumerate(grown) if all(abs(g.chi2 - o.chi2) >= SAME for o in grown[:k])]
     followed = apart[:count]
     closest = min(grown, key=lambda found: found.chi2, default=None)

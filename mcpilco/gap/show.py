@@ -152,7 +152,7 @@ def compare(models: Models, windows: Windows) -> Comparison:
 
 def lasting(found: Fit, windows: Windows) -> Windows:
     """The windows whose motion remembers its start to their end, if there are some."""
-    kept = remembered(found.model, windows, found.theta, windows.guess)
+    kept = remembered(found.model, windows, found.theta)
     whole = np.any(kept.measured[:, 0::2, -1], axis=1)
     return windows[np.flatnonzero(whole)] if whole.sum() >= FEWEST else windows
 
@@ -163,7 +163,7 @@ def free_run(
     """Simulated measurements, from starts fitted to the first part of each window."""
     y = windows.y.copy()
     y[:, :, round(KNOWN_S / windows.dt) :] = np.nan
-    starts = settle(model, replace(windows, y=y), theta, windows.guess)
+    starts = settle(model, replace(windows, y=y), theta)
     return run(model, windows, theta[None], starts[None])[0]
 
 
@@ -177,7 +177,7 @@ def noise_floor(
     model: Model, theta: Float[np.ndarray, " p"], windows: Windows
 ) -> Float[np.ndarray, "W X T"]:
     """Errors of a model on its own motions with noise: what no model can do better."""
-    starts = settle(model, windows, theta, windows.guess)
+    starts = settle(model, windows, theta)
     truth = run(model, windows, theta[None], starts[None])[0]
     noise = np.random.default_rng(0).standard_normal(truth.shape) * windows.std[:, None]
     own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))

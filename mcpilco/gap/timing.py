@@ -52,6 +52,6 @@ def _log_misfits(given: Given, known: Fit | None) -> Float[np.ndarray, " W"]:
     windows = given.windows()[::EVERY]
     model = known.model if known else given.model(windows)
     theta = known.theta if known else np.zeros(model.nuisances)
-    kept = remembered(model, windows, theta, windows.guess)
-    found = fit(model, kept, theta, settle(model, kept, theta, kept.guess), iterations=ROUGHLY)
+    kept = remembered(model, windows, theta)
+    found = fit(model, kept, theta, settle(model, kept, theta), iterations=ROUGHLY)
     return np.log(np.maximum(found.by_window / np.maximum(kept.samples, 1), 1e-3))

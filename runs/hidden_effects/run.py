@@ -53,8 +53,8 @@ METHOD = digest("gap", "effects", "simulation", "mechanics", "recordings")[:12]
 class Arguments:
     """Hide effects, look for them, and write the tables."""
 
-    seeds: str = "1240:1278"
-    """`1240:1278` are 1240 to 1277"""
+    seeds: str = "1280:1318"
+    """`1280:1318` are 1280 to 1317"""
     tiers: tuple[Literal[*TIERS], ...] = tuple(TIERS)
     """kinds of cases"""
     peers: bool = True

@@ -45,8 +45,8 @@ def fit_free_runs(robot: RigidBody, recording: Recording) -> Float[np.ndarray, "
         viscous, coulomb, _ = block[-3:]
         model, theta = model.grown(theta, Active(VISCOUS, joint), (viscous,))
         model, theta = model.grown(theta, Active(COULOMB, joint), (coulomb, 0.01))
-    windows = remembered(model, windows, theta, windows.guess)
-    found = fit(model, windows, theta, settle(model, windows, theta, windows.guess))
+    windows = remembered(model, windows, theta)
+    found = fit(model, windows, theta, settle(model, windows, theta))
     parameters, friction = model.decode(found.theta[None])
     names = [parameter.name for parameter in plant.parameters]
     bodies = plant.build(dict(zip(names, parameters[0], strict=True))).bodies

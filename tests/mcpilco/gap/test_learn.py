@@ -55,7 +55,7 @@ def recordings(force: Force, count: int, seed: int = 1) -> list[Recording]:
 def nominal_fit(measured: list[Recording], plant: Plant = PLANT) -> tuple[Fit, Windows]:
     windows = cut(measured, np.array([STD, 1.0]))
     model = Model(plant, (), {}, scales(plant, windows))
-    starts = settle(model, windows, np.zeros(0), windows.guess)
+    starts = settle(model, windows, np.zeros(0))
     return fit(model, windows, np.zeros(0), starts), windows
 
 

@@ -21,7 +21,7 @@ def nominal_fit(force: Force = nothing, outside: Outside = lambda time: 0.0) -> 
     windows = cut(measured, np.array([STD, 1.0]))
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
     model = Model(plant, (), {}, scales(plant, windows))
-    starts = settle(model, windows, np.zeros(0), windows.guess)
+    starts = settle(model, windows, np.zeros(0))
     return fit(model, windows, np.zeros(0), starts), windows
 
 

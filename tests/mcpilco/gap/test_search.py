@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import envs
 from mcpilco.effects import CATALOGUE
-from mcpilco.gap.exchange import exchanged
+from mcpilco.gap.exchange import Seen, exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
 from mcpilco.gap.plain import plainer
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.search import PROMISING, Found, Yardstick, grow, search
+from mcpilco.gap.search import MOST, PROMISING, Found, Yardstick, grow, search, without
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording
@@ -52,7 +53,7 @@ def given(plant: Plant, hidden: Sequence[tuple[Active, Sequence[float]]]) -> Giv
 
 
 def fitted(model: Model, windows: Windows, theta: np.ndarray) -> Fit:
-    return fit(model, windows, theta, settle(model, windows, theta, windows.guess))
+    return fit(model, windows, theta, settle(model, windows, theta))
 
 
 def test_an_effect_that_parameters_imitate_only_far_beyond_their_priors_is_promising() -> None:
@@ -223,3 +224,59 @@ def test_a_fit_that_ended_worse_than_with_an_effect_less_is_made_again(
     candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
     found = search(known.model(windows), windows, candidates)
     assert named(found) == {"coulomb_friction", "actuator_lag"}
+
+
+def test_a_window_that_is_moved_far_more_than_the_others_does_not_hide_an_effect(
+    lagging: tuple[Given, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near an unstable rest a signature is as large as it is wrong."""
+    _, windows, null = lagging
+    friction = active("coulomb_friction", "pendulum")
+    lin = linearise(null.model, windows, null.theta, null.starts)
+    (score, *_) = screen(null, lin, windows, [friction])
+    module = importlib.import_module("mcpilco.gap.screen")
+    told = module.signatures
+
+    def wild(*args: Any) -> list[np.ndarray]:
+        columns = told(*args)
+        for column in columns:
+            column[0] *= -100.0
+        return columns
+
+    monkeypatch.setattr(module, "signatures", wild)
+    (wildly, *_) = screen(null, lin, windows, [friction])
+    assert wildly.gain > 0.3 * score.gain
+    monkeypatch.setattr(module, "INFLUENCE", np.inf)
+    (blindly, *_) = screen(null, lin, windows, [friction])
+    assert blindly.gain < 0.03 * score.gain
+
+
+def test_a_search_goes_on_where_an_effect_of_three_became_superfluous(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    friction, lag, offset = (
+        active("coulomb_friction", "pendulum"),
+        active("actuator_lag", "actuator"),
+        active("sensor_offset", "angle"),
+    )
+    hidden = [(friction, (0.1, 2e-3)), (lag, (0.08,)), (offset, (0.1,))]
+    known = given(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    windows = known.windows()
+    module = importlib.import_module("mcpilco.gap.search")
+    leaner = module.without_superfluous
+    pairs: list[Fit] = []
+    dropped: list[Fit] = []
+
+    def once_without_one(
+        best: Fit, windows: Windows, seen: Seen, priors: Mapping[str, float], *told: Any
+    ) -> Fit:
+        if len(best.model.named) < MOST or dropped:
+            pairs.append(leaner(best, windows, seen, priors, *told))
+            return pairs[-1]
+        dropped.append(seen.pop(frozenset(best.model.named)))
+        return without(best, pairs[-1].model.named[0], windows, priors)
+
+    monkeypatch.setattr(module, "without_superfluous", once_without_one)
+    found = search(known.model(windows), windows, [friction, lag, offset])
+    assert dropped
+    assert {*found.best.model.named} == {friction, lag, offset}

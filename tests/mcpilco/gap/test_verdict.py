@@ -31,7 +31,7 @@ def nominal() -> tuple[Fit, Windows]:
     windows = given.windows()
     model = given.model(windows)
     theta = np.zeros(model.nuisances)
-    return fit(model, windows, theta, settle(model, windows, theta, windows.guess)), windows
+    return fit(model, windows, theta, settle(model, windows, theta)), windows
 
 
 def missed(found: Fit, windows: Windows, usual: float, once: float) -> Fit:
