@@ -95,7 +95,7 @@ def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Errors and intervals of the parameters, the gap closed, and the time it takes."""
     rows = []
-    for tier, cases in found.items():
+    for tier, cases in {**found, **together(found)}.items():
         errors, covered = accuracy([case for case in cases if right(case)])
         closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]
@@ -113,6 +113,19 @@ def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     header = ("tier", "median error of parameters [%]", "95 % intervals that hold the truth [%]")
     header += ("gap closed: median, tenth percentile [%]", "CPU: median, worst [s]")
     return markdown(header, rows)
+
+
+def together(
+    found: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> dict[str, list[Mapping[str, Any]]]:
+    """The cases of all tiers that hide effects of the catalogue in an exact plant, and of all."""
+    exact = [tier for tier in found if TIERS[tier].effects and not TIERS[tier].laboratory]
+    groups = {", ".join(exact): exact, "all": list(found)}
+    return {
+        name: [case for tier in tiers for case in found[tier]]
+        for name, tiers in groups.items()
+        if len(tiers) > 1
+    }
 
 
 def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
