@@ -7,11 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects.base import Effect, Probe, Scale, Symbol
+from mcpilco.effects.base import MOST, Effect, Probe, Scale, Symbol
 from mcpilco.simulation import Layout, Tables
-
-MOST = 30.0
-"""times what is there that may be missing; beyond that a body would hardly move, as if held fast"""
 
 
 class BodyMass(Effect):

@@ -6,13 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mcpilco.effects.base import Effect, Probe, Scale, Symbol, sizes
+from jaxtyping import Float
+
+from mcpilco.effects.base import MOST, Effect, Probe, Scale, Symbol, sizes
 from mcpilco.simulation import Layout, Tables, laws
 
 SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
 TURN = Symbol("v_r", "{q}/s", 2e-3, SLOWEST, FASTEST, told=False)
 """dry friction turns over as tanh(v / v_r); every machine has its own v_r"""
+SMALL = 0.02
+"""of the usual force, that of a probe"""
 
 
 class JointForce(Effect):
@@ -25,6 +29,11 @@ class JointForce(Effect):
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.constants[system, at, : len(values)] = values
+
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        probed = np.concatenate([probe.values for probe in self.probes(scale)])
+        usual = np.abs(probed).max(axis=0) / SMALL
+        return np.where(self.neutral == 0.0, MOST * usual, np.inf)
 
 
 class DryFriction(JointForce):
@@ -49,7 +58,7 @@ class ViscousFriction(JointForce):
     law = laws.VISCOUS
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force / scale.velocity)]
+        return [sizes(SMALL * scale.force / scale.velocity)]
 
 
 class CoulombFriction(DryFriction):
@@ -60,7 +69,7 @@ class CoulombFriction(DryFriction):
     law = laws.COULOMB
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force, TURN.neutral)]
+        return [sizes(SMALL * scale.force, TURN.neutral)]
 
 
 class StribeckFriction(DryFriction):
@@ -77,7 +86,7 @@ class StribeckFriction(DryFriction):
     law = laws.STRIBECK
 
     def probes(self, scale: Scale) -> list[Probe]:
-        small, turn = 0.02 * scale.force, TURN.neutral
+        small, turn = SMALL * scale.force, TURN.neutral
         speeds = [min(part * scale.velocity, 1.0) for part in (0.03, 0.1, 0.3)]
         return [Probe(np.array([[small, 0.0, v, turn], [0.0, small, v, turn]])) for v in speeds]
 
@@ -90,7 +99,7 @@ class QuadraticDrag(JointForce):
     law = laws.QUADRATIC
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force / scale.velocity**2)]
+        return [sizes(SMALL * scale.force / scale.velocity**2)]
 
 
 class AsymmetricFriction(DryFriction):
@@ -102,7 +111,7 @@ class AsymmetricFriction(DryFriction):
     law = laws.ASYMMETRIC
 
     def probes(self, scale: Scale) -> list[Probe]:
-        small = 0.02 * scale.force
+        small = SMALL * scale.force
         return [Probe(np.array([[small, 0.0, TURN.neutral], [0.0, small, TURN.neutral]]))]
 
 
@@ -114,7 +123,7 @@ class Spring(JointForce):
     law = laws.SPRING
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force / scale.position)]
+        return [sizes(SMALL * scale.force / scale.position)]
 
 
 class HardeningSpring(JointForce):
@@ -125,7 +134,7 @@ class HardeningSpring(JointForce):
     law = laws.HARDENING
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force / scale.position**3)]
+        return [sizes(SMALL * scale.force / scale.position**3)]
 
 
 class ConstantForce(JointForce):
@@ -136,7 +145,7 @@ class ConstantForce(JointForce):
     law = laws.CONSTANT
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(0.02 * scale.force)]
+        return [sizes(SMALL * scale.force)]
 
 
 class PositionRipple(JointForce):
@@ -150,7 +159,7 @@ class PositionRipple(JointForce):
     law = laws.RIPPLE
 
     def probes(self, scale: Scale) -> list[Probe]:
-        small = 0.02 * scale.force
+        small = SMALL * scale.force
         # neighbouring waves are half a period apart over the range that was visited
         step = np.pi / max(2.0 * scale.position, 1.0)
         waves = np.arange(2.0, 2.0 + 60 * step, step)

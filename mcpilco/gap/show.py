@@ -19,6 +19,8 @@ FEWEST = 5
 """windows that must be left"""
 RESAMPLES, BLOCK = 500, 8
 """of the bootstrap over blocks of neighbouring windows, which overlap"""
+NOISES = 8
+"""draws of it by which it is told what a window's usual error is"""
 END = 0.1
 """last part of a window, whose error counts as that at its end"""
 
@@ -121,7 +123,7 @@ def compare(models: Models, windows: Windows) -> Comparison:
     plants = models.named()
     runs = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
     errors = {name: error(windows, y) for name, y in runs.items()}
-    errors["noise_floor"] = noise_floor(best.model, best.theta, windows)
+    (errors["noise_floor"],) = noise_floor(best.model, best.theta, windows)
     by_window = {name: at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
     draws = _draws(len(windows))
@@ -174,14 +176,25 @@ def error(windows: Windows, simulated: Float[np.ndarray, "W X T"]) -> Float[np.n
 
 
 def noise_floor(
-    model: Model, theta: Float[np.ndarray, " p"], windows: Windows
-) -> Float[np.ndarray, "W X T"]:
-    """Errors of a model on its own motions with noise: what no model can do better."""
+    model: Model, theta: Float[np.ndarray, " p"], windows: Windows, noises: int = 1
+) -> Float[np.ndarray, "R W X T"]:
+    """Errors of a model on its own motions with noise: what no model can do better.
+
+    Args:
+        model: that moves.
+        theta: its parameters.
+        windows: whose commands it gets.
+        noises: how often its motions are measured anew.
+    """
+    rng = np.random.default_rng(0)
     starts = settle(model, windows, theta)
     truth = run(model, windows, theta[None], starts[None])[0]
-    noise = np.random.default_rng(0).standard_normal(truth.shape) * windows.std[:, None]
-    own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
-    return error(own, free_run(model, theta, own))
+    errors = []
+    for _ in range(noises):
+        noise = rng.standard_normal(truth.shape) * windows.std[:, None]
+        own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
+        errors.append(error(own, free_run(model, theta, own)))
+    return np.stack(errors)
 
 
 def at_end(e: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W J"]:
@@ -258,11 +271,16 @@ def shrunk(before: Fit, after: Fit, windows: Windows) -> Interval:
 
 
 def beyond_noise(found: Fit, windows: Windows) -> float:
-    """The error at the end of windows, in parts of that of a model without error [-]."""
+    """The error at the end of windows, in parts of that of a model without error [-].
+
+    Of each window in parts of its own: where a motion hardly remembers its start, the noise alone
+    leads it far away.
+    """
     windows = lasting(found, windows)
     simulated = free_run(found.model, found.theta, windows)
-    floor = noise_floor(found.model, found.theta, windows)
-    return _rms(at_end(error(windows, simulated))) / _rms(at_end(floor))
+    floors = noise_floor(found.model, found.theta, windows, NOISES)
+    usual = np.mean([at_end(floor) for floor in floors], axis=0)
+    return _rms(at_end(error(windows, simulated)) / usual)
 
 
 def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:

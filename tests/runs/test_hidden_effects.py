@@ -111,6 +111,20 @@ def test_a_limit_that_no_command_reaches_is_not_felt(modules: dict[str, ModuleTy
     assert cases.felt(system, stronger, bare, motions, std, how)
 
 
+@pytest.mark.parametrize(("state", "told"), [(0, False), (2, True)])
+def test_what_another_start_would_do_as_well_is_not_felt(
+    modules: dict[str, ModuleType], state: int, told: bool
+) -> None:
+    """Where a cart's position counts from changes nothing; where a pole's does, gravity tells."""
+    cases = modules["cases"]
+    system = cases.SYSTEMS["mcpilco/CartPoleSwingUp-v0"]
+    bare, off = cases.nominal(system), cases.nominal(system)
+    off.sensor[state] = {"sensor_offset": 0.1}
+    motions = [(np.zeros((100, 4)), np.linspace(-5.0, 5.0, 100)[:, None])]
+    std, how = np.array([1e-3, 2e-3]), (cases.DT, cases.GRAVITY, 1e-3)
+    assert cases.felt(system, off, bare, motions, std, how) == told
+
+
 def test_two_effects_of_one_sensor_both_act(modules: dict[str, ModuleType]) -> None:
     cases = modules["cases"]
     system = cases.SYSTEMS["mcpilco/Pendulum-v0"]

@@ -217,6 +217,26 @@ def test_friction_brakes_and_springs_pull_back(name):
         assert (FORMULAS[name](q, v) * against <= 0.0).all()
 
 
+@pytest.mark.parametrize(
+    ("name", "at"),
+    [
+        ("viscous_friction", lambda scale: scale.velocity),
+        ("quadratic_drag", lambda scale: scale.velocity**2),
+        ("coulomb_friction", lambda scale: 1.0),
+        ("spring", lambda scale: scale.position),
+        ("hardening_spring", lambda scale: scale.position**3),
+        ("constant_force", lambda scale: 1.0),
+        ("position_ripple", lambda scale: 1.0),
+    ],
+)
+def test_a_force_of_thirty_times_the_usual_one_is_the_largest_that_is_meant(name, at):
+    scale, effect = usual(), CATALOGUE[name]
+    largest = effect.largest(scale)
+    sizes = np.array([symbol.neutral == 0.0 for symbol in effect.symbols])
+    np.testing.assert_allclose(largest[sizes] * at(scale), 30.0 * scale.force)
+    assert np.isinf(largest[~sizes]).all()
+
+
 def test_an_offset_of_a_carts_position_is_another_start():
     """Nothing depends on where on its rail a cart is: no recording can tell these two apart."""
     plant, start, commands = setting("mcpilco/CartPoleSwingUp-v0")

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 
-from mcpilco.gap import Gap
+from mcpilco.gap import Gap, show
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.search import Found
 from mcpilco.gap.show import beyond_noise, path
@@ -44,6 +46,30 @@ def test_only_the_corrected_plant_predicts_as_well_as_noise_lets_it(found: Gap) 
     assert found.models is not None
     models, windows = found.models, found.comparison.windows
     assert beyond_noise(models.corrected, windows) < 2.0 < 5.0 < beyond_noise(models.refit, windows)
+
+
+def test_a_window_that_noise_alone_leads_far_away_does_not_decide(
+    found: Gap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert found.comparison is not None
+    assert found.models is not None
+    windows, wild = found.comparison.windows, 50.0
+
+    def noise_floor(*_: Any) -> np.ndarray:
+        floors = np.ones((2, *windows.y.shape))
+        floors[0, 0], floors[1, 0] = wild, 3.0 * wild
+        return floors
+
+    def error(*_: Any) -> np.ndarray:
+        errors = np.ones(windows.y.shape)
+        errors[0] = 4.0 * wild
+        return errors
+
+    monkeypatch.setattr(show, "lasting", lambda found, windows: windows)
+    monkeypatch.setattr(show, "noise_floor", noise_floor)
+    monkeypatch.setattr(show, "error", error)
+    expected = np.sqrt((16.0 / 5.0 + len(windows) - 1) / len(windows))
+    assert beyond_noise(found.models.corrected, windows) == pytest.approx(expected)
 
 
 def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_it(
