@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-
 from jaxtyping import Float
 
 from mcpilco.effects.base import MOST, Effect, Probe, Scale, Symbol, sizes
