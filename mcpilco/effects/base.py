@@ -16,7 +16,7 @@ from mcpilco.simulation import Layout, Tables
 Place = Literal["actuator", "joint", "body", "sensor"]
 
 MOST = 30.0
-"""times what is usual that may be missing; beyond that a joint would hardly move, as if held fast"""
+"""times what is usual that may be missing; beyond that a joint would stand as if held fast"""
 
 
 @dataclass(frozen=True)
