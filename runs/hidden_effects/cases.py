@@ -147,7 +147,7 @@ class Tier:
 
 TIERS = {
     "one": Tier(1),
-    "weak": Tier(1, (1 / 30, 1 / 10), uncertainty=0.001),
+    "weak": Tier(1, (1 / 30, 1 / 10), uncertainty=0.0001),
     "two": Tier(2),
     "three": Tier(3),
     "none": Tier(0),
