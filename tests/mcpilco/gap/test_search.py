@@ -186,8 +186,9 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     assert [known for known, _ in found.ranked] == ([null, perfect] if meant else [null])
 
 
-def named(found: Found) -> set[str]:
-    return {known.effect.name for known in found.best.model.named}
+def friction_and_lag_are_found(known: Given, windows: Windows) -> bool:
+    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
+    return {*search(known.model(windows), windows, candidates).best.model.named} == {*candidates}
 
 
 def test_a_search_goes_on_from_an_effect_that_is_worth_little_and_explains_most(
@@ -201,9 +202,7 @@ def test_a_search_goes_on_from_an_effect_that_is_worth_little_and_explains_most(
         return len(larger.model.named) > 1 and prefers(self, larger, smaller, null)
 
     monkeypatch.setattr(Yardstick, "prefers", only_two)
-    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
-    found = search(known.model(windows), windows, candidates)
-    assert named(found) == {"coulomb_friction", "actuator_lag"}
+    assert friction_and_lag_are_found(known, windows)
 
 
 def test_a_fit_that_ended_worse_than_with_an_effect_less_is_made_again(
@@ -221,9 +220,7 @@ def test_a_fit_that_ended_worse_than_with_an_effect_less_is_made_again(
 
     module = importlib.import_module("mcpilco.gap.search")
     monkeypatch.setattr(module, "grow", at_first_badly)
-    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
-    found = search(known.model(windows), windows, candidates)
-    assert named(found) == {"coulomb_friction", "actuator_lag"}
+    assert friction_and_lag_are_found(known, windows)
 
 
 def test_a_window_that_is_moved_far_more_than_the_others_does_not_hide_an_effect(
