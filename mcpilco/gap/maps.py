@@ -109,7 +109,7 @@ def leftover(
     dt = recordings[0].dt
     steps = max(1, round(SPAN_S / dt))
     samples = sum(map(len, recordings))
-    spans = cut(recordings, std, seconds=SPAN_S, every=dt * max(1, samples // SPANS))
+    spans = cut(recordings, std, (steps + 1) * dt, every=dt * max(1, samples // SPANS))
     begin = np.round(spans.start_s / dt).astype(int)
     pairs = tuple((x, x + 1) for x in range(0, len(std), 2))
     known = [smoothed(replace(recording, velocities=pairs))[0] for recording in recordings]

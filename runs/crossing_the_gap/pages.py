@@ -17,14 +17,22 @@ from mcpilco.sweep.page import fill, places, write_picture
 from mcpilco.sweep.summary import markdown
 
 HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
 SOLVED = 0.9
 """least success rate of a policy that solves the task"""
+SIMULATED = (
+    ("a", None, "MC-PILCO", "nominal"),
+    ("b", None, "MC-PILCO", "corrected"),
+    ("e", "nominal", "SAC", "nominal"),
+    ("e", "corrected", "SAC", "corrected"),
+)
+"""leg and which part of it, what learned, and in which simulation"""
 
 
 def write(out: Path) -> None:
     """Put picture and tables of the results that are there into README.md.
 
-    Those of this folder go into the README of the project as well, in short.
+    Those of this folder go into the README of the project and into its docs as well, in short.
     """
     found = [read_json(path) for path in sorted((out / "results" / "seeds").glob("*.json"))]
     parts = ["Not measured yet."]
@@ -36,20 +44,24 @@ def write(out: Path) -> None:
             "### Success on the system",
             policies(found),
             *(["### Learning on the system itself", experience(found)] if learnt else []),
+            "### By what is hidden",
+            by_kind(found),
             "### Seed by seed",
             by_seed(found),
             places(found),
         ]
     fill(out / "README.md", parts, template=HERE / "README.md")
     if found and out == HERE:
-        fill(HERE.parents[1] / "README.md", [story(found)], name="crossing")
+        fill(ROOT / "README.md", [story(found)], name="crossing")
+        fill(ROOT / "docs" / "crossing.md", [story(found), by_kind(found)], name="crossing")
 
 
 def story(found: Sequence[Mapping[str, Any]]) -> str:
     """All legs in one table."""
     rows = []
-    for leg, name in (("a", "in the nominal simulation"), ("b", "in the corrected simulation")):
-        if outcomes := of_leg(found, leg):
+    for leg, part, algo, simulation in SIMULATED:
+        if outcomes := of_leg(found, leg, part):
+            name = f"in the {simulation} simulation" + (f", by {algo}" if leg == "e" else "")
             promised = 100 * np.mean([outcome["promised"] for outcome in outcomes])
             shares = [outcome["happened"] for outcome in outcomes]
             seconds = outcomes[0]["experience_s"]
@@ -73,17 +85,12 @@ def _on_system(shares: Sequence[float]) -> tuple[str, str]:
 def policies(found: Sequence[Mapping[str, Any]]) -> str:
     """What simulations promised and what happened, over seeds."""
     rows = []
-    for name, outcomes in (
-        ("a: MC-PILCO in the nominal simulation", of_leg(found, "a")),
-        ("b: MC-PILCO in the corrected simulation", of_leg(found, "b")),
-        ("e: SAC in the nominal simulation", of_leg(found, "e", "nominal")),
-        ("e: SAC in the corrected simulation", of_leg(found, "e", "corrected")),
-    ):
-        if outcomes:
+    for leg, part, algo, simulation in SIMULATED:
+        if outcomes := of_leg(found, leg, part):
             shares = [outcome["happened"] for outcome in outcomes]
             rows.append(
                 (
-                    name,
+                    f"{leg}: {algo} in the {simulation} simulation",
                     str(len(outcomes)),
                     share([outcome["promised"] for outcome in outcomes]),
                     share(shares),
@@ -134,16 +141,40 @@ def solved(outcome: Mapping[str, Any]) -> float:
     return next((seconds for seconds, p in pairs if p >= SOLVED), math.inf)
 
 
+def by_kind(found: Sequence[Mapping[str, Any]]) -> str:
+    """Success on the system at the end of each leg, for each kind of what is hidden."""
+    legs = [leg for leg in "abecd" if of_leg(found, leg)]
+    rows = []
+    for kind in sorted({seed["kind"] for seed in found}):
+        ours = [seed for seed in found if seed["kind"] == kind]
+        shares = [ends(ours, leg) for leg in legs]
+        rows.append((kind, str(len(ours)), *(share(these) if these else "" for these in shares)))
+    names = {
+        "a": "a: nominal simulation [%]",
+        "b": "b: corrected simulation [%]",
+        "e": "e: the same, by SAC [%]",
+        "c": "c: on the system, from nothing [%]",
+        "d": "d: with the corrected equations [%]",
+    }
+    return markdown(("hidden", "seeds", *(names[leg] for leg in legs)), rows)
+
+
+def ends(found: Sequence[Mapping[str, Any]], leg: str) -> list[float]:
+    """Success of the last policy of a leg; of SAC's, that of the corrected simulation."""
+    outcomes = of_leg(found, leg, "corrected" if leg == "e" else None)
+    return [outcome["p"][-1] if leg in "cd" else outcome["happened"] for outcome in outcomes]
+
+
 def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for seed in found:
         legs = seed["legs"]
         hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
         named = "; ".join(legs["b"]["named"]) or legs["b"]["verdict"] if "b" in legs else ""
-        cells = [f"{100 * legs[leg]['happened']:.0f}" if leg in legs else "" for leg in "ab"]
+        cells = [", ".join(f"{100 * end:.0f}" for end in ends([seed], leg)) for leg in "abe"]
         cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
         rows.append((str(seed["seed"]), hidden_here, named, *cells))
-    header = ("seed", "hidden", "named", "a [%]", "b [%]", "c solved [s]", "d solved [s]")
+    header = ("seed", "hidden", "named", "a [%]", "b [%]", "e [%]", "c solved [s]", "d solved [s]")
     return markdown(header, rows)
 
 

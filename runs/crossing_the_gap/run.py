@@ -48,6 +48,8 @@ UNCERTAINTY = 0.05
 """prior std of what the recordings have told [-]"""
 TRIALS = {"from nothing": 5, "with a prior": 3}
 """policies to learn on the system, in legs c and d"""
+SAC_TRIALS = 34
+"""of 600 steps each: 34 min of experience in each simulation"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
 LEGS = ("a", "b", "c", "d", "e")
 Leg = Literal["a", "b", "c", "d", "e"]
@@ -148,7 +150,8 @@ def crossed(algo: str, leg: str) -> Callable[[int, Mapping[str, Any], Path], dic
         place = path if algo == "mcpilco" else path.with_name(f"{path.name}-{algo}")
         place.mkdir(parents=True, exist_ok=True)
         (place / "hidden.json").write_text(json.dumps(found["hidden"]))
-        few = {"trials": 1, "episodes": 3} if "quick" in path.parts else {}
+        trials = {"trials": SAC_TRIALS} if algo == "sac" else {}
+        few = {"trials": 1, "episodes": 3} if "quick" in path.parts else trials
         command = Cross(
             out=place / "crossing",
             env_kwargs=(f"effects={place / 'hidden.json'}",),

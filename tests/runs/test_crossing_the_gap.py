@@ -30,6 +30,7 @@ def results(run, tmp_path):
         "b": {**crossed, "happened": 0.98},
         "c": LEARNED,
         "d": {**LEARNED, "p": [0.97, 1.0, 1.0]},
+        "e": {"nominal": crossed, "corrected": {**crossed, "happened": 0.9, "experience_s": 60.0}},
     }
     begun["legs"] = {"a": copy.deepcopy(crossed)}
     for seed, content in enumerate((done, begun)):
@@ -71,8 +72,11 @@ def test_page_holds_every_leg_and_every_seed(run, results):
     assert "| b: MC-PILCO in the corrected simulation | 1 | 100 (100–100) | 98 (98–98) |" in text
     assert "| c: from nothing | 1 | 0 (0–0) | 20 (20–20) | 95 (95–95) | 9 (1) |" in text
     assert "| d: corrected simulation as prior mean | 1 | 97 (97–97) |" in text
-    assert "coulomb_friction at cart | 5 | 98 | 9 | 3 |" in text
-    assert "SAC" not in text
+    assert "| e: SAC in the nominal simulation | 1 | 100 (100–100) | 5 (5–5) |" in text
+    assert "| e: SAC in the corrected simulation | 1 | 100 (100–100) | 90 (90–90) |" in text
+    assert "| friction and lag | 1 | 5 (5–5) | 98 (98–98) | 90 (90–90) | 95 (95–95) |" in text
+    assert "| stiction and delay | 1 | 5 (5–5) |  |  |  |  |" in text
+    assert "coulomb_friction at cart | 5 | 98 | 90 | 9 | 3 |" in text
 
 
 def test_story_says_what_each_leg_took_of_the_system(run, results):
@@ -81,6 +85,8 @@ def test_story_says_what_each_leg_took_of_the_system(run, results):
     assert rows == [
         "| in the nominal simulation | 2 | 100 | 5 (5–5) | 0 of 2 | 0 |",
         "| in the corrected simulation | 1 | 100 | 98 (98–98) | 1 of 1 | 0 |",
+        "| in the nominal simulation, by SAC | 1 | 100 | 5 (5–5) | 0 of 1 | 0 |",
+        "| in the corrected simulation, by SAC | 1 | 100 | 90 (90–90) | 1 of 1 | 60 |",
         "| on the system, from nothing | 1 |  | 95 (95–95) | 1 of 1 | 9 |",
         "| on the system, with the corrected simulation's equations | 1 |  "
         "| 100 (100–100) | 1 of 1 | 60 and 9 |",

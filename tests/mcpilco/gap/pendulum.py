@@ -48,16 +48,17 @@ def record(
     gain: float = 1.0,
     delay: float = 0.0,
     outside: Outside = lambda time: 0.0,
+    dt: float = DT,
 ) -> Recording:
     """Ten seconds under torques of several kinds; positions only, with noise."""
-    t = DT * np.arange(round(SECONDS / DT))
+    t = dt * np.arange(round(SECONDS / dt))
     if number % 2:
         torque = np.repeat(rng.uniform(-1.2, 1.2, len(t)), 20)[: len(t)]
     else:
         torque = 1.2 * np.sin(2 * np.pi * (0.2 + 0.1 * t) * t + rng.uniform(0, 6))
 
     def slope(time: float, x: np.ndarray) -> tuple[float, float]:
-        held = torque[max(int((time - delay) / DT + 1e-9), 0)]
+        held = torque[max(int((time - delay) / dt + 1e-9), 0)]
         total = (
             outside(time) + gain * held - FRICTION * x[1] - MASS * GRAVITY * LENGTH * np.sin(x[0])
         )
@@ -66,7 +67,7 @@ def record(
     x, states = np.array([rng.normal(0, 0.3), 0.0]), []
     for k in range(len(t)):
         states.append(x)
-        parts = [t[k], t[k] + delay % DT, t[k] + DT] if delay % DT else [t[k], t[k] + DT]
+        parts = [t[k], t[k] + delay % dt, t[k] + dt] if delay % dt else [t[k], t[k] + dt]
         for begin, end in itertools.pairwise(parts):
             span = (begin + 1e-7, end - 1e-7)  # the torque jumps at both ends
             x = solve_ivp(slope, span, x, rtol=1e-6, atol=1e-8, max_step=2e-3).y[:, -1]

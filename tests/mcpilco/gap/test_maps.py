@@ -5,15 +5,21 @@ import pytest
 
 from mcpilco.gap import Gap
 from mcpilco.gap.maps import leftover, time_map
+from tests.mcpilco.gap.pendulum import DT, dry_friction, record
 from tests.mcpilco.gap.pushed import HIDDEN_FRICTION, PUSH_S, pushed
 
 
-def test_the_force_left_over_is_the_hidden_one_and_nothing_once_it_is_added(found: Gap) -> None:
+@pytest.mark.parametrize("dt", [DT, 0.005])
+def test_the_force_left_over_is_the_hidden_one_and_nothing_once_it_is_added(
+    found: Gap, dt: float
+) -> None:
     assert found.models is not None
     assert found.comparison is not None
     plants = found.models.named()
+    friction = dry_friction(HIDDEN_FRICTION)
+    recordings = [record(np.random.default_rng(1), friction, number, dt=dt) for number in range(2)]
     for name, size in (("nominal", HIDDEN_FRICTION), ("corrected", 0.0)):
-        left = leftover(*plants[name], found.recordings, found.comparison.windows.std)
+        left = leftover(*plants[name], recordings, found.comparison.windows.std)
         fast = np.abs(left.v[:, 0]) > 1.0
         along = np.median(left.force[fast, 0] * np.sign(left.v[fast, 0]))
         assert along == pytest.approx(-size, abs=0.015)
