@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli.gap import Gap
-from mcpilco.cli.options import Algo, PresetName, optional
+from mcpilco.cli.model import SuitablePreset
+from mcpilco.cli.options import Algo, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.record import Record
 from mcpilco.cli.system import agent_of, open_env, use_one_thread
@@ -61,9 +62,7 @@ class Cross:
     """parameters of which nothing is known beforehand"""
     algo: Algo = "mcpilco"
     """what trains in simulation, where experience costs nothing"""
-    preset: Annotated[
-        PresetName | None, optional("NAME", "thorough, of other algorithms than mcpilco default")
-    ] = None
+    preset: SuitablePreset = None
     """of the algorithm"""
     trials: Annotated[
         int | None, optional("INT", f"{TRIALS}, of sac, tqc and ppo the preset's")
@@ -159,7 +158,7 @@ class Cross:
             env=self.sim,
             env_kwargs=self._training(leg),
             algo=self.algo,
-            preset=self._preset,
+            preset=self.preset,
             seed=self.seed,
             trials=self._trials,
             out=path,
@@ -229,10 +228,6 @@ class Cross:
 
     def _crossing_path(self, leg: str) -> Path:
         return self.out / f"{leg}.json"
-
-    @property
-    def _preset(self) -> PresetName:
-        return self.preset or ("thorough" if self.algo == "mcpilco" else "default")
 
     @property
     def _trials(self) -> int | None:

@@ -7,13 +7,17 @@ import json
 from pathlib import Path
 from typing import Annotated, Any
 
-from mcpilco.cli.options import optional
+from mcpilco.cli.options import Algo, PresetName, optional
 from mcpilco.config import KERNELS
 from mcpilco.typing import InputError
 
 PHYSICS = "physics"
 """what a model's name says of its mean"""
 
+SuitablePreset = Annotated[
+    PresetName | None, optional("NAME", "default; thorough where the model's mean is physics")
+]
+"""a preset, or the one that suits the model"""
 ModelName = Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")]
 """a sum of parts"""
 PlantPath = Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")]
@@ -22,6 +26,15 @@ Memory = Annotated[int | None, optional("INT", "that of the preset, 0")]
 """past inputs"""
 Delay = Annotated[float | None, optional("SECONDS", "that of the preset, 0")]
 """of the actuator"""
+
+
+def suitable_preset(given: PresetName | None, algo: Algo, model: str | None) -> PresetName:
+    """The preset of a training: the one that is given, or the one that suits its model.
+
+    Equations hold from the first trial on, so that it pays to search for longer in them.
+    """
+    physics = algo == "mcpilco" and PHYSICS in (model or "").split("+")
+    return given or ("thorough" if physics else "default")
 
 
 def with_model(

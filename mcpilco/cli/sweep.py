@@ -12,8 +12,16 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.model import Delay, Memory, ModelName, PlantPath, with_model
-from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.model import (
+    Delay,
+    Memory,
+    ModelName,
+    PlantPath,
+    SuitablePreset,
+    suitable_preset,
+    with_model,
+)
+from mcpilco.cli.options import Algo, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
 from mcpilco.config import CART_POLE
@@ -38,7 +46,7 @@ class Sweep:
     """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     algo: Algo = "mcpilco"
     """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
-    preset: PresetName = "default"
+    preset: SuitablePreset = None
     """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
     trials: int = 4
     """policies to learn from each seed"""
@@ -81,7 +89,8 @@ class Sweep:
         seeds = parse_seeds(self.seeds)
         self._check_engine()
         kind = algorithm(self.algo)
-        config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        preset = suitable_preset(self.preset, self.algo, self.model)
+        config, env_kwargs = numbers(kind, preset, self.env, self.horizon, self.exploration)
         config = with_model(config, self.model, self.prior, self.memory, self.delay)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         self._check(kind, config, env_kwargs)
@@ -94,7 +103,7 @@ class Sweep:
         settings = Settings(
             env,
             env_kwargs,
-            self.preset,
+            preset,
             config,
             self.trials,
             self.fresh,

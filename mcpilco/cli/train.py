@@ -17,7 +17,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.model import Delay, Memory, ModelName, PlantPath, with_model
+from mcpilco.cli.model import (
+    Delay,
+    Memory,
+    ModelName,
+    PlantPath,
+    SuitablePreset,
+    suitable_preset,
+    with_model,
+)
 from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
@@ -41,7 +49,7 @@ class Train:
     algo: Algo = "mcpilco"
     """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
     stable-baselines3"""
-    preset: PresetName = "default"
+    preset: SuitablePreset = None
     """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip,
     the others default"""
     seed: int = 0
@@ -100,7 +108,7 @@ class Train:
         from mcpilco.run_folder import RunFolder
 
         kind = algorithm(self.algo)
-        config, env_kwargs = numbers(kind, self.preset, self.env, self.horizon, self.exploration)
+        config, env_kwargs = numbers(kind, self._preset, self.env, self.horizon, self.exploration)
         config = with_model(config, self.model, self.prior, self.memory, self.delay)
         env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
         env = open_env(self.env, env_kwargs)
@@ -177,12 +185,16 @@ class Train:
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 
+    @property
+    def _preset(self) -> PresetName:
+        return suitable_preset(self.preset, self.algo, self.model)
+
     def _folder(self) -> Path:
         if self.out is not None:
             return self.out
         name = re.sub(r"[^\w.-]", "_", re.split(r"[/:]", self.env)[-1])
         time = datetime.now().strftime("%Y%m%d-%H%M%S")
-        setting = self.preset if self.algo == "mcpilco" else f"{self.algo}-{self.preset}"
+        setting = self._preset if self.algo == "mcpilco" else f"{self.algo}-{self._preset}"
         return Path(_OUT) / f"{name}-{setting}-seed{self.seed}-{time}"
 
     def _record(self, config: Any, env_kwargs: dict[str, Any]) -> dict[str, Any]:
@@ -191,7 +203,7 @@ class Train:
             "env": self.env,
             "env_kwargs": env_kwargs,
             "algo": self.algo,
-            "preset": self.preset,
+            "preset": self._preset,
             "seed": self.seed,
             "config": dataclasses.asdict(config),
             **({} if self.task is None else {"task": str(self.task)}),

@@ -11,8 +11,8 @@ import pytest
 
 import mcpilco.agent
 from mcpilco.cli import main
+from mcpilco.cli.options import Algo, PresetName
 from mcpilco.cli.system import algorithm
-from mcpilco.cli.train import Train
 from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.run_folder import RunFolder
 from tests.mcpilco.fakes import FakeAgent
@@ -164,9 +164,8 @@ def test_equal_seeds_give_equal_metrics(tmp_path, fake):
 
 
 def test_presets_of_the_command_line_are_those_of_the_package():
-    hints = typing.get_type_hints(Train)
-    known = [algorithm(name).presets for name in typing.get_args(hints["algo"])]
-    assert set(typing.get_args(hints["preset"])) == set().union(*known)
+    known = [algorithm(name).presets for name in typing.get_args(Algo)]
+    assert set(typing.get_args(PresetName)) == set().union(*known)
 
 
 def test_preset_sets_the_cart_pole_and_no_other_env(tmp_path, fake, strange):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from baselines.pilco.config import PilcoConfig
-from mcpilco.cli.model import with_model
+from mcpilco.cli.model import suitable_preset, with_model
 from mcpilco.config import Config, ModelConfig
 from mcpilco.correction import Correction, write_correction
 from mcpilco.typing import InputError
@@ -46,6 +46,20 @@ def test_a_file_says_which_plant_is_known(tmp_path):
     path.write_text("{}")
     with pytest.raises(InputError, match="no correction"):
         with_model(Config(), "physics+rbf", path)
+
+
+@pytest.mark.parametrize(
+    ("given", "algo", "model", "preset"),
+    [
+        (None, "mcpilco", None, "default"),
+        (None, "mcpilco", "features+rbf", "default"),
+        (None, "mcpilco", "physics+gip+rbf", "thorough"),
+        (None, "pilco", "physics+rbf", "default"),
+        ("thesis", "mcpilco", "physics+rbf", "thesis"),
+    ],
+)
+def test_equations_are_searched_thoroughly_unless_told(given, algo, model, preset):
+    assert suitable_preset(given, algo, model) == preset
 
 
 def test_algorithms_without_such_a_model_have_no_such_option():

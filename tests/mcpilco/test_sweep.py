@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import typing
 
 import pytest
 
 import mcpilco.sweep
 from mcpilco.cli import main
-from mcpilco.cli.sweep import Sweep, parse_seeds
-from mcpilco.cli.system import algorithm
+from mcpilco.cli.sweep import parse_seeds
 from mcpilco.config import PRESETS, Preset
 from mcpilco.sweep import Failure, Settings, sweep
 from mcpilco.sweep.engines import attempt
@@ -193,12 +191,6 @@ def test_folder_with_other_settings_is_refused(tmp_path, here, capsys):
     assert main(["sweep", *RUN, "--out", str(tmp_path)]) == 0
     assert main(["sweep", *RUN, "--fresh", "3", "--out", str(tmp_path)]) == 2
     assert "other settings: fresh was 2, now 3; name another" in capsys.readouterr().err
-
-
-def test_presets_of_the_command_are_those_of_the_package():
-    hints = typing.get_type_hints(Sweep)
-    known = [algorithm(name).presets for name in typing.get_args(hints["algo"])]
-    assert set(typing.get_args(hints["preset"])) == set().union(*known)
 
 
 def test_seeds_are_read():

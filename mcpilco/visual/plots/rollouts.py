@@ -96,7 +96,8 @@ def plot_promise(
         ax: where to draw; a new figure without it.
     """
     ax = new_axes()[0] if ax is None else ax
-    ax.plot(_times(dt, 0, len(promised)), promised, color=MODEL, label="promised")
+    times = _times(dt, 0, len(promised))
+    ax.plot(times, promised, color=MODEL, linewidth=3.5, label="promised")  # seen beneath the other
     ax.plot(_times(dt, 0, len(happened)), happened, color=SYSTEM, label="on the system")
     ax.set(xlabel="time [s]", ylabel=label)
     add_legend(ax)
