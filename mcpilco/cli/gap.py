@@ -136,10 +136,16 @@ class Gap:
     def _read(self, plant: Plant) -> list[Recording]:
         """The recordings that can be read, at one sampling time; says what is wrong with others."""
         good = self._readable(plant, self.recordings, self.dt)
-        if len({round(recording.dt, 9) for recording in good}) > 1:
+        steps = {round(recording.dt, 9) for recording in good}
+        if len(steps) > 1:
             names = {recording.name for recording in good}
             paths = [path for path in self.recordings if path.stem in names]
-            good = self._readable(plant, paths, good[0].dt)
+            good = self._readable(plant, paths, max(steps))
+            told = ", ".join(f"{step:g}" for step in sorted(steps))
+            print(
+                f"sampling times are {told} s: all are read at {max(steps):g} s (--dt names another).",
+                file=sys.stderr,
+            )
         for recording in good:
             for remark in recording.remarks:
                 print(f"{recording.name}: {remark}", file=sys.stderr)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects import Scale
+from mcpilco.effects import Scale, Symbol
 from mcpilco.effects.joint import TURN, DryFriction
 from mcpilco.gap.effort import Effort
 from mcpilco.gap.grid_force import GridForce
@@ -118,7 +118,11 @@ class Model:
             found = parameters[:, column : column + 1]
             relative = active.effect.neutral[0] == 1.0  # a gain is told relative to the nominal one
             freed.append((active, found / nominal if relative else found - nominal))
-        return freed + list(zip(self.actives, values, strict=True))
+        added = [
+            (active, _within(active.effect.symbols, found))
+            for active, found in zip(self.actives, values, strict=True)
+        ]
+        return freed + added
 
     @property
     def nuisances(self) -> int:
@@ -263,8 +267,15 @@ class Model:
         return found
 
 
-def _positive(symbol) -> bool:
+def _positive(symbol: Symbol) -> bool:
     return symbol.low > 0.0
+
+
+def _within(
+    symbols: Sequence[Symbol], values: Float[np.ndarray, "S n"]
+) -> Float[np.ndarray, "S n"]:
+    """The values; at a bound, the exponential of its logarithm may lie beyond it by rounding."""
+    return np.clip(values, [s.low for s in symbols], [s.high for s in symbols])
 
 
 def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import envs
+from mcpilco.correction import correction_of, read_correction, write_correction
 from mcpilco.effects import CATALOGUE
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import FARTHEST, Model
@@ -39,6 +42,17 @@ def test_of_a_free_mass_the_order_of_magnitude_is_known() -> None:
     loose = dict(zip(found.priors, found.precision, strict=True))
     assert loose["mass"] == loose["length"] == FREE_STD**-2
     assert loose["friction"] == pytest.approx(0.01**-2)
+
+
+def test_a_correction_at_the_bounds_of_its_values_can_be_read_again(tmp_path: Path) -> None:
+    nominal = model()
+    nobody = np.zeros(nominal.nuisances)
+    for active in nominal.plant.candidates():
+        for values in zip(*((s.low, s.high) for s in active.effect.symbols), strict=True):
+            grown, theta = nominal.grown(nobody, active, np.clip(values, -1e3, 1e3))
+            plant = nominal.plant.having([(a, told[0]) for a, told in grown.told(theta[None])])
+            path = write_correction(tmp_path / "at.json", correction_of(plant, nominal.plant))
+            assert read_correction(path).effects
 
 
 def test_only_friction_that_is_far_too_large_turns_over_more_slowly() -> None:
