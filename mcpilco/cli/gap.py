@@ -44,7 +44,7 @@ class Gap:
     """noise of a state's measurement in its unit; by default it is estimated"""
     held_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
     """recordings that no fit may see, without .csv; by default the last ones of three or more"""
-    dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
+    dt: Annotated[float | None, optional("FLOAT", "the longest of theirs")] = None
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
@@ -141,9 +141,9 @@ class Gap:
             names = {recording.name for recording in good}
             paths = [path for path in self.recordings if path.stem in names]
             good = self._readable(plant, paths, max(steps))
-            told = ", ".join(f"{step:g}" for step in sorted(steps))
+            told, longest = ", ".join(f"{step:g}" for step in sorted(steps)), max(steps)
             print(
-                f"sampling times are {told} s: all are read at {max(steps):g} s (--dt names another).",
+                f"sampling times are {told} s: all are read at {longest:g} s (--dt names another).",
                 file=sys.stderr,
             )
         for recording in good:

@@ -18,6 +18,8 @@ T = TypeVar("T")
 
 MOST, LEARNING = 6.5e7, 1.5e7
 """steps of the integrator in an investigation; besides, to learn a force"""
+USUAL_S = 0.02
+"""sampling time from which on this is so [s]; finer recordings take a step from sample to sample"""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,11 @@ class Effort:
     """that it may take"""
     taken: Int[np.ndarray, " 1"] = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
     """counted by the simulation"""
+
+    @classmethod
+    def at(cls, dt: float, most: float = MOST) -> Effort:
+        """What may be taken with recordings of this sampling time [s]."""
+        return cls(most * max(1.0, USUAL_S / dt))
 
     def share(self, part: float) -> Share:
         """A part of the steps that are left, for a stage that begins now."""

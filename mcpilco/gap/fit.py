@@ -149,7 +149,8 @@ def linearise(
     y = run(model, windows, thetas, moved)
     r = residual(windows, y)
     ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
-    spans = np.diag(ups - downs) if p else np.zeros(0)
+    spans = np.diag(ups - downs).copy() if p else np.zeros(0)
+    spans[spans == 0.0] = np.inf  # so large that no step changes them: they are not felt
     Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
     Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
     lost = (np.abs(r) >= LOST).any(axis=0)
@@ -303,8 +304,8 @@ def fit(
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < CONVERGED * now:
                 break
-            if not then < now:  # the step may be right, and too far for some starts
-                worse = np.flatnonzero(after > by_window)
+            worse = np.flatnonzero(after > by_window)
+            if not then < now and len(worse):  # the step may be right, and too far for their starts
                 moved[worse] = _settle(model, windows[worse], there, moved[worse], 4)
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)

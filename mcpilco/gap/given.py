@@ -19,6 +19,8 @@ from mcpilco.typing import InputError
 
 UNCERTAINTY = 0.01
 """prior std of masses, lengths, base friction and gains, relative to the nominal values"""
+FINEST = 1e-4
+"""least noise std of a state, as a part of the std of its values"""
 FEWEST = 6
 """windows without which nothing is named"""
 HELD_OUT, FEWEST_SPLIT = 0.42, 3
@@ -126,7 +128,8 @@ def _noise(
 ) -> Float[np.ndarray, " X"]:
     """Noise std of each state: what is known, else the median over the recordings.
 
-    It is at least that of rounding to the steps in which the values came.
+    It is at least that of rounding to the steps in which the values came, and the part `FINEST` of
+    their spread: what a simulation without noise wrote is still no more exact than another one.
     """
     found = np.stack([noise_std(recording) for recording in recordings])
     measured = np.stack([recording.measured for recording in recordings])
@@ -136,7 +139,9 @@ def _noise(
             std[x] = known[name]
         elif measured[:, x].any():
             steps = max(recording.resolution[x] for recording in recordings) / math.sqrt(12.0)
-            std[x] = max(float(np.median(found[measured[:, x], x])), steps, 1e-9)
+            spread = float(np.nanstd(np.concatenate([r.states[:, x] for r in recordings])))
+            spread = min(spread, 1.0) if x in plant.angles else spread  # however often it turned
+            std[x] = max(float(np.median(found[measured[:, x], x])), steps, FINEST * spread, 1e-9)
     return std
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.effort import LEARNING, Effort
+from mcpilco.gap.effort import LEARNING, USUAL_S, Effort
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
@@ -99,7 +99,7 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
-    effort = Effort()
+    effort = Effort.at(min((recording.dt for recording in recordings), default=USUAL_S))
     sent = [
         Given.of(plant, timed, uncertainty, free, noise or {}, held_out, effort)
         for timed in timings(recordings)
@@ -243,7 +243,7 @@ def _learned(
 ) -> _Learned | None:
     """What is left over as a force; None where it does not shrink the held-out error."""
     base = best if explains_most(best, null, windows) else null
-    base = replace(base, model=replace(base.model, effort=Effort(LEARNING)))
+    base = replace(base, model=replace(base.model, effort=Effort.at(windows.dt, LEARNING)))
     every = windows.joined(masked[masked.of(given.train)])
     short = given.windows(given.train, seconds=SHORT_S)
     found = learn(base, _usable(base, every), _usable(base, short))

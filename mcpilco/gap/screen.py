@@ -103,7 +103,7 @@ class _Projection:
         others = np.delete(np.arange(len(H)), number)
         shared = H[others, number]
         alone = H[number, number] - shared @ np.linalg.solve(H[np.ix_(others, others)], shared)
-        if alone < SEPARABLE * H[number, number]:
+        if alone < SEPARABLE * self.H[number, number]:
             return 0.0, 0.0
         g[number] += held * self.fit.theta[number]
         before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)

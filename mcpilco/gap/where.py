@@ -77,6 +77,8 @@ def correlation_time(r: Float[np.ndarray, "W X T"]) -> float:
     Reference: Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992).
     """
     size, total = float(np.sum(r**2)), 1.0
+    if size == 0.0:
+        return total
     for lag in range(1, r.shape[2]):
         rho = float(np.sum(r[:, :, lag:] * r[:, :, :-lag])) / size
         if rho <= 0.0:

@@ -49,8 +49,9 @@ def record(
     delay: float = 0.0,
     outside: Outside = lambda time: 0.0,
     dt: float = DT,
+    std: float = STD,
 ) -> Recording:
-    """Ten seconds under torques of several kinds; positions only, with noise."""
+    """Ten seconds under torques of several kinds; positions only, with noise of `std` [rad]."""
     t = dt * np.arange(round(SECONDS / dt))
     if number % 2:
         torque = np.repeat(rng.uniform(-1.2, 1.2, len(t)), 20)[: len(t)]
@@ -72,6 +73,6 @@ def record(
             span = (begin + 1e-7, end - 1e-7)  # the torque jumps at both ends
             x = solve_ivp(slope, span, x, rtol=1e-6, atol=1e-8, max_step=2e-3).y[:, -1]
     seen = np.stack(states)
-    angle = seen[:, 0] + STD * rng.standard_normal(len(t))
+    angle = seen[:, 0] + std * rng.standard_normal(len(t))
     measured = np.stack([angle, np.full(len(t), np.nan)], axis=1)
     return Recording(f"recording_{number}", t, measured, torque[:, None], *NAMES)

@@ -42,6 +42,11 @@ def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
     assert effort.share(0.5).until == 80.0
 
 
+def test_finer_recordings_may_take_as_many_more_steps_as_they_have_samples() -> None:
+    assert Effort.at(0.1).most == Effort.at(0.02).most == Effort().most
+    assert Effort.at(0.005, 10.0).most == pytest.approx(40.0)
+
+
 def test_of_an_effort_that_is_spent_every_share_is_used_up() -> None:
     effort = Effort(100.0)
     effort.taken[0] = 130

@@ -182,6 +182,40 @@ def test_wrong_arguments_get_a_sentence(
     assert sentence in capsys.readouterr().err
 
 
+def waved(name: str, dt: float, seconds: float) -> Recording:
+    """A pendulum that is led along a sine, and a motor that is said to have been off."""
+    time = dt * np.arange(round(seconds / dt))
+    states = np.stack([np.sin(time), np.cos(time)], axis=1)
+    return Recording(name, time, states, np.zeros((len(time), 1)), *long_names)
+
+
+@pytest.mark.slow
+def test_a_motion_that_the_plant_cannot_have_made_is_unknown() -> None:
+    found = investigate(PLANT(), [waved(name, 0.02, 2.0) for name in "abc"])
+    assert found.verdict == "unknown"
+
+
+def test_recordings_without_noise_are_not_taken_to_be_exact() -> None:
+    rng = np.random.default_rng(5)
+    exact = [record(rng, dry_friction(0.1), number, std=0.0) for number in range(3)]
+    (named,) = investigate(PLANT(), exact).named
+    assert named.name == "coulomb_friction"
+    assert named.parameters["f_c"].value == pytest.approx(0.1, rel=5e-3)
+
+
+def test_recordings_of_several_sampling_times_are_read_at_the_longest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, dt in (("a", 0.005), ("b", 0.02), ("c", 0.01)):
+        write_recording(tmp_path / f"{name}.csv", waved(name, dt, 1.6))
+    files = sorted(map(str, tmp_path.glob("*.csv")))
+    out = tmp_path / "gap"
+    assert main(["gap", *files, "--plant", "mcpilco/Pendulum-v0", "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert "sampling times are 0.005, 0.01, 0.02 s: all are read at 0.02 s" in told.err
+    assert json.loads((out / "gap.json").read_text())["verdict"] == "too_poor"
+
+
 def test_a_summary_is_ten_lines_at_most(found: Gap) -> None:
     assert 3 <= len(summary(found)) <= 10
     assert set(to_json(found)) >= {"format", "verdict", "effects", "where", "error", "events"}
