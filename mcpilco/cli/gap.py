@@ -140,8 +140,9 @@ class Gap:
         if len(steps) > 1:
             names = {recording.name for recording in good}
             paths = [path for path in self.recordings if path.stem in names]
-            good = self._readable(plant, paths, max(steps))
-            told, longest = ", ".join(f"{step:g}" for step in sorted(steps)), max(steps)
+            longest = max(steps)
+            good = self._readable(plant, paths, longest)
+            told = ", ".join(f"{step:g}" for step in sorted(steps))
             print(
                 f"sampling times are {told} s: all are read at {longest:g} s (--dt names another).",
                 file=sys.stderr,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from mcpilco.cli.options import Algo, PresetName, optional
 from mcpilco.config import KERNELS
@@ -15,7 +15,10 @@ PHYSICS = "physics"
 """what a model's name says of its mean"""
 
 SuitablePreset = Annotated[
-    PresetName | None, optional("NAME", "default; thorough where the model's mean is physics")
+    PresetName | None,
+    optional(
+        f"{{{','.join(get_args(PresetName))}}}", "default; thorough where the mean is physics"
+    ),
 ]
 """a preset, or the one that suits the model"""
 ModelName = Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")]

@@ -54,7 +54,6 @@ class Given:
         free: Sequence[str],
         noise: Mapping[str, float],
         held_out: Sequence[str] = (),
-        effort: Effort | None = None,
     ) -> Given:
         """What `investigate` is called with, checked and completed.
 
@@ -64,9 +63,8 @@ class Given:
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
-        return cls(
-            plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), effort or Effort()
-        )
+        effort = Effort.at(recordings[0].dt)
+        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), effort)
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.effort import LEARNING, USUAL_S, Effort
+from mcpilco.gap.effort import LEARNING, Effort
 from mcpilco.gap.events import Event, events, outlying, outside, without_spikes
 from mcpilco.gap.exchange import exchanged
 from mcpilco.gap.experiments import experiments
@@ -99,11 +99,11 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
-    effort = Effort.at(min((recording.dt for recording in recordings), default=USUAL_S))
     sent = [
-        Given.of(plant, timed, uncertainty, free, noise or {}, held_out, effort)
+        Given.of(plant, timed, uncertainty, free, noise or {}, held_out)
         for timed in timings(recordings)
     ]
+    sent = [replace(one, effort=sent[0].effort) for one in sent]  # one search, whatever it is of
     given = likelier(sent)
     everything = _windows(given)
     if len(everything) < FEWEST:

@@ -64,7 +64,7 @@ def whiteness(r: Float[np.ndarray, "W X T"]) -> float:
 
     Reference: Box & Pierce, Distribution of residual autocorrelations, JASA 65 (1970).
     """
-    size, count = float(np.sum(r**2)), np.count_nonzero(r)
+    size, count = float(np.sum(r**2)) or 1.0, np.count_nonzero(r)
     lagged = [np.sum(r[:, :, lag:] * r[:, :, :-lag]) / size for lag in range(1, LAGS + 1)]
     return float(count * np.mean(np.square(lagged)))
 
@@ -76,9 +76,7 @@ def correlation_time(r: Float[np.ndarray, "W X T"]) -> float:
 
     Reference: Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992).
     """
-    size, total = float(np.sum(r**2)), 1.0
-    if size == 0.0:
-        return total
+    size, total = float(np.sum(r**2)) or 1.0, 1.0
     for lag in range(1, r.shape[2]):
         rho = float(np.sum(r[:, :, lag:] * r[:, :, :-lag])) / size
         if rho <= 0.0:
