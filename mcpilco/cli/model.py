@@ -21,14 +21,6 @@ SuitablePreset = Annotated[
     ),
 ]
 """a preset, or the one that suits the model"""
-ModelName = Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")]
-"""a sum of parts"""
-PlantPath = Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")]
-"""a correction"""
-Memory = Annotated[int | None, optional("INT", "that of the preset, 0")]
-"""past inputs"""
-Delay = Annotated[float | None, optional("SECONDS", "that of the preset, 0")]
-"""of the actuator"""
 
 
 def suitable_preset(given: PresetName | None, algo: Algo, model: str | None) -> PresetName:

@@ -12,19 +12,9 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.model import (
-    Delay,
-    Memory,
-    ModelName,
-    PlantPath,
-    SuitablePreset,
-    suitable_preset,
-    with_model,
-)
-from mcpilco.cli.options import Algo, TaskPath, optional
-from mcpilco.cli.pairs import EnvKeywords, keywords
-from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
-from mcpilco.config import CART_POLE
+from mcpilco.cli.learning import Learning
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import open_env, use_one_thread
 from mcpilco.typing import InputError
 
 BATCH = 64
@@ -32,22 +22,14 @@ BATCH = 64
 _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
 
 
-@dataclass(frozen=True)
-class Sweep:
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Learning):
     """Train from many seeds; the same command goes on where it was stopped."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder of the sweep: new, or begun with the same settings"""
     seeds: Annotated[str, tyro.conf.arg(metavar="SEEDS")] = "0:30"
     """`0:30` are 0 to 29; `3,5,7` are these"""
-    env: str = CART_POLE
-    """Gymnasium id of the env; `module:Id` imports the module first"""
-    env_kwargs: EnvKeywords = ()
-    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
-    algo: Algo = "mcpilco"
-    """mcpilco: particles; pilco: one Gaussian, matched in its moments"""
-    preset: SuitablePreset = None
-    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip"""
     trials: int = 4
     """policies to learn from each seed"""
     fresh: int = 100
@@ -60,23 +42,8 @@ class Sweep:
     """search the policies of many seeds together on this device, such as cuda or cpu"""
     batch: Annotated[int | None, optional("INT", "64")] = None
     """most seeds that search together on the device"""
-    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
-    """steps of a rollout"""
-    task: TaskPath = None
-    """what to know of the env, where it does not show it"""
     fresh_horizon: Annotated[int | None, optional("INT", "that of the training")] = None
     """steps of a fresh rollout"""
-    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
-    """steps of random inputs at first; several rollouts, where they end early"""
-    model: ModelName = None
-    """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
-    makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
-    prior: PlantPath = None
-    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
-    memory: Memory = None
-    """of mcpilco: past inputs that model and policy see, for actuators that lag"""
-    delay: Delay = None
-    """of mcpilco: how late the actuator answers [s]; policies act on states predicted for then"""
     quiet: bool = False
     """show no progress"""
 
@@ -88,12 +55,8 @@ class Sweep:
         """
         seeds = parse_seeds(self.seeds)
         self._check_engine()
-        kind = algorithm(self.algo)
-        preset = suitable_preset(self.preset, self.algo, self.model)
-        config, env_kwargs = numbers(kind, preset, self.env, self.horizon, self.exploration)
-        config = with_model(config, self.model, self.prior, self.memory, self.delay)
-        env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
-        self._check(kind, config, env_kwargs)
+        config, env_kwargs = self.numbers()
+        self._check(config, env_kwargs)
 
         from mcpilco.sweep import Settings, SweepFolder, sweep
 
@@ -103,7 +66,7 @@ class Sweep:
         settings = Settings(
             env,
             env_kwargs,
-            preset,
+            self.chosen_preset,
             config,
             self.trials,
             self.fresh,
@@ -129,11 +92,11 @@ class Sweep:
         failed = summary["failed"].keys() & {str(seed) for seed in seeds}
         return 1 if failed else 0
 
-    def _check(self, kind: Any, config: Any, env_kwargs: dict[str, Any]) -> None:
+    def _check(self, config: Any, env_kwargs: dict[str, Any]) -> None:
         """Raises McPilcoError where every seed would fail the same way."""
         use_one_thread()
         with contextlib.closing(open_env(self.env, env_kwargs)) as env:
-            kind(kind.policy_name, env, config=config, task=given_task(self.task))
+            self.agent(env, config)
 
     def _engine(self) -> Any:
         from mcpilco.sweep import BatchEngine, LocalEngine, RayEngine

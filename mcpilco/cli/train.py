@@ -17,19 +17,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.model import (
-    Delay,
-    Memory,
-    ModelName,
-    PlantPath,
-    SuitablePreset,
-    suitable_preset,
-    with_model,
-)
-from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
-from mcpilco.cli.pairs import EnvKeywords, keywords
-from mcpilco.cli.system import algorithm, given_task, numbers, open_env, use_one_thread
-from mcpilco.config import CART_POLE
+from mcpilco.cli.learning import Learning
+from mcpilco.cli.options import optional
+from mcpilco.cli.system import open_env, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -38,20 +28,10 @@ if TYPE_CHECKING:
 _OUT = "runs/out"
 
 
-@dataclass(frozen=True)
-class Train:
+@dataclass(frozen=True, kw_only=True)
+class Train(Learning):
     """Learn a policy from scratch and write a run folder."""
 
-    env: str = CART_POLE
-    """Gymnasium id of the env; `module:Id` imports the module first"""
-    env_kwargs: EnvKeywords = ()
-    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
-    algo: Algo = "mcpilco"
-    """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
-    stable-baselines3"""
-    preset: SuitablePreset = None
-    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip,
-    the others default"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     trials: Annotated[
@@ -63,24 +43,9 @@ class Train:
         None
     )
     """run folder to make"""
-    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
-    """steps of a rollout"""
-    task: TaskPath = None
-    """what to know of the env, where it does not show it"""
-    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
-    """steps of random inputs at first; several rollouts, where they end early"""
     warm_start: Annotated[Path | None, optional("RUN", "none")] = None
     """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
     it"""
-    model: ModelName = None
-    """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
-    makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
-    prior: PlantPath = None
-    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
-    memory: Memory = None
-    """of mcpilco: past inputs that model and policy see, for actuators that lag"""
-    delay: Delay = None
-    """of mcpilco: how late the actuator answers [s]; policies act on states predicted for then"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -107,16 +72,12 @@ class Train:
 
         from mcpilco.run_folder import RunFolder
 
-        kind = algorithm(self.algo)
-        config, env_kwargs = numbers(kind, self._preset, self.env, self.horizon, self.exploration)
-        config = with_model(config, self.model, self.prior, self.memory, self.delay)
-        env_kwargs |= keywords("--env-kwargs", self.env_kwargs)
+        config, env_kwargs = self.numbers()
         env = open_env(self.env, env_kwargs)
         with contextlib.closing(env):
-            task = given_task(self.task)
-            agent = kind(kind.policy_name, env, config=config, seed=self.seed, task=task)
+            agent = self.agent(env, config, self.seed)
             source = None if self.warm_start is None else self._source(agent)
-            trials = kind.usual_trials(config) if self.trials is None else self.trials
+            trials = agent.usual_trials(config) if self.trials is None else self.trials
             record = self._record(config, env_kwargs) | {"trials": trials}
             run = RunFolder.create(self._folder(), record)
             with run.writing():
@@ -185,17 +146,13 @@ class Train:
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 
-    @property
-    def _preset(self) -> PresetName:
-        return suitable_preset(self.preset, self.algo, self.model)
-
     def _folder(self) -> Path:
         if self.out is not None:
             return self.out
         name = re.sub(r"[^\w.-]", "_", re.split(r"[/:]", self.env)[-1])
         time = datetime.now().strftime("%Y%m%d-%H%M%S")
-        setting = self._preset if self.algo == "mcpilco" else f"{self.algo}-{self._preset}"
-        return Path(_OUT) / f"{name}-{setting}-seed{self.seed}-{time}"
+        algo = "" if self.algo == "mcpilco" else f"{self.algo}-"
+        return Path(_OUT) / f"{name}-{algo}{self.chosen_preset}-seed{self.seed}-{time}"
 
     def _record(self, config: Any, env_kwargs: dict[str, Any]) -> dict[str, Any]:
         """What config.json holds."""
@@ -203,7 +160,7 @@ class Train:
             "env": self.env,
             "env_kwargs": env_kwargs,
             "algo": self.algo,
-            "preset": self._preset,
+            "preset": self.chosen_preset,
             "seed": self.seed,
             "config": dataclasses.asdict(config),
             **({} if self.task is None else {"task": str(self.task)}),
