@@ -12,6 +12,8 @@ _SPIKE = 10.0  # times the usual deviation from a running median
 _REACH = 3  # samples that the running median looks to each side: longer spikes are motion
 _AROUND = 10  # samples to each side by which a spike is judged
 _BUSY = 0.7  # share of the deviation in the busier parts that a quiet part is granted
+_BESIDE = 3  # samples to each side through which a cubic goes, as the top of a narrow wave does
+_MISSED = 0.8  # least share of a spike's height by which that cubic misses it
 _FEWEST_STEPS = 5  # of an encoder, before one believes in it
 _MOST_SPIKES = 0.1  # share of the samples; beyond it they are the signal
 
@@ -20,7 +22,9 @@ def spikes(values: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
     """Values that stand out from their neighbours for at most three samples.
 
     The measure is the deviation from a running median of seven samples, which a step, a ramp and a
-    turning point leave small. A channel in which a tenth of the samples stand out has no spikes.
+    turning point leave small; where they are few for a motion, the top of a wave stands out as
+    well, but a cubic through the samples beside it tells it. A channel in which a tenth of the
+    samples stand out has no spikes.
     """
     known = np.flatnonzero(np.isfinite(values))
     flags = np.zeros(len(values), dtype=bool)
@@ -34,9 +38,25 @@ def spikes(values: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
         max(quantisation_step(x), _BUSY * np.quantile(deviation, 0.8), 1e-9 * np.ptp(x)),
     )
     found = deviation > _SPIKE * usual
+    for start, end in runs(found):
+        top = slice(start, end)
+        found[top] &= np.abs(x[top] - _bridge(x, found, start, end)) > _MISSED * deviation[top]
     if found.mean() <= _MOST_SPIKES:
         flags[known[found]] = True
     return flags
+
+
+def _bridge(
+    x: Float[np.ndarray, " N"], spiky: Bool[np.ndarray, " N"], start: int, end: int
+) -> Float[np.ndarray, " n"]:
+    """What a cubic through the samples beside says of those from start to end; else infinity."""
+    sound = np.flatnonzero(~spiky)
+    before, after = sound[sound < start][-_BESIDE:], sound[sound >= end][:_BESIDE]
+    if min(len(before), len(after)) < 2:
+        return np.full(end - start, np.inf)
+    beside = np.concatenate([before, after])
+    cubic = np.polynomial.Polynomial.fit(beside, x[beside], 3)
+    return cubic(np.arange(start, end))
 
 
 def unwrapped(angle: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:

@@ -303,6 +303,15 @@ def test_bang_bang_motion_has_no_spikes(tmp_path: Path, hold: int) -> None:
     assert np.isfinite(recording.states).all()
 
 
+@pytest.mark.parametrize("width", [0.05, 0.055])
+def test_the_top_of_a_narrow_wave_is_no_spike(tmp_path: Path, width: float) -> None:
+    """As the velocity of a pole that turns fast, each time it passes the bottom."""
+    rows = uniform(500)
+    rows[:, 2] = -10.0 - 8.0 * np.exp(-((((rows[:, 0] + 0.2) % 0.4 - 0.2) / width) ** 2))
+    rows[rows[:, 0] < 5.0, 2] = -10.0
+    assert np.isfinite(read(write(tmp_path / "a.csv", rows)).states).all()
+
+
 def test_a_wrapped_angle_counts_its_turns(tmp_path: Path) -> None:
     rows = uniform(500)
     turning = 3.0 * rows[:, 0] + np.sin(rows[:, 0])
