@@ -11,6 +11,8 @@ from mcpilco.archive import read_arrays, write_arrays
 from mcpilco.cli import main
 from mcpilco.recordings.table import read_table
 
+pytestmark = pytest.mark.xdist_group("collisions")  # one process learns from them for all tests
+
 LEARN = ["--points", "150", "--quantile", "0.99"]
 
 

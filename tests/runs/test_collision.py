@@ -14,6 +14,8 @@ from envs.arms.sticky_arm import Push
 from mcpilco.identification.collision import Detections
 from mcpilco.sweep.page import BEGIN, END
 
+pytestmark = pytest.mark.xdist_group("collision run")  # one process makes it for all of them
+
 
 @pytest.fixture(scope="module")
 def written(run, tmp_path_factory) -> Path:
