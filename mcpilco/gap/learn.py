@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from mcpilco.effects.learned import Axis, LearnedForce
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.grid_force import GridForce, Prior
-from mcpilco.gap.moves import moves_of
+from mcpilco.gap.moves import MOST_TURNED, moves_of
 from mcpilco.gap.residual_force import FOLDS, Response, respond
 from mcpilco.gap.windows import Windows
 from mcpilco.simulation import Layout
@@ -36,8 +36,6 @@ FITS = 0.05
 """mean log misfit below which nothing is left to explain"""
 WORTH_A_PAIR = 0.06
 """part of the log misfit that a force over two coordinates must predict beyond one over one"""
-MOST_TURNED = 8.0
-"""extent of a grid over an angle that is not wound, at most [rad]"""
 KNOTS = 0.6
 """from knot to knot, in lengthscales"""
 SLOW = 0.03

@@ -9,6 +9,9 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
 from mcpilco.simulation.tables import GAIN
 
+MOST_TURNED = 8.0
+"""turn of a hinge beyond which its angle and its place in a turn are two things [rad]"""
+
 
 def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
     """Positions and speeds, as [q1, q1', q2, ...] by what was measured, and then the commands."""

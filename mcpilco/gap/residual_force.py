@@ -11,6 +11,7 @@ depends on state and command can be learned so; a push by hand, which comes from
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.fit import LOST, Fit, Robust, linearise
-from mcpilco.gap.moves import motion
+from mcpilco.gap.moves import MOST_TURNED, motion
 from mcpilco.gap.pushes import answers
 from mcpilco.gap.windows import Windows
 
@@ -90,7 +91,7 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
     columns = np.stack(told, 2)
     G = columns.reshape(*columns.shape[:2], -1)
     G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
-    x = _coordinates(windows, first, hold)
+    x = _coordinates(windows, first, hold, layout.slides)
     return Response(
         r=lin.cleaned(lin.r[:, :, None])[:, :, 0],
         G=lin.cleaned(G),
@@ -101,21 +102,24 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
 
 
 def _coordinates(
-    windows: Windows, first: Int[np.ndarray, " K"], hold: int
+    windows: Windows, first: Int[np.ndarray, " K"], hold: int, slides: Sequence[bool]
 ) -> Float[np.ndarray, "W K D"]:
     """Positions, speeds and commands around the intervals, each brought to about -1 to 1.
 
-    Speeds near 0 are spread out: there dry friction turns over.
+    Speeds near 0 are spread out: there dry friction turns over. A hinge that turns round and round
+    is told by its place in a turn too, by sine and cosine.
     """
     middle = np.minimum(first + hold // 2, windows.y.shape[2] - 1)
     moves = motion(windows)
-    J = windows.y.shape[1] // 2
-    for j in range(J):
-        v = moves[:, :, 2 * j + 1]
+    round_about = []
+    for j, slide in enumerate(slides):
+        q, v = moves[:, :, 2 * j], moves[:, :, 2 * j + 1]
+        if not slide and np.ptp(q) > MOST_TURNED:
+            round_about += [np.sin(q), np.cos(q)]
         slow = SLOW * np.sqrt(np.mean(v**2)) + 1e-12
         moves[:, :, 2 * j + 1] = np.arcsinh(v / slow)
     scaled = [_centred(moves[:, :, c]) for c in range(moves.shape[2])]
-    return np.stack([coordinate[:, middle] for coordinate in scaled], axis=2)
+    return np.stack([coordinate[:, middle] for coordinate in (*scaled, *round_about)], axis=2)
 
 
 def _centred(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:

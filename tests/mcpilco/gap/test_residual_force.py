@@ -3,11 +3,17 @@ from __future__ import annotations
 import numpy as np
 
 import envs
+from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.model import Model, scales
+from mcpilco.gap.moves import MOST_TURNED
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.windows import Windows, cut
+from mcpilco.plant import Active, Plant
+from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import STD, Force, Outside, record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
 
 
 def nothing(q: float, v: float) -> float:
@@ -17,9 +23,12 @@ def nothing(q: float, v: float) -> float:
 def nominal_fit(force: Force = nothing, outside: Outside = lambda time: 0.0) -> tuple[Fit, Windows]:
     """The pendulum without effects, on recordings in which a force is hidden."""
     rng = np.random.default_rng(1)
-    measured = [record(rng, force, number, outside=outside) for number in range(4)]
+    return fitted(PLANT, [record(rng, force, number, outside=outside) for number in range(4)])
+
+
+def fitted(plant: Plant, measured: list[Recording]) -> tuple[Fit, Windows]:
+    """A plant without effects, on recordings."""
     windows = cut(measured, np.array([STD, 1.0]))
-    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
     model = Model(plant, (), {}, scales(plant, windows))
     starts = settle(model, windows, np.zeros(0))
     return fit(model, windows, np.zeros(0), starts), windows
@@ -31,6 +40,20 @@ def test_a_force_that_depends_on_the_state_is_predicted_from_window_to_window() 
 
     explained = explain(respond(*nominal_fit(feeding)))
     assert explained.share > 0.6
+
+
+def test_a_force_that_depends_on_the_place_in_a_turn_is_predicted_over_many_turns() -> None:
+    """As a motor's cogging."""
+    light = PLANT.where(mass=0.06)  # its motor can turn it over
+    rng, layout = np.random.default_rng(2), light.layout
+    torque = np.repeat(rng.uniform(-1.0, 1.0, 40), 25)[:, None]
+    cogging = light.having([(Active(CATALOGUE["position_ripple"], "pendulum"), (0.03, 0.04, 2.0))])
+    states = cogging.simulate(np.zeros((1, 2)), torque[None, :-1], 0.02)[0]
+    assert np.ptp(states[:, 0]) > 3.0 * MOST_TURNED
+    states += rng.standard_normal(states.shape) * [STD, np.nan]
+    time = 0.02 * np.arange(len(torque))
+    measured = [Recording("cogging", time, states, torque, layout.states, layout.inputs)]
+    assert explain(respond(*fitted(light, measured))).share > 0.6
 
 
 def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
@@ -47,7 +70,6 @@ def test_the_response_is_what_a_pushed_pendulum_does() -> None:
     """Beside the same difference quotient with a hand-made constant torque."""
     found, windows = nominal_fit()
     response = respond(found, windows)
-    pushed = envs.PLANTS["mcpilco/Pendulum-v0"]()
     usual = found.model.scales["pendulum"].force
     hold = 3  # samples, as HOLD_S
     commands = windows.commands[0].copy()
@@ -57,7 +79,7 @@ def test_the_response_is_what_a_pushed_pendulum_does() -> None:
     for sign in (1.0, -1.0):
         moved = commands.copy()
         moved[first : first + hold, 0] += sign * size
-        y.append(pushed.simulate(found.starts[:1], moved[None, windows.lead :], windows.dt)[0])
+        y.append(PLANT.simulate(found.starts[:1], moved[None, windows.lead :], windows.dt)[0])
     change = (y[0] - y[1])[: windows.y.shape[2], 0] / (2.0 * size / usual) / STD
     seen = windows.measured[0, 0]
     lin_free = response.G[0][: windows.y.shape[2], 5]
