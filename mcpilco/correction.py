@@ -202,15 +202,20 @@ def _learned(content: Any) -> LearnedForce:
 
 
 def _axis(content: Any) -> Axis:
-    content = _object(content, "an axis", ("of", "low", "high", "knots", "slow"))
+    content = {"closed": False} | _object(content, "an axis")
+    content = _object(content, "an axis", ("of", "low", "high", "knots", "slow", "closed"))
     if not isinstance(content["of"], str):
         raise InputError(f'"of" of an axis must be a word, got {_short(content["of"])}.')
     if not isinstance(content["knots"], int) or isinstance(content["knots"], bool):
         raise InputError(f'"knots" of an axis must be a count, got {_short(content["knots"])}.')
     for name in ("low", "high", "slow"):
         _require_value(f"{name} of the axis {content['of']}", content[name], Symbol(name, "-"))
+    if not isinstance(content["closed"], bool):
+        raise InputError(
+            f'"closed" of an axis must be true or false, got {_short(content["closed"])}.'
+        )
     ends = {name: float(content[name]) for name in ("low", "high", "slow")}
-    return Axis(of=content["of"], knots=content["knots"], **ends)
+    return Axis(of=content["of"], knots=content["knots"], closed=content["closed"], **ends)
 
 
 def _object(content: Any, name: str, keys: tuple[str, ...] | None = None) -> dict[str, Any]:

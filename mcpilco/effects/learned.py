@@ -23,7 +23,7 @@ class Axis:
     """One axis of a grid.
 
     Raises:
-        InputError: it has no extent, or too few or too many knots.
+        InputError: it has no extent, too few or too many knots, or is closed and has slow speeds.
     """
 
     of: str
@@ -36,6 +36,8 @@ class Axis:
     """evenly spaced in x, or in asinh(x / slow)"""
     slow: float = 0.0
     """where positive, speeds about this one and below are spread out; 0: all places are alike"""
+    closed: bool = False
+    """whether the first knot comes again, a step behind the last one, as of an angle in a turn"""
 
     def __post_init__(self) -> None:
         ends = -1e100 < self.low < self.high < 1e100 and 0.0 <= self.slow < 1e100
@@ -44,6 +46,10 @@ class Axis:
                 f"the grid over {self.of} must have finite low < high, slow >= 0 and {FEWEST} to "
                 f"{MOST} knots, got {self.low:g} to {self.high:g}, slow {self.slow:g}, "
                 f"{self.knots} knots."
+            )
+        if self.closed and self.slow > 0.0:
+            raise InputError(
+                f"the grid over {self.of} must be even where it is closed, got slow {self.slow:g}."
             )
 
     def even(self, x: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
@@ -61,10 +67,31 @@ class Axis:
         """From knot to knot, in the even coordinate."""
         return float(self.places[1] - self.places[0])
 
+    @property
+    def period(self) -> float:
+        """Of a closed axis: after so much it comes round, in its unit."""
+        return self.knots * self.step
+
+    def once(self, x: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
+        """The coordinate, on a closed axis brought to the turn that begins at its first knot."""
+        return self.low + (x - self.low) % self.period if self.closed else x
+
+    def apart(self) -> Float[np.ndarray, "n n"]:
+        """How far knots are from one another, in the even coordinate; on a closed axis as chords.
+
+        Reference: MacKay, Introduction to Gaussian processes (1998), section 4.
+        """
+        apart = self.places[:, None] - self.places
+        if not self.closed:
+            return apart
+        return self.period / np.pi * np.sin(np.pi * apart / self.period)
+
     def splines(self, x: Float[np.ndarray, " N"]) -> Float[np.ndarray, "N n"]:
         """The cubic B-spline of each knot at some places, in the axis's unit."""
         basis = BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)
         t = (self.even(x)[:, None] - self.places) / self.step
+        if self.closed:
+            t -= self.knots * np.round(t / self.knots)
         return np.nan_to_num(basis(t))
 
 
@@ -151,13 +178,14 @@ def tabulate(
         return nothing(systems)
     names = (*layout.states, *layout.inputs)
     K, most = len(forces), max(w.shape[1] for w in weights)
+    closed = np.zeros((K, 2), dtype=np.bool_)
     axis, knots = np.full((K, 2), NONE), np.ones((K, 2), dtype=np.int64)
     slow, low, step = np.zeros((K, 2)), np.zeros((K, 2)), np.ones((K, 2))
     table = np.zeros((systems, K, most))
     for k, (_, axes) in enumerate(forces):
         for a, one in enumerate(axes):
             axis[k, a], knots[k, a], slow[k, a] = names.index(one.of), one.knots, one.slow
-            low[k, a], step[k, a] = one.places[0], one.step
+            low[k, a], step[k, a], closed[k, a] = one.places[0], one.step, one.closed
         table[:, k, : weights[k].shape[1]] = weights[k]
     joint = np.array([layout.joints.index(name) for name, _ in forces], dtype=np.int64)
-    return Learned(joint, axis, slow, low, step, knots, table)
+    return Learned(joint, axis, slow, low, step, knots, closed, table)

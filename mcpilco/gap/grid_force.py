@@ -57,8 +57,7 @@ class Prior:
         """
         roots, variances = [], []
         for axis, lengthscale in zip(axes, lengthscales, strict=True):
-            apart = (axis.places[:, None] - axis.places) / lengthscale
-            variance, directions = np.linalg.eigh(np.exp(-0.5 * apart**2))
+            variance, directions = np.linalg.eigh(np.exp(-0.5 * (axis.apart() / lengthscale) ** 2))
             variances.append(np.maximum(variance, 0.0))
             roots.append(directions * np.sqrt(variances[-1]))
         product = functools.reduce(np.multiply, np.ix_(*variances))

@@ -60,6 +60,8 @@ class Fineness:
     """relative to half its extent; of an angle that is not wound to a quarter turn at most"""
     wound: bool = False
     """whether all that an angle has turned counts, as of a spring that winds up"""
+    closed: bool = False
+    """whether the place in a turn alone counts"""
 
 
 FINE, MEDIUM, COARSE, WOUND = Fineness(0.05), Fineness(0.1), Fineness(0.25), Fineness(0.25, True)
@@ -188,14 +190,23 @@ def _forms(j: int, D: int, turned: Sequence[int]) -> Iterator[Form]:
     Args:
         j: number of the joint.
         D: how many coordinates there are.
-        turned: angles that turn too far for a grid that is not wound.
+        turned: angles that turn so far that their place in a turn is another thing.
     """
     for over, shape in _plain_forms(j, D):
         either = [
-            (part, WOUND) if c in turned and part is COARSE else (part,)
+            _over_turns(part, len(over) == 1) if c in turned else (part,)
             for c, part in zip(over, shape, strict=True)
         ]
-        yield from ((over, wound) for wound in product(*either))
+        yield from ((over, one) for one in product(*either))
+
+
+def _over_turns(part: Fineness, alone: bool) -> Iterator[Fineness]:
+    """Grids over an angle that turns far: over a turn; over part of it all if alone; over all."""
+    yield replace(part, closed=True)
+    if alone:
+        yield part
+    if part is COARSE:
+        yield WOUND
 
 
 def _plain_forms(j: int, D: int) -> Iterator[Form]:
@@ -216,6 +227,10 @@ def _axis(found: Fit, c: int, x: Float[np.ndarray, "W m"], shape: Fineness) -> t
     """A grid over the range of a coordinate, and the lengthscale that it is fine enough for."""
     layout = found.model.plant.layout
     name = (*layout.states, *layout.inputs)[c]
+    if shape.closed:
+        lengthscale = shape.lengthscale * 0.5 * np.pi
+        knots = int(np.ceil(2.0 * np.pi / (KNOTS * lengthscale)))
+        return Axis(name, -np.pi, np.pi - 2.0 * np.pi / knots, knots, closed=True), lengthscale
     state, turns = c < len(layout.states), _is_angle(layout, c) and not shape.wound
     low, high = _densest(x.ravel(), MOST_TURNED if turns else np.inf)
     slow = SLOW * float(np.sqrt(np.mean(x**2))) if state and c % 2 == 1 else 0.0

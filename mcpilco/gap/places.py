@@ -40,7 +40,8 @@ def places(found: Fit, windows: Windows) -> tuple[Place, ...]:
         x = [moves[:, names.index(axis.of)] for axis in force.axes]
         size = np.abs(force.at(*x))
         work = np.mean(np.square(size / found.model.scales[force.joint].force))
-        within = tuple(_shortest(places, size**2) for places in x)
+        visited = [axis.once(places) for axis, places in zip(force.axes, x, strict=True)]
+        within = tuple(_shortest(places, size**2) for places in visited)
         parts.append((force, float(np.percentile(size, 99.5)), float(work), within))
     total = sum(work for _, _, work, _ in parts) or 1.0
     told = [Place(force, most, work / total, within) for force, most, work, within in parts]

@@ -11,7 +11,7 @@ depends on state and command can be learned so; a push by hand, which comes from
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -45,6 +45,8 @@ class Response:
     """their change with the forces of joint and interval, the intervals of a joint side by side"""
     x: Float[np.ndarray, "W m D"]
     """state and command that go with each force, every coordinate within about -1 to 1"""
+    turns: Float[np.ndarray, "W m E"]
+    """sine and cosine of each hinge that turns round and round"""
     joint: Int[np.ndarray, " m"]
     """the joint of each force"""
     samples: Int[np.ndarray, " W"]
@@ -63,19 +65,22 @@ class Response:
         """Weights that keep a few windows from leading all others."""
         return Robust.of(self.by_window, self.samples).weights(self.by_window)
 
-    @cached_property
-    def prior(self) -> Float[np.ndarray, "Wm Wm"]:
-        """Covariance of all forces, of variance 1: functions of pairs of coordinates."""
-        return self.prior_over(2)
+    def priors(self, coordinates: int) -> Iterator[Float[np.ndarray, "Wm Wm"]]:
+        """Covariances of all forces, of variance 1: functions of one coordinate, or of two.
 
-    def prior_over(self, coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
-        """The same of functions of one coordinate, or of two."""
-        W, m, D = self.x.shape
-        x, joint = self.x.reshape(W * m, D), np.tile(self.joint, W)
+        The second one, where a hinge turns round and round, knows its place in a turn as well.
+        """
+        yield self._prior(self.x, coordinates)
+        if self.turns.shape[2]:
+            yield self._prior(np.concatenate([self.x, self.turns], axis=2), coordinates)
+
+    def _prior(self, x: Float[np.ndarray, "W m C"], coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
+        W, m, C = x.shape
+        flat, joint = x.reshape(W * m, C), np.tile(self.joint, W)
         K = np.zeros((W * m, W * m))
         for j in np.unique(self.joint):
             own = np.flatnonzero(joint == j)
-            K[np.ix_(own, own)] = covariance(x[own], x[own], coordinates)
+            K[np.ix_(own, own)] = covariance(flat[own], flat[own], coordinates)
         return K
 
 
@@ -91,11 +96,12 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
     columns = np.stack(told, 2)
     G = columns.reshape(*columns.shape[:2], -1)
     G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
-    x = _coordinates(windows, first, hold, layout.slides)
+    x, turns = _coordinates(windows, first, hold, layout.slides)
     return Response(
         r=lin.cleaned(lin.r[:, :, None])[:, :, 0],
         G=lin.cleaned(G),
         x=np.tile(x, (1, J, 1)),
+        turns=np.tile(turns, (1, J, 1)),
         joint=np.repeat(np.arange(J), len(first)),
         samples=windows.samples,
     )
@@ -103,23 +109,23 @@ def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
 
 def _coordinates(
     windows: Windows, first: Int[np.ndarray, " K"], hold: int, slides: Sequence[bool]
-) -> Float[np.ndarray, "W K D"]:
+) -> tuple[Float[np.ndarray, "W K D"], Float[np.ndarray, "W K E"]]:
     """Positions, speeds and commands around the intervals, each brought to about -1 to 1.
 
-    Speeds near 0 are spread out: there dry friction turns over. A hinge that turns round and round
-    is told by its place in a turn too, by sine and cosine.
+    Speeds near 0 are spread out: there dry friction turns over. Beside them stand sine and cosine
+    of the hinges that turn round and round.
     """
     middle = np.minimum(first + hold // 2, windows.y.shape[2] - 1)
     moves = motion(windows)
-    round_about = []
+    places = [np.zeros((*moves.shape[:2], 0))]
     for j, slide in enumerate(slides):
         q, v = moves[:, :, 2 * j], moves[:, :, 2 * j + 1]
         if not slide and np.ptp(q) > MOST_TURNED:
-            round_about += [np.sin(q), np.cos(q)]
+            places.append(np.stack([np.sin(q), np.cos(q)], axis=2))
         slow = SLOW * np.sqrt(np.mean(v**2)) + 1e-12
         moves[:, :, 2 * j + 1] = np.arcsinh(v / slow)
     scaled = [_centred(moves[:, :, c]) for c in range(moves.shape[2])]
-    return np.stack([coordinate[:, middle] for coordinate in (*scaled, *round_about)], axis=2)
+    return np.stack(scaled, axis=2)[:, middle], np.concatenate(places, axis=2)[:, middle]
 
 
 def _centred(x: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
@@ -167,11 +173,14 @@ def explain(
         folds: number of each window's fold, below `FOLDS`; by default they take turns.
         coordinates: of state and command, on which a force may depend at once: 1 or 2.
     """
-    prior = response.prior if coordinates == 2 else response.prior_over(coordinates)
     weight = response.weights if weight is None else weight
     folds = np.arange(len(response)) % FOLDS if folds is None else folds
     left = min(
-        (_unpredicted(response, prior * s**2, weight, folds) for s in STRENGTHS),
+        (
+            _unpredicted(response, prior * s**2, weight, folds)
+            for prior in response.priors(coordinates)
+            for s in STRENGTHS
+        ),
         key=lambda left: float(weight @ left),
     )
     beyond = float(weight @ np.maximum(response.by_window - response.samples, 0.0))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.effects.learned import Axis
 from mcpilco.gap.fit import Fit, residual, run
 from mcpilco.gap.places import places
 from mcpilco.gap.windows import Windows
@@ -108,7 +109,7 @@ def located(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
     for place in places(found, windows):
         force, joint = place.force, place.force.joint
         regions = [
-            f"{axis.of} {low:.2g} to {high:.2g} {_unit(found, axis.of, joint)}"
+            f"{axis.of} {low:.2g} to {high:.2g} {_unit(found, axis.of, joint)}{_round(axis)}"
             for axis, (low, high) in zip(force.axes, place.within, strict=True)
         ]
         size = f"{place.largest:.2g} {layout.unit_of(joint)[1]}"
@@ -116,6 +117,10 @@ def located(found: Fit, windows: Windows) -> tuple[Disagreement, ...]:
         channel = layout.states[2 * layout.joints.index(joint)]
         told.append(Disagreement(channel, place.share, condition, joint))
     return tuple(told)
+
+
+def _round(axis: Axis) -> str:
+    return " of each turn" if axis.closed else ""
 
 
 def _unit(found: Fit, name: str, joint: str) -> str:

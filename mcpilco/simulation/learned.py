@@ -2,7 +2,7 @@
 
 A grid has one axis or two; each is a position, a velocity or the force of an actuator. A spline has
 16 terms at most at any place, whatever the grid, is twice differentiable, and is 0 beyond two steps
-from the grid.
+from the grid. An axis may be closed: behind its last knot comes its first.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from mcpilco.mechanics.compiled import INLINED
@@ -35,6 +35,8 @@ class Learned(NamedTuple):
     """from knot to knot"""
     knots: Int[np.ndarray, "K 2"]
     """of each axis"""
+    closed: Bool[np.ndarray, "K 2"]
+    """whether the first knot comes again, a step behind the last one"""
     weights: Float[np.ndarray, "S K M"]
     """of the splines, by first and second axis [N or N m]"""
 
@@ -42,8 +44,8 @@ class Learned(NamedTuple):
 def nothing(systems: int) -> Learned:
     """Of systems without learned forces."""
     pairs, counts = np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
-    joint = np.zeros(0, dtype=np.int64)
-    return Learned(joint, counts, pairs, pairs, pairs, counts, np.zeros((systems, 0, 0)))
+    joint, closed = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.bool_)
+    return Learned(joint, counts, pairs, pairs, pairs, counts, closed, np.zeros((systems, 0, 0)))
 
 
 @njit(**INLINED)
@@ -52,7 +54,10 @@ def place_on(learned, k, a, x):
     slow = learned.slow[k, a]
     if slow > 0.0:
         x = math.asinh(x / slow)
-    return (x - learned.low[k, a]) / learned.step[k, a]
+    place = (x - learned.low[k, a]) / learned.step[k, a]
+    if learned.closed[k, a]:
+        place -= learned.knots[k, a] * math.floor(place / learned.knots[k, a])
+    return place
 
 
 @njit(**INLINED)
@@ -77,6 +82,8 @@ def learned_force(learned, s, k, x, y):
     total = 0.0
     for i in range(4):
         row = i0 - 1 + i
+        if learned.closed[k, 0]:
+            row %= n
         if 0 <= row < n:
             if learned.axis[k, 1] < 0:
                 part = learned.weights[s, k, row]
@@ -84,6 +91,8 @@ def learned_force(learned, s, k, x, y):
                 part = 0.0
                 for j in range(4):
                     column = j0 - 1 + j
+                    if learned.closed[k, 1]:
+                        column %= m
                     if 0 <= column < m:
                         weight = learned.weights[s, k, row * m + column]
                         part += spline_weight(j, y - j0) * weight

@@ -59,7 +59,7 @@ def test_corrected_plant_survives_its_file(tmp_path, name):
 
 
 def test_learned_forces_survive_their_file_and_an_env_simulates_them(tmp_path):
-    axes = Axis("pole_angle", -4.0, 4.0, 12), Axis("force", -6.0, 6.0, 5)
+    axes = Axis("pole_angle", -3.0, 2.5, 12, closed=True), Axis("force", -6.0, 6.0, 5)
     weights = np.random.default_rng(0).normal(0.0, 0.3, 60).astype(np.float32)
     nominal = cart_pole()
     plant = nominal.with_learned([LearnedForce("pole", axes, tuple(map(float, weights)))])
@@ -73,6 +73,12 @@ def test_learned_forces_survive_their_file_and_an_env_simulates_them(tmp_path):
         env.reset(seed=0)
         moved.append(env.step(np.array([3.0], dtype=np.float32))[0])
     assert np.abs(moved[1] - moved[0]).max() > 0.01
+
+
+@pytest.mark.parametrize(("more", "closed"), [({}, False), ({"closed": True}, True)])
+def test_an_axis_is_open_unless_its_file_says_otherwise(more, closed):
+    (force,) = correction_from(axis(**more)).learned
+    assert force.axes[0].closed == closed
 
 
 def test_correction_of_the_nominal_plant_is_empty():
@@ -140,6 +146,7 @@ def effect(**changes):
         (learned(weights=[0.0, 0.0, 0.0, "x"]), "a weight .* must be a finite number, got 'x'"),
         (axis(knots=True), '"knots" of an axis must be a count, got True'),
         (axis(knots=10**9), "4 to 200 knots"),
+        (axis(closed=1), '"closed" of an axis must be true or false, got 1'),
         (axis(of=None), '"of" of an axis must be a word'),
         (axis(low=math.nan), "low of the axis pole_angle must be a finite number, got nan"),
         (axis(slow=-1.0), "slow >= 0"),

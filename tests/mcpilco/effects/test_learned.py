@@ -15,6 +15,7 @@ M, L, B, G = 0.6, 0.5, 0.05, 9.82
 ANGLE = Axis("angle", -2.0, 2.0, 15)
 SPEED = Axis("velocity", -8.0, 8.0, 12, slow=0.5)
 TORQUE = Axis("torque", -1.5, 1.5, 6)
+TURN = Axis("angle", -2.0, -2.0 + 2.0 * np.pi * 8 / 9, 9, closed=True)
 
 
 def random_force(*axes: Axis) -> LearnedForce:
@@ -24,7 +25,18 @@ def random_force(*axes: Axis) -> LearnedForce:
 
 
 @pytest.mark.parametrize(
-    "axes", [(ANGLE,), (SPEED,), (TORQUE,), (ANGLE, SPEED), (SPEED, TORQUE), (SPEED, ANGLE)]
+    "axes",
+    [
+        (ANGLE,),
+        (SPEED,),
+        (TORQUE,),
+        (TURN,),
+        (ANGLE, SPEED),
+        (SPEED, TORQUE),
+        (SPEED, ANGLE),
+        (TURN, SPEED),
+        (SPEED, TURN),
+    ],
 )
 def test_a_plant_moves_as_the_force_says(axes: tuple[Axis, ...]) -> None:
     """Beside scipy's integrator with scipy's splines."""
@@ -36,12 +48,12 @@ def test_a_plant_moves_as_the_force_says(axes: tuple[Axis, ...]) -> None:
         total = torque - B * x[1] - M * G * L * np.sin(x[0]) + learned
         return x[1], total / (M * L**2)
 
-    start, T = np.array([0.3, 1.5]), 20
-    theirs = solve_ivp(slope, (0, T * 0.02), start, rtol=1e-9, atol=1e-11).y[:, -1]
+    start, T = np.array([0.3, 1.5]), 40
+    theirs = solve_ivp(slope, (0, T * 0.01), start, rtol=1e-9, atol=1e-11).y[:, -1]
     plant = PENDULUM.with_learned([force])
-    ours = plant.simulate(start[None], np.full((1, T, 1), torque), 0.02)[0, -1]
+    ours = plant.simulate(start[None], np.full((1, T, 1), torque), 0.01)[0, -1]
     np.testing.assert_allclose(ours, theirs, atol=2e-6)
-    apart = PENDULUM.simulate(start[None], np.full((1, T, 1), torque), 0.02)[0, -1]
+    apart = PENDULUM.simulate(start[None], np.full((1, T, 1), torque), 0.01)[0, -1]
     assert np.abs(apart - theirs).max() > 0.05
 
 
@@ -62,6 +74,25 @@ def test_equal_weights_are_a_constant_inside_the_grid(axis: Axis) -> None:
     assert np.all(np.count_nonzero(rows, axis=1) <= 4)
 
 
+@pytest.mark.parametrize("turns", [-3, 1, 20])
+def test_a_closed_grid_is_the_same_in_every_turn(turns: int) -> None:
+    q = np.linspace(-2.0, -2.0 + 2.0 * np.pi, 50)
+    force, v = random_force(TURN, SPEED), np.linspace(-3.0, 3.0, 50)
+    once, again = force.at(q, v), force.at(q + 2.0 * np.pi * turns, v)
+    np.testing.assert_allclose(again, once, atol=1e-12)
+    np.testing.assert_allclose(TURN.once(q[1:-1] + 2.0 * np.pi * turns), q[1:-1])
+    plant = PENDULUM.with_learned([force])
+    start = np.array([[3.0, 4.0]])
+    moved, push = np.array([[2.0 * np.pi * turns, 0.0]]), np.zeros((1, 30, 1))
+    apart = plant.simulate(start + moved, push, 0.02) - plant.simulate(start, push, 0.02)
+    np.testing.assert_allclose(apart, moved * np.ones((1, 31, 1)), atol=1e-6)
+
+
+def test_equal_weights_are_a_constant_all_around_a_closed_grid() -> None:
+    rows = design((TURN,), (np.linspace(-20.0, 20.0, 300),))
+    np.testing.assert_allclose(rows.sum(axis=1), 1.0)
+
+
 def test_an_env_is_stepped_as_its_plant_is_simulated() -> None:
     plant = PENDULUM.with_learned([random_force(ANGLE, SPEED)])
     stepper = plant.stepper(0.02, 1)
@@ -78,6 +109,7 @@ def test_an_env_is_stepped_as_its_plant_is_simulated() -> None:
         (lambda: Axis("angle", 1.0, 1.0, 9), "must have finite low < high"),
         (lambda: Axis("angle", 0.0, 1.0, 3), "4 to 200 knots, got .* 3 knots"),
         (lambda: Axis("angle", 0.0, float("nan"), 9), "finite low < high"),
+        (lambda: Axis("angle", 0.0, 1.0, 9, slow=0.1, closed=True), "even where it is closed"),
         (lambda: LearnedForce("pendulum", (), ()), "one axis or two, got 0"),
         (lambda: LearnedForce("pendulum", (ANGLE,), (0.0,)), "15 finite weights.* got 1"),
         (lambda: LearnedForce("pendulum", (ANGLE,), (np.inf,) * 15), "15 finite weights"),

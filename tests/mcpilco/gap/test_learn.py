@@ -14,7 +14,6 @@ import pytest
 
 import envs
 from mcpilco.correction import correction_of, read_correction, write_correction
-from mcpilco.effects import CATALOGUE
 from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.fit import Fit, fit, linearise, residual, run, settle
@@ -25,8 +24,9 @@ from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.show import shrunk
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant import Active, Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
+from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, record
 
 pytestmark = pytest.mark.xdist_group("learned force")  # one process learns it for all of them
@@ -81,23 +81,28 @@ def test_of_noise_nothing_is_learned() -> None:
     assert learned_of(learn(before, windows, short)) == ()
 
 
-def test_a_spring_that_winds_up_over_turns_is_learned_over_all_of_them() -> None:
-    light = PLANT.where(mass=0.06)  # its motor can turn it over
-    wound = light.having([(Active(CATALOGUE["spring"], "pendulum"), (0.03,))])
-    rng, layout = np.random.default_rng(2), light.layout
-    torque = np.repeat(rng.uniform(-1.0, 1.0, 20), 25)[:, None]
-    states = wound.simulate(np.zeros((1, 2)), torque[None, :-1], 0.02)[0]
-    assert np.ptp(states[:, 0]) > 2.0 * MOST_TURNED
-    states += rng.standard_normal(states.shape) * [STD, np.nan]
-    time = 0.02 * np.arange(len(torque))
-    measured = [Recording("wound", time, states, torque, layout.states, layout.inputs)]
-    before, _ = nominal_fit(measured, light)
-    short = cut(measured, np.array([STD, 1.0]), seconds=SHORT_S)
+def found_over_turns(measured: Recording) -> Axis:
+    """Of the force that is missing first, in a pendulum that turns over."""
+    assert np.ptp(measured.states[:, 0]) > 2.0 * MOST_TURNED
+    before, _ = nominal_fit([measured], LIGHT)
+    short = cut([measured], np.array([STD, 1.0]), seconds=SHORT_S)
     force = seek(moved(before, short), short)
     assert force is not None
     (axis,) = force.axes
     assert axis.of == "angle"
+    return axis
+
+
+def test_a_spring_that_winds_up_over_turns_is_learned_over_all_of_them() -> None:
+    axis = found_over_turns(spun("spring", (0.03,), 20))
+    assert not axis.closed
     assert axis.high - axis.low > 2.0 * MOST_TURNED
+
+
+def test_what_each_turn_repeats_is_learned_over_one() -> None:
+    axis = found_over_turns(spun("position_ripple", (0.03, 0.04, 2.0), 40))
+    assert axis.closed
+    np.testing.assert_allclose(axis.period, 2.0 * np.pi)
 
 
 @pytest.fixture(scope="module")

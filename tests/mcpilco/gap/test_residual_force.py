@@ -3,14 +3,14 @@ from __future__ import annotations
 import numpy as np
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.moves import MOST_TURNED
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant import Active, Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
+from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, Outside, record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
@@ -44,16 +44,9 @@ def test_a_force_that_depends_on_the_state_is_predicted_from_window_to_window() 
 
 def test_a_force_that_depends_on_the_place_in_a_turn_is_predicted_over_many_turns() -> None:
     """As a motor's cogging."""
-    light = PLANT.where(mass=0.06)  # its motor can turn it over
-    rng, layout = np.random.default_rng(2), light.layout
-    torque = np.repeat(rng.uniform(-1.0, 1.0, 40), 25)[:, None]
-    cogging = light.having([(Active(CATALOGUE["position_ripple"], "pendulum"), (0.03, 0.04, 2.0))])
-    states = cogging.simulate(np.zeros((1, 2)), torque[None, :-1], 0.02)[0]
-    assert np.ptp(states[:, 0]) > 3.0 * MOST_TURNED
-    states += rng.standard_normal(states.shape) * [STD, np.nan]
-    time = 0.02 * np.arange(len(torque))
-    measured = [Recording("cogging", time, states, torque, layout.states, layout.inputs)]
-    assert explain(respond(*fitted(light, measured))).share > 0.6
+    measured = spun("position_ripple", (0.03, 0.04, 2.0), 40)
+    assert np.ptp(measured.states[:, 0]) > 3.0 * MOST_TURNED
+    assert explain(respond(*fitted(LIGHT, [measured]))).share > 0.6
 
 
 def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
