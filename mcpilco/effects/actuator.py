@@ -78,7 +78,7 @@ class ActuatorDelay(ActuatorEffect):
     """The command d seconds ago."""
 
     name = "actuator_delay"
-    symbols = (Symbol("d", "s", low=0.0, high=0.15),)
+    symbols = (Symbol("d", "s", low=0.0, high=0.25),)
     column = DELAY
 
     def probes(self, scale: Scale) -> list[Probe]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from mcpilco.simulation import Layout, Tables
 
@@ -116,6 +116,11 @@ class Effect(ABC):
     def neutral(self) -> Float[np.ndarray, " symbols"]:
         """Values at which it changes nothing."""
         return np.array([symbol.neutral for symbol in self.symbols])
+
+    @property
+    def amplitudes(self) -> Bool[np.ndarray, " symbols"]:
+        """Which of its symbols say how large it is; the others say of what shape."""
+        return (self.neutral == 0.0) | (len(self.symbols) == 1)
 
     def part(self, values: Sequence[float], share: float) -> tuple[float, ...]:
         """Values at a share of the way from those that change nothing.

@@ -15,7 +15,7 @@ from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import Named, weigh
+from mcpilco.gap.name import Named, certain, weigh
 from mcpilco.gap.plain import plainer
 from mcpilco.gap.quiet import foreseen, quiet
 from mcpilco.gap.recurrence import recurring
@@ -124,6 +124,7 @@ def investigate(
         given, pushes = quiet(given, best)
         everything = _legible(best, _windows(given))
         best, windows, masked = _finished(given, best, everything, everything[:0])
+    found, best = certain(found, best, windows)
     null, named = refit(found.null, windows), weigh(found, best, windows)
     missed = events(masked, recordings)
     spans, final = (*pushes, *missed), best

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import stats
 
 from mcpilco.gap.fit import Fit, linearise
-from mcpilco.gap.search import Found
+from mcpilco.gap.refit import refit
+from mcpilco.gap.search import Found, without
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
 
@@ -72,6 +73,40 @@ def rivals(found: Found, active: Active) -> list[Rival]:
         if active not in theirs and len(theirs) == len(ours) and len(theirs - ours) == 1:
             listed.append(Rival(next(iter(theirs - ours)), fitted, b - found.ranked[0][1]))
     return listed
+
+
+def certain(found: Found, best: Fit, windows: Windows) -> tuple[Found, Fit]:
+    """The search and its best model without effects of which it is not certain that they are there.
+
+    A search looks at some windows, and may follow what is in these alone. On all of them the
+    interval of such an effect holds the size of none.
+
+    Args:
+        found: the search.
+        best: its best model, fitted to all windows.
+        windows: these.
+    """
+    while doubtful := _doubtful(best, windows):
+        priors = found.null.model.priors
+        fewer = [without(found.best, active, found.windows, priors) for active in doubtful]
+        closest = min(fewer, key=lambda fit: fit.chi2)
+        found = found.with_best(closest, [*found.fits, closest])
+        best = refit(closest, windows)
+    return found, best
+
+
+def _doubtful(best: Fit, windows: Windows) -> list[Active]:
+    """Effects whose intervals hold values at which they change nothing."""
+    if not best.model.named:
+        return []
+    low, high = (best.model.told(end[None]) for end in intervals(best, windows))
+    doubtful = []
+    for (active, lows), (_, highs) in zip(low, high, strict=True):
+        neutral = active.effect.neutral
+        within = (lows[0] <= neutral) & (neutral <= highs[0])
+        if within[active.effect.amplitudes].all():
+            doubtful.append(active)
+    return doubtful
 
 
 def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:

@@ -209,11 +209,10 @@ def _best_mix(S: np.ndarray, b: np.ndarray, one_sided: bool) -> tuple[np.ndarray
 
 def _values(active: Active, probe: Probe, mix: np.ndarray) -> Float[np.ndarray, " symbols"]:
     """The mix of a probe's sizes; what shapes a formula stays as the probe has it."""
-    neutral = active.effect.neutral
-    amplitude = (neutral == 0.0) | (len(neutral) == 1)
+    neutral, amplitudes = active.effect.neutral, active.effect.amplitudes
     with np.errstate(invalid="ignore"):
         mixed = neutral + mix @ (probe.values - neutral)
-    values = np.where(amplitude & np.isfinite(mixed), mixed, probe.values[0])
+    values = np.where(amplitudes & np.isfinite(mixed), mixed, probe.values[0])
     low = np.array([symbol.low for symbol in active.effect.symbols])
     high = np.array([symbol.high for symbol in active.effect.symbols])
     return np.clip(values, low, high)

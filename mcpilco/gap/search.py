@@ -185,11 +185,11 @@ def _smaller(score: Score) -> Iterator[Float[np.ndarray, " symbols"]]:
     A linear response overrates what moves a motion far.
     """
     neutral = score.active.effect.neutral
-    amplitude = (neutral == 0.0) | ((len(neutral) == 1) & np.isfinite(neutral))
+    amplitudes = score.active.effect.amplitudes & np.isfinite(neutral)
     for part in BEGUN:
         with np.errstate(invalid="ignore"):  # of a limit that is nowhere
             begun = neutral + part * (score.start - neutral)
-        yield np.where(amplitude, begun, score.start)
+        yield np.where(amplitudes, begun, score.start)
 
 
 def _log_misfit(

@@ -90,6 +90,8 @@ CELLS: Mapping[str, Cell] = {
     "delay-1-predicted": Cell(ModelConfig(delay=0.1), delay=0.1),
     "delay-1.5": Cell(ModelConfig(), delay=0.15, trials=3),
     "delay-1.5-predicted": Cell(ModelConfig(delay=0.15), delay=0.15),
+    "delay-2": Cell(ModelConfig(), delay=0.2, trials=3),
+    "delay-2-predicted": Cell(ModelConfig(delay=0.2), delay=0.2),
     "lag": Cell(ModelConfig(), lag=0.1),
     "lag-memory": Cell(ModelConfig(memory=3), lag=0.1),
     "lag-sed-mpk": Cell(ModelConfig(kernel="sed-mpk+rbf+mpk", memory=3), lag=0.1),

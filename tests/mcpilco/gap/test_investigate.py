@@ -52,12 +52,13 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 
 
 @pytest.mark.slow
-def test_a_delay_of_part_of_a_sample_is_found() -> None:
+@pytest.mark.parametrize("delay", [0.033, 0.2])
+def test_a_delay_of_part_of_a_sample_or_of_many_is_found(delay: float) -> None:
     rng = np.random.default_rng(6)
-    measured = [record(rng, nothing, number, delay=0.033) for number in range(3)]
+    measured = [record(rng, nothing, number, delay=delay) for number in range(3)]
     gap = investigate(PLANT(), measured)
     assert [named.name for named in gap.named] == ["actuator_delay"]
-    assert gap.named[0].parameters["d"].value == pytest.approx(0.033, abs=1e-3)
+    assert gap.named[0].parameters["d"].value == pytest.approx(delay, abs=1e-3)
 
 
 @pytest.mark.slow
