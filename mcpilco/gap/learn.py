@@ -194,17 +194,16 @@ def _forms(j: int, D: int, turned: Sequence[int]) -> Iterator[Form]:
     """
     for over, shape in _plain_forms(j, D):
         either = [
-            _over_turns(part, len(over) == 1) if c in turned else (part,)
+            _over_turns(part) if c in turned else (part,)
             for c, part in zip(over, shape, strict=True)
         ]
         yield from ((over, one) for one in product(*either))
 
 
-def _over_turns(part: Fineness, alone: bool) -> Iterator[Fineness]:
-    """Grids over an angle that turns far: over a turn; over part of it all if alone; over all."""
+def _over_turns(part: Fineness) -> Iterator[Fineness]:
+    """Grids over an angle that turns far: over a turn, over part of all that it turns, over all."""
     yield replace(part, closed=True)
-    if alone:
-        yield part
+    yield part
     if part is COARSE:
         yield WOUND
 

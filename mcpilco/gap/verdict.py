@@ -70,6 +70,8 @@ def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
     """
     if not best.model.named or shrunk(null, best, clear).value >= CLOSED:
         return False
+    if fits_roughly(best, windows):
+        return True
     return beyond_noise(best, clear) > FAR * max(1.0, beyond_noise(best, windows))
 
 

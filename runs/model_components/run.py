@@ -11,7 +11,7 @@ stopped, and rewrites README.md between its marked lines from all results that a
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -89,9 +89,9 @@ CELLS: Mapping[str, Cell] = {
     "delay-1": Cell(ModelConfig(), delay=0.1, trials=3),
     "delay-1-predicted": Cell(ModelConfig(delay=0.1), delay=0.1),
     "delay-1.5": Cell(ModelConfig(), delay=0.15, trials=3),
-    "delay-1.5-predicted": Cell(ModelConfig(delay=0.15), delay=0.15),
+    "delay-1.5-predicted": Cell(ModelConfig(delay=0.15), delay=0.15, trials=6),
     "delay-2": Cell(ModelConfig(), delay=0.2, trials=3),
-    "delay-2-predicted": Cell(ModelConfig(delay=0.2), delay=0.2),
+    "delay-2-predicted": Cell(ModelConfig(delay=0.2), delay=0.2, trials=6),
     "lag": Cell(ModelConfig(), lag=0.1),
     "lag-memory": Cell(ModelConfig(memory=3), lag=0.1),
     "lag-sed-mpk": Cell(ModelConfig(kernel="sed-mpk+rbf+mpk", memory=3), lag=0.1),
@@ -193,13 +193,16 @@ def write_readme(out: Path) -> None:
 def table(found: Mapping[str, Any], measure: Literal["success", "p"]) -> str:
     """Success by experience: a row a cell."""
     cell = rate_cell if measure == "success" else mean_cell
+    longest: Sequence[Mapping[str, Any]] = max((s["trials"] for s in found.values()), key=len)
+    experience = [f"{trial['experience_s']:g} s" for trial in longest]
     rows = []
     for name, summary in found.items():
         trials = summary["trials"]
-        told = [cell(trial[measure]) for trial in trials] + [""] * (4 - len(trials))
+        told = [cell(trial[measure]) for trial in trials]
+        told += [""] * (len(experience) - len(told))
         cpu = spread_cell(summary["run"]["cpu_s"], 0)
         rows.append((f"`{name}`", str(len(summary["seeds"])), *told, cpu))
-    return markdown(("cell", "seeds", "3 s", "6 s", "9 s", "12 s", "CPU [s]"), rows)
+    return markdown(("cell", "seeds", *experience, "CPU [s]"), rows)
 
 
 if __name__ == "__main__":

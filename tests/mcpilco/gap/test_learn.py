@@ -18,7 +18,7 @@ from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.fit import Fit, fit, linearise, residual, run, settle
 from mcpilco.gap.grid_force import GridForce, Prior
-from mcpilco.gap.learn import MOST_TURNED, SHORT_S, learn, learned_of, moved, seek
+from mcpilco.gap.learn import MOST_TURNED, SHORT_S, candidates, learn, learned_of, moved, seek
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
@@ -103,6 +103,18 @@ def test_what_each_turn_repeats_is_learned_over_one() -> None:
     axis = found_over_turns(spun("position_ripple", (0.03, 0.04, 2.0), 40))
     assert axis.closed
     np.testing.assert_allclose(axis.period, 2.0 * np.pi)
+
+
+def test_beside_a_velocity_the_place_in_a_turn_and_that_among_all_turns_are_tried() -> None:
+    measured = spun("spring", (0.03,), 20)
+    before, _ = nominal_fit([measured], LIGHT)
+    short = cut([measured], np.array([STD, 1.0]), seconds=SHORT_S)
+    tried = [candidate.prior.axes for candidate in candidates(moved(before, short), short)]
+    angles = [axes[0] for axes in tried if [axis.of for axis in axes] == ["angle", "velocity"]]
+    assert {axis.closed for axis in angles} == {True, False}
+    turned = {round(axis.high - axis.low, 3) for axis in angles if not axis.closed}
+    assert min(turned) <= 1.01 * MOST_TURNED
+    assert max(turned) > 2.0 * MOST_TURNED
 
 
 @pytest.fixture(scope="module")

@@ -71,12 +71,14 @@ def test_noise_alone_is_nothing_else(nominal: tuple[Fit, Windows]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("closed", "held_out", "fitted", "bad"),
+    ("closed", "held_out", "fitted", "usual", "bad"),
     [
-        (0.9, 50.0, 1.0, False),
-        (0.3, 1.2, 1.0, False),
-        (0.3, 4.0, 1.0, True),
-        (0.3, 4.0, 3.0, False),
+        (0.9, 50.0, 1.0, 1.0, False),
+        (0.3, 1.2, 1.0, 1.0, False),
+        (0.3, 4.0, 1.0, 1.0, True),
+        (0.3, 4.0, 3.0, 1.0, False),
+        (0.3, 4.0, 3.0, 50.0, True),
+        (0.9, 4.0, 3.0, 50.0, False),
     ],
 )
 def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
@@ -85,12 +87,14 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     closed: float,
     held_out: float,
     fitted: float,
+    usual: float,
     bad: bool,
 ) -> None:
     null, windows = nominal
     armature = Active(CATALOGUE["armature"], "pendulum")
     model, theta = null.model.grown(null.theta, armature, [0.01])
-    best, clear = replace(null, model=model, theta=theta), windows[:5]
+    best = replace(missed(null, windows, usual, usual), model=model, theta=theta)
+    clear = windows[:5]
     beyond = {len(windows): fitted, len(clear): held_out}
     monkeypatch.setattr(verdict, "shrunk", lambda *fits: Interval(closed, closed, closed))
     monkeypatch.setattr(verdict, "beyond_noise", lambda found, some: beyond[len(some)])
