@@ -23,7 +23,7 @@ from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.search import Found, search
 from mcpilco.gap.show import Comparison, Models, compare, path
 from mcpilco.gap.timing import likelier, timings
-from mcpilco.gap.validate import most_predictive
+from mcpilco.gap.validate import fits_roughly, most_predictive
 from mcpilco.gap.verdict import explains_most, mispredicts, something_else, worth
 from mcpilco.gap.where import Disagreement, locate, located
 from mcpilco.gap.windows import SECONDS, Windows
@@ -124,13 +124,14 @@ def investigate(
         given, pushes = quiet(given, best)
         everything = _legible(best, _windows(given))
         best, windows, masked = _finished(given, best, everything, everything[:0])
-    found, best = certain(found, best, windows)
-    null, named = refit(found.null, windows), weigh(found, best, windows)
+    null = refit(found.null, windows)
+    found, best = certain(found, best, null, windows)
+    named = weigh(found, best, windows)
     missed = events(masked, recordings)
     spans, final = (*pushes, *missed), best
     clear = _clear(given, spans, best)
-    unknown = place is not None or foreseen(missed, given, best)
-    unknown = unknown or something_else(best, null, windows)
+    unknown = place is not None or something_else(best, null, windows)
+    unknown = unknown or (not fits_roughly(best, windows) and foreseen(missed, given, best))
     unknown = unknown or mispredicts(best, null, windows, clear)
     where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:

@@ -9,8 +9,7 @@ import numpy as np
 from scipy import stats
 
 from mcpilco.gap.fit import Fit, linearise
-from mcpilco.gap.refit import refit
-from mcpilco.gap.search import Found, without
+from mcpilco.gap.search import Found, Yardstick, without
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
 
@@ -75,23 +74,26 @@ def rivals(found: Found, active: Active) -> list[Rival]:
     return listed
 
 
-def certain(found: Found, best: Fit, windows: Windows) -> tuple[Found, Fit]:
+def certain(found: Found, best: Fit, null: Fit, windows: Windows) -> tuple[Found, Fit]:
     """The search and its best model without effects of which it is not certain that they are there.
 
     A search looks at some windows, and may follow what is in these alone. On all of them the
-    interval of such an effect holds the size of none.
+    interval of such an effect holds the size of none, and without it they are explained as well.
+    Where few windows tell of a machine that no model fits, an interval alone may be too wide.
 
     Args:
         found: the search.
         best: its best model, fitted to all windows.
+        null: the model of no effect, likewise.
         windows: these.
     """
-    while doubtful := _doubtful(best, windows):
-        priors = found.null.model.priors
-        fewer = [without(found.best, active, found.windows, priors) for active in doubtful]
-        closest = min(fewer, key=lambda fit: fit.chi2)
-        found = found.with_best(closest, [*found.fits, closest])
-        best = refit(closest, windows)
+    priors = found.null.model.priors
+    for active in _doubtful(best, windows):
+        fewer = without(best, active, windows, priors)
+        if Yardstick.of(best, windows).prefers(best, fewer, null):
+            continue
+        searched = without(found.best, active, found.windows, priors)
+        found, best = found.with_best(searched, [*found.fits, searched]), fewer
     return found, best
 
 

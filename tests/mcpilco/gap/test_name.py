@@ -52,7 +52,7 @@ def test_effects_that_may_be_none_are_not_named(
 ) -> None:
     nominal, windows = rubbing
     before, best = found(nominal, windows, [FRICTION, *none])
-    search, kept = certain(before, best, windows)
+    search, kept = certain(before, best, before.null, windows)
     assert search.best.model.named == kept.model.named == (FRICTION,)
     assert {frozenset(f.model.named) for f in before.fits} < {
         frozenset(f.model.named) for f in search.fits
@@ -66,6 +66,7 @@ def test_an_effect_alone_that_may_be_none_is_not_named(
 ) -> None:
     nominal, windows = rubbing
     friction = nominal.plant.having([(FRICTION, (0.1, 2e-3))])
-    search, kept = certain(*found(replace(nominal, plant=friction), windows, [SPRING]), windows)
+    before, best = found(replace(nominal, plant=friction), windows, [SPRING])
+    search, kept = certain(before, best, before.null, windows)
     assert not search.best.model.named
     assert not kept.model.named
