@@ -131,7 +131,8 @@ def investigate(
     spans, final = (*pushes, *missed), best
     clear = _clear(given, spans, best)
     unknown = place is not None or something_else(best, null, windows)
-    unknown = unknown or (not fits_roughly(best, windows) and foreseen(missed, given, best))
+    roughly = fits_roughly(best, windows) and explains_most(best, null, windows)  # real machines
+    unknown = unknown or (not roughly and foreseen(missed, given, best))
     unknown = unknown or mispredicts(best, null, windows, clear)
     where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
