@@ -68,10 +68,13 @@ def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
         windows: those of the fits.
         clear: held-out windows without events.
     """
-    if not best.model.named or shrunk(null, best, clear).value >= CLOSED:
+    if not best.model.named:
         return False
-    if fits_roughly(best, windows):
-        return True
+    closed = shrunk(null, best, clear)
+    if fits_roughly(best, windows):  # then it is not the noise that hides what effects are worth
+        return closed.low < CLOSED
+    if closed.value >= CLOSED:
+        return False
     return beyond_noise(best, clear) > FAR * max(1.0, beyond_noise(best, windows))
 
 

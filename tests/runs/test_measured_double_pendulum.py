@@ -25,6 +25,7 @@ def test_the_nominal_plant_is_the_authors_model(run):
 @pytest.mark.slow
 def test_dry_friction_of_both_joints_of_a_real_double_pendulum_is_named(run, data):
     gap = run.find(data / "dfki_double_pendulum")
+    assert gap.verdict == "named"
     dry = {named.target for named in gap.named if named.name == "coulomb_friction"}
     assert dry == {"shoulder", "elbow"}
     assert gap.comparison is not None

@@ -71,20 +71,22 @@ def test_noise_alone_is_nothing_else(nominal: tuple[Fit, Windows]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("closed", "held_out", "fitted", "usual", "bad"),
+    ("closed", "low", "held_out", "fitted", "usual", "bad"),
     [
-        (0.9, 50.0, 1.0, 1.0, False),
-        (0.3, 1.2, 1.0, 1.0, False),
-        (0.3, 4.0, 1.0, 1.0, True),
-        (0.3, 4.0, 3.0, 1.0, False),
-        (0.3, 4.0, 3.0, 50.0, True),
-        (0.9, 4.0, 3.0, 50.0, False),
+        (0.9, 0.8, 50.0, 1.0, 1.0, False),
+        (0.3, 0.2, 1.2, 1.0, 1.0, False),
+        (0.3, 0.2, 4.0, 1.0, 1.0, True),
+        (0.3, 0.2, 4.0, 3.0, 1.0, False),
+        (0.6, 0.2, 4.0, 1.0, 1.0, False),
+        (0.6, 0.2, 4.0, 3.0, 50.0, True),
+        (0.6, 0.55, 4.0, 3.0, 50.0, False),
     ],
 )
 def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     nominal: tuple[Fit, Windows],
     monkeypatch: pytest.MonkeyPatch,
     closed: float,
+    low: float,
     held_out: float,
     fitted: float,
     usual: float,
@@ -96,7 +98,7 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     best = replace(missed(null, windows, usual, usual), model=model, theta=theta)
     clear = windows[:5]
     beyond = {len(windows): fitted, len(clear): held_out}
-    monkeypatch.setattr(verdict, "shrunk", lambda *fits: Interval(closed, closed, closed))
+    monkeypatch.setattr(verdict, "shrunk", lambda *fits: Interval(closed, low, 1.0))
     monkeypatch.setattr(verdict, "beyond_noise", lambda found, some: beyond[len(some)])
     assert verdict.mispredicts(best, null, windows, clear) == bad
     assert not verdict.mispredicts(null, null, windows, clear)
