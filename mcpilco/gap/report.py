@@ -12,6 +12,7 @@ from mcpilco.gap.investigate import Gap
 from mcpilco.gap.where import Disagreement
 
 FORMAT = 1
+HIDDEN = "On these held-out recordings noise hides how much of the gap is closed."
 
 
 def to_json(gap: Gap) -> dict[str, Any]:
@@ -54,6 +55,7 @@ def _error(gap: Gap) -> dict[str, Any] | None:
         "corrected": found.corrected,
         "noise_floor": found.noise_floor,
         "closed": vars(found.closed),
+        "hidden": found.hidden,
         "channels": found.channels,
         "steps": [{"added": step.added, **vars(step.error)} for step in found.steps],
     }
@@ -100,7 +102,9 @@ def summary(gap: Gap) -> list[str]:
     if gap.comparison is not None and gap.mended:
         closed = gap.comparison.closed
         lines.append(
-            f"The gap is closed by {100 * closed.value:.1f} % "
+            HIDDEN
+            if gap.comparison.hidden
+            else f"The gap is closed by {100 * closed.value:.1f} % "
             f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
         )
     if gap.corrected.learned:
@@ -137,6 +141,8 @@ def cautions(gap: Gap) -> list[str]:
         "model explains it: a push, a contact, a fault of the log?"
         for event in gap.events
     ]
+    if gap.comparison is not None and gap.mended and gap.comparison.hidden:
+        said.append(HIDDEN)
     if not set(gap.train).isdisjoint(gap.held_out) and gap.comparison is not None:
         said.append(
             "The errors are of recordings that were fitted too; record three or more to have some "

@@ -97,6 +97,8 @@ class Comparison:
     """of a model without error: noise, and what it does to the estimated start"""
     closed: Interval
     """(nominal - corrected) / (nominal - noise floor); with refit where parameters were freed"""
+    hidden: bool
+    """whether noise hides the gap: the error that shrinks is not surely above the noise floor"""
     channels: dict[str, dict[str, float]]
     """the same by state, in its unit"""
     over_time: dict[str, Float[np.ndarray, " T"]]
@@ -143,6 +145,7 @@ def compare(models: Models, windows: Windows) -> Comparison:
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
         closed=_closed(by_window, models.baseline, draws),
+        hidden=_hidden(by_window, models.baseline, draws),
         channels=channels,
         over_time=growth,
         bands=bands,
@@ -346,3 +349,13 @@ def _closed(
 
     low, high = np.percentile(share(draws), [2.5, 97.5])
     return Interval(float(share(np.ones((1, len(draws[0]))))[0]), float(low), float(high))
+
+
+def _hidden(
+    by_window: Mapping[str, Float[np.ndarray, "W J"]],
+    baseline: str,
+    draws: Float[np.ndarray, "R W"],
+) -> bool:
+    """Whether the 95 % interval of the gap reaches 0, by the block bootstrap."""
+    wrong, floor = (_mean_rms(by_window[name], draws) for name in (baseline, "noise_floor"))
+    return bool(np.percentile(wrong - floor, 2.5) <= 0.0)

@@ -51,8 +51,9 @@ def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) ->
 def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The numbers that one looks for first: a heading and a value each."""
     tiles = [("verdict on the simulation", str(gap["verdict"]).replace("_", " "))]
-    closed = ((gap.get("error") or {}).get("closed") or {}).get("value")
-    if closed is not None and gap["effects"]:
+    error = gap.get("error") or {}
+    closed = (error.get("closed") or {}).get("value")
+    if closed is not None and gap["effects"] and not error.get("hidden"):
         tiles.append(("of the gap is closed", f"{100 * closed:.1f} %"))
     for leg, found in legs.items():
         tiles.append((f"on the system, trained in the {leg} simulation", _short(found.happened)))

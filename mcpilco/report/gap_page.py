@@ -47,7 +47,7 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
     found = gap.comparison
     if found is None:
         return tiles
-    if gap.mended:
+    if gap.mended and not found.hidden:
         closed = found.closed
         ends = f"({100 * closed.low:.1f} to {100 * closed.high:.1f} %)"
         tiles.append((f"of the gap is closed {ends}", f"{100 * closed.value:.1f} %"))

@@ -8,8 +8,9 @@ import pytest
 
 from mcpilco.gap import Gap, show
 from mcpilco.gap.fit import Fit
+from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import Found
-from mcpilco.gap.show import beyond_noise, path
+from mcpilco.gap.show import beyond_noise, compare, path
 from mcpilco.plant import Active
 
 
@@ -39,6 +40,21 @@ def test_errors_over_time_lie_within_their_bands_and_grow_only_without_the_effec
     end = {name: values[-1] for name, values in found.comparison.over_time.items()}
     assert end["nominal"] > 10.0 > 2.0 > end["corrected"]
     assert 0.5 < end["noise_floor"] < 2.0
+
+
+def test_noise_hides_a_gap_that_is_no_larger_than_what_it_does(found: Gap) -> None:
+    assert found.comparison is not None
+    assert found.models is not None
+    assert not found.comparison.hidden
+    assert not any("noise hides" in line for line in [*summary(found), *cautions(found)])
+    mended = replace(found.models.nominal, plant=found.corrected)
+    comparison = compare(replace(found.models, nominal=mended), found.comparison.windows)
+    assert comparison.hidden
+    hidden = replace(found, comparison=comparison)
+    lines = summary(hidden)
+    assert any("noise hides" in line for line in lines)
+    assert not any(line.startswith("The gap is closed") for line in lines)
+    assert any("noise hides" in line for line in cautions(hidden))
 
 
 def test_only_the_corrected_plant_predicts_as_well_as_noise_lets_it(found: Gap) -> None:
