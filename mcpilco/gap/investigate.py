@@ -15,7 +15,7 @@ from mcpilco.gap.fit import Fit, fit, misfits, remembered, settle
 from mcpilco.gap.given import FEWEST, UNCERTAINTY, Given
 from mcpilco.gap.learn import SHORT_S, learn, learned_of, moved
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import Named, certain, weigh
+from mcpilco.gap.name import Named, certain
 from mcpilco.gap.plain import plainer
 from mcpilco.gap.quiet import foreseen, quiet
 from mcpilco.gap.recurrence import recurring
@@ -23,8 +23,8 @@ from mcpilco.gap.refit import finish, refit
 from mcpilco.gap.search import Found, search
 from mcpilco.gap.show import Comparison, Models, compare, path
 from mcpilco.gap.timing import likelier, timings
-from mcpilco.gap.validate import fits_roughly, most_predictive
-from mcpilco.gap.verdict import explains_most, mispredicts, something_else, worth
+from mcpilco.gap.validate import most_predictive
+from mcpilco.gap.verdict import explains_most, mispredicts, settled, something_else, worth
 from mcpilco.gap.where import Disagreement, locate, located
 from mcpilco.gap.windows import SECONDS, Windows
 from mcpilco.plant import Plant
@@ -125,18 +125,16 @@ def investigate(
         everything = _legible(best, _windows(given))
         best, windows, masked = _finished(given, best, everything, everything[:0])
     null = refit(found.null, windows)
-    found, best = certain(found, best, null, windows)
-    named = weigh(found, best, windows)
+    found, best, named = certain(found, best, null, windows)
     missed = events(masked, recordings)
     spans, final = (*pushes, *missed), best
     clear = _clear(given, spans, best)
     unknown = place is not None or something_else(best, null, windows)
-    roughly = fits_roughly(best, windows) and explains_most(best, null, windows)  # real machines
-    unknown = unknown or (not roughly and foreseen(missed, given, best))
+    unknown = unknown or (not settled(best, null, windows) and foreseen(missed, given, best))
     unknown = unknown or mispredicts(best, null, windows, clear)
     where = (*([place] if place else []), *locate(best if unknown else null, windows))
     if unknown and (learned := _learned(given, best, null, windows, masked)) is not None:
-        named = named if explains_most(best, null, windows) else ()
+        named = named if learned.fit.model.named else ()
         spans, final = (*pushes, *learned.spans), learned.fit
         where = (*located(final, windows), *where)
     elif unknown and not worth(best, (null,), clear):

@@ -74,8 +74,10 @@ def rivals(found: Found, active: Active) -> list[Rival]:
     return listed
 
 
-def certain(found: Found, best: Fit, null: Fit, windows: Windows) -> tuple[Found, Fit]:
-    """The search and its best model without effects of which it is not certain that they are there.
+def certain(
+    found: Found, best: Fit, null: Fit, windows: Windows
+) -> tuple[Found, Fit, tuple[Named, ...]]:
+    """The search, its best model and what that names, without effects that may well be none.
 
     A search looks at some windows, and may follow what is in these alone. On all of them the
     interval of such an effect holds the size of none, and without it they are explained as well.
@@ -87,28 +89,25 @@ def certain(found: Found, best: Fit, null: Fit, windows: Windows) -> tuple[Found
         null: the model of no effect, likewise.
         windows: these.
     """
-    priors = found.null.model.priors
-    for active in _doubtful(best, windows):
-        fewer = without(best, active, windows, priors)
-        if Yardstick.of(best, windows).prefers(best, fewer, null):
+    named = weigh(found, best, windows)
+    priors, kept = found.null.model.priors, best
+    for active, estimated in zip(best.model.named, named, strict=True):
+        if not _holds_none(active, estimated):
+            continue
+        fewer = without(kept, active, windows, priors)
+        if Yardstick.of(kept, windows).prefers(kept, fewer, null):
             continue
         searched = without(found.best, active, found.windows, priors)
-        found, best = found.with_best(searched, [*found.fits, searched]), fewer
-    return found, best
+        found, kept = found.with_best(searched, [*found.fits, searched]), fewer
+    return found, kept, named if kept is best else weigh(found, kept, windows)
 
 
-def _doubtful(best: Fit, windows: Windows) -> list[Active]:
-    """Effects whose intervals hold values at which they change nothing."""
-    if not best.model.named:
-        return []
-    low, high = (best.model.told(end[None]) for end in intervals(best, windows))
-    doubtful = []
-    for (active, lows), (_, highs) in zip(low, high, strict=True):
-        neutral = active.effect.neutral
-        within = (lows[0] <= neutral) & (neutral <= highs[0])
-        if within[active.effect.amplitudes].all():
-            doubtful.append(active)
-    return doubtful
+def _holds_none(active: Active, named: Named) -> bool:
+    """Whether the intervals of an effect hold the values at which it changes nothing."""
+    effect = active.effect
+    sizes = [s for s, size in zip(effect.symbols, effect.amplitudes, strict=True) if size]
+    ends = [(named.parameters[symbol.name], symbol.neutral) for symbol in sizes]
+    return all(estimate.low <= neutral <= estimate.high for estimate, neutral in ends)
 
 
 def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:

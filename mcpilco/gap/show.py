@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -129,6 +130,7 @@ def compare(models: Models, windows: Windows) -> Comparison:
     by_window = {name: at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
     draws = _draws(len(windows))
+    drawn = {name: _mean_rms(parts, draws) for name, parts in by_window.items()}
     states = models.nominal.plant.layout.states
     channels = {
         states[2 * j]: {
@@ -144,8 +146,8 @@ def compare(models: Models, windows: Windows) -> Comparison:
     return Comparison(
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
-        closed=_closed(by_window, models.baseline, draws),
-        hidden=_hidden(by_window, models.baseline, draws),
+        closed=_closed(rms, drawn, models.baseline),
+        hidden=bool(np.percentile(drawn[models.baseline] - drawn["noise_floor"], 2.5) <= 0.0),
         channels=channels,
         over_time=growth,
         bands=bands,
@@ -335,27 +337,20 @@ def _draws(W: int) -> Float[np.ndarray, "R W"]:
 
 
 def _closed(
-    by_window: Mapping[str, Float[np.ndarray, "W J"]],
-    baseline: str,
-    draws: Float[np.ndarray, "R W"],
+    rms: Mapping[str, float], drawn: Mapping[str, Float[np.ndarray, " R"]], baseline: str
 ) -> Interval:
-    """The part of the gap that is closed, with an interval by the block bootstrap."""
+    """The part of the gap that is closed, with its interval.
 
-    def share(drawn: np.ndarray) -> np.ndarray:
-        rms = {name: _mean_rms(squares, drawn) for name, squares in by_window.items()}
+    Args:
+        rms: errors, by model.
+        drawn: the same in resamples of the block bootstrap.
+        baseline: from which model the gap is measured.
+    """
+
+    def share(rms: Mapping[str, Any]) -> Float[np.ndarray, "*R"]:
         gap = rms[baseline] - rms["noise_floor"]
         closed = rms[baseline] - rms["corrected"]
         return np.where(gap > 0.0, closed / np.where(gap > 0.0, gap, 1.0), 0.0)
 
-    low, high = np.percentile(share(draws), [2.5, 97.5])
-    return Interval(float(share(np.ones((1, len(draws[0]))))[0]), float(low), float(high))
-
-
-def _hidden(
-    by_window: Mapping[str, Float[np.ndarray, "W J"]],
-    baseline: str,
-    draws: Float[np.ndarray, "R W"],
-) -> bool:
-    """Whether the 95 % interval of the gap reaches 0, by the block bootstrap."""
-    wrong, floor = (_mean_rms(by_window[name], draws) for name in (baseline, "noise_floor"))
-    return bool(np.percentile(wrong - floor, 2.5) <= 0.0)
+    low, high = np.percentile(share(drawn), [2.5, 97.5])
+    return Interval(float(share(rms)), float(low), float(high))

@@ -84,6 +84,14 @@ def explains_most(best: Fit, null: Fit, windows: Windows) -> bool:
     return bool(best.model.named) and left.excess < MOST * gap.excess
 
 
+def settled(best: Fit, null: Fit, windows: Windows) -> bool:
+    """Whether effects explain most of what a machine lacks that no model fits to the noise.
+
+    Of what they leave over there, forces foresee parts in any case.
+    """
+    return fits_roughly(best, windows) and explains_most(best, null, windows)
+
+
 def worth(found: Fit, others: tuple[Fit, ...], clear: Windows) -> bool:
     """Whether a model's error on held-out windows without events is surely less than others'."""
     return all(shrunk(known, found, clear).low > 0.0 for known in others)

@@ -206,7 +206,7 @@ def npy(array: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize("name", ["../x.npy", "a/../../x.npy", "/tmp/x.npy", "..\\x.npy", "x.py"])
+@pytest.mark.parametrize("name", ["../x.npy", "a/../../x.npy", "/x.npy", "..\\x.npy", "x.py"])
 def test_a_member_that_is_no_array_of_the_file_is_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / "folder" / "a.npz"
     path.parent.mkdir()

@@ -12,7 +12,7 @@ from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
-from mcpilco.gap.name import certain, weigh
+from mcpilco.gap.name import certain
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows
 from mcpilco.plant import Active
@@ -52,12 +52,12 @@ def test_effects_that_may_be_none_are_not_named(
 ) -> None:
     nominal, windows = rubbing
     before, best = found(nominal, windows, [FRICTION, *none])
-    search, kept = certain(before, best, before.null, windows)
+    search, kept, names = certain(before, best, before.null, windows)
     assert search.best.model.named == kept.model.named == (FRICTION,)
     assert {frozenset(f.model.named) for f in before.fits} < {
         frozenset(f.model.named) for f in search.fits
     }
-    (named,) = weigh(search, kept, windows)
+    (named,) = names
     assert named.parameters["f_c"].low < 0.1 < named.parameters["f_c"].high
 
 
@@ -67,6 +67,7 @@ def test_an_effect_alone_that_may_be_none_is_not_named(
     nominal, windows = rubbing
     friction = nominal.plant.having([(FRICTION, (0.1, 2e-3))])
     before, best = found(replace(nominal, plant=friction), windows, [SPRING])
-    search, kept = certain(before, best, before.null, windows)
+    search, kept, names = certain(before, best, before.null, windows)
     assert not search.best.model.named
     assert not kept.model.named
+    assert names == ()
