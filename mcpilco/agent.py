@@ -12,6 +12,7 @@ from torch import Tensor
 from mcpilco.callbacks import Callback
 from mcpilco.config import PRESETS, Config
 from mcpilco.engine import rollout_of
+from mcpilco.foresight import Foresight
 from mcpilco.learning import SearchRequest
 from mcpilco.model import Model
 from mcpilco.model_based import ModelBasedAgent
@@ -21,7 +22,7 @@ from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
 from mcpilco.rollout import Problem
 from mcpilco.search import PolicySearch
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, UncertainDynamics
+from mcpilco.typing import Dynamics, Observer, UncertainDynamics
 
 
 class MCPILCO(ModelBasedAgent):
@@ -56,8 +57,7 @@ class MCPILCO(ModelBasedAgent):
         self, trial: int, perception: Perception | None, events: Callback
     ) -> SearchRequest:
         dynamics = self.model.dynamics(self._data)
-        modelled = self.config.estimator.modelled
-        observer = perception.observer if perception is not None and modelled else None
+        observer = self._observer(dynamics, perception)
         task = self._searched
         problem = Problem(
             dynamics=dynamics,
@@ -78,6 +78,14 @@ class MCPILCO(ModelBasedAgent):
         search = PolicySearch(self.config.search, generator, events.on_policy_step)
         return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
 
+    def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
+        """What policies act behind: a state measured in part is estimated, a late one foreseen."""
+        if self.tracker is not None:
+            return Foresight(dynamics, self.model.delay, self.tracker.noise_std)
+        if perception is None or not self.config.estimator.modelled:
+            return None
+        return perception.observer
+
     def _easier(
         self, dynamics: Any, trial: int
     ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
@@ -96,7 +104,7 @@ class MCPILCO(ModelBasedAgent):
     def _searched_start(self) -> Float[Tensor, " X"]:
         """The mean state that the first input acts on; before an episode inputs were 0."""
         start = torch.tensor(self._searched.start_mean, dtype=torch.float64)
-        if self.predictor is None:
+        if self.tracker is None:
             return start
         inputs = start.new_zeros(self.model.memory, len(self.task.input_names))
-        return self.predictor(start, inputs)
+        return self.tracker.ahead(None, start, inputs)

@@ -11,8 +11,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mcpilco.delay import StatePredictor
 from mcpilco.perception import Perception, foreign_state
+from mcpilco.tracking import StateTracker
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 """what acts for one episode, or a batch that begins together"""
@@ -29,8 +29,8 @@ class Controller:
     memory: int = 0
     """how many of the last inputs are remembered; the policy sees them behind the state, newest
     first"""
-    predictor: StatePredictor | None = None
-    """of a late actuator: tells of the state and the last inputs what the policy sees instead"""
+    tracker: StateTracker | None = None
+    """of a late actuator: tells of the episode so far what the policy sees instead of the state"""
 
     def answer(
         self,
@@ -48,8 +48,8 @@ class Controller:
         Raises:
             InputError: the state belongs to other observations.
         """
-        if self.predictor is not None:
-            return self._answer_ahead(self.predictor, observation, state, restart)
+        if self.tracker is not None:
+            return self._answer_ahead(self.tracker, observation, state, restart)
         if self.memory:
             return self._answer_after_inputs(observation, state, restart)
         if self.perception is not None:
@@ -69,21 +69,20 @@ class Controller:
         return inputs, (_newer(inputs, past),)
 
     def _answer_ahead(
-        self, predictor: StatePredictor, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
+        self, tracker: StateTracker, states: Float[np.ndarray, "*b X"], state: Any, restart: Any
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The input, of the state in which it will act; the predictor learns of the episode."""
+        """The input, of the state in which it will act."""
         past, begun = self._past(self.memory + 1, states, state, restart)
         commands = past.reshape(*begun.shape, self.memory + 1, -1)
-        now, steps = torch.as_tensor(states).double(), predictor.no_steps(*begun.shape)
-        if state is not None and steps is not None:
-            if len(state) != 3:
-                raise foreign_state("3 entries", len(state))
-            _, before, known = state
-            steps = (known or steps).then(*predictor.step(before, commands, now), begun)
+        measured = torch.as_tensor(states).double()
+        track = tracker.begin(measured)
+        if state is not None and track is not None:
+            if len(state) != 2:
+                raise foreign_state("2 entries", len(state))
+            track = tracker.follow(state[1] or track, commands, measured, begun)
         with torch.no_grad():
-            ahead = predictor.after(steps)(now, commands[..., :-1, :])
-            inputs = self.policy(ahead).numpy()
-        return inputs, (_newer(inputs, past), now, steps)
+            inputs = self.policy(tracker.ahead(track, measured, commands[..., :-1, :])).numpy()
+        return inputs, (_newer(inputs, past), track)
 
     def _past(
         self, count: int, states: Float[np.ndarray, "*b X"], state: Any, restart: Any

@@ -151,6 +151,13 @@ class GPDynamics:
         mean, variance = self.posterior.mean_and_variance(self.regressors(states, inputs))
         return self.advance(states, inputs, mean + variance.sqrt() * noise)
 
+    def expected(
+        self, states: Float[Tensor, "*b P X"], inputs: Float[Tensor, "*b P U"]
+    ) -> Float[Tensor, "*b P X"]:
+        """The next states, given the changes that the posterior expects."""
+        mean = self.posterior.mean(self.regressors(states, inputs))
+        return self.advance(states, inputs, mean)
+
     def regressors(
         self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
     ) -> Float[Tensor, "*b D"]:

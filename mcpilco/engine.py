@@ -9,10 +9,14 @@ from types import ModuleType
 from mcpilco import batched
 from mcpilco.config import Config
 from mcpilco.estimator import LinearObserver
+from mcpilco.foresight import Foresight
 from mcpilco.rollout import RolloutFunction, rollout
 from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)
+
+KNOWN = (LinearObserver, Foresight)
+"""observers that the compiled loops know"""
 
 
 def rollout_of(
@@ -27,11 +31,10 @@ def rollout_of(
         config: its engine `eager` asks for the plain rollout always, which knows one precision.
         dynamics: the model.
         policy: the policy.
-        observer: what it acts behind, where states are measured in part; the compiled loops know
-            linear estimators.
+        observer: what it acts behind, where it does not see the states.
     """
     fast = None if config.engine == "eager" else _fastest()
-    if observer is not None and (fast is batched or type(observer) is not LinearObserver):
+    if observer is not None and (fast is batched or type(observer) not in KNOWN):
         fast = None
     if fast is None or not fast.supports(dynamics, policy):
         if config.precision == "float32":

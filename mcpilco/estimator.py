@@ -106,9 +106,9 @@ class LinearObserver:
         """Y: one standard normal number for each measurement."""
         return len(self.noise_std)
 
-    def begin(self, *batch: int) -> Float[Tensor, "*b M"]:
-        """What is remembered before the first measurement of an episode."""
-        return self.estimator.begin(*batch)
+    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
+        """What is remembered before the first measurement of an episode, wherever it starts."""
+        return self.estimator.begin(*states.shape[:-1])
 
     def observe(
         self,
@@ -125,3 +125,9 @@ class LinearObserver:
         """
         measured = states @ self.estimator.C.T + self.noise_std * noise
         return self.estimator.update(memory, measured)
+
+    def after(
+        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
+    ) -> Float[Tensor, "*b M"]:
+        """The same: the estimator knows no inputs."""
+        return memory

@@ -124,6 +124,10 @@ class Posterior:
         variance = self.kernel.diag(Xq) - (self.L_inv @ Kq).square().sum(-2)
         return mean.mT, torch.maximum(variance, self.smallest_variance[:, None]).mT
 
+    def mean(self, Xq: Float[Tensor, "*b M D"]) -> Float[Tensor, "*b M E"]:
+        """Mean of the latent function at the queries."""
+        return (self.alpha[:, None, :] @ self.kernel(self.X, Xq[..., None, :, :])).squeeze(-2).mT
+
     def after(self, steps: Samples) -> Further:
         """The posterior given further samples as well.
 

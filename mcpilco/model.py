@@ -13,7 +13,7 @@ from torch import Tensor
 
 from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.delay import Delay, StatePredictor, turning_regressors
+from mcpilco.delay import Delay, turning_regressors
 from mcpilco.dynamics import GPDynamics, full_state, regressors, speed_integration
 from mcpilco.equations.program import Program, Rows, features_of
 from mcpilco.features import AngleAugmentation
@@ -21,8 +21,11 @@ from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.pathwise import PathwisePosterior
 from mcpilco.physics_dynamics import PhysicsDynamics
+from mcpilco.sensor_noise import sensor_noise
 from mcpilco.sparse import subset_of_data
+from mcpilco.state_predictor import StatePredictor
 from mcpilco.task import TaskSpec
+from mcpilco.tracking import StateTracker
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -168,23 +171,26 @@ class Model:
         Args:
             transitions: whose states hold their past inputs, see `Transitions.after_inputs`.
         """
-        states, inputs = torch.from_numpy(transitions.states), torch.from_numpy(transitions.inputs)
         of = self.increment.targets if self.physics is None else self.physics.residuals
         targets = torch.from_numpy(of(transitions))
-        if self.delay.memory:
-            return self._late_regressors(states, inputs), targets
-        return regressors(self.augmentation, self.features, states, inputs), targets
-
-    def _late_regressors(
-        self, states: Float[Tensor, "N S"], inputs: Float[Tensor, "N U"]
-    ) -> Float[Tensor, "N D"]:
-        """[z, command that acts in the step, its change where there is one, features]."""
-        N, U = inputs.shape
-        present, past = states[:, : -U * self.delay.memory], states[:, -U * self.delay.memory :]
-        acting, turned = self.delay.acting(torch.cat([inputs, past], 1).reshape(N, -1, U))
+        law = self.augmentation, self.features
+        if not self.delay.memory:
+            states, inputs = map(torch.from_numpy, (transitions.states, transitions.inputs))
+            return regressors(*law, states, inputs), targets
+        states, commands = self._commands(transitions)
+        acting, turned = self.delay.acting(commands)
         if not self.delay.part:
-            return regressors(self.augmentation, self.features, present, acting)
-        return turning_regressors(self.augmentation, self.features, present, acting, turned)
+            return regressors(*law, states, acting), targets
+        return turning_regressors(*law, states, acting, turned), targets
+
+    def _commands(
+        self, transitions: Transitions
+    ) -> tuple[Float[Tensor, "N X"], Float[Tensor, "N M_plus_1 U"]]:
+        """States, and the commands of the steps from them and of those before, newest first."""
+        states, inputs = torch.from_numpy(transitions.states), torch.from_numpy(transitions.inputs)
+        behind = len(states[0]) - inputs.shape[1] * self.delay.memory
+        commands = torch.cat([inputs, states[:, behind:]], 1)
+        return states[:, :behind], commands.reshape(len(inputs), -1, inputs.shape[1])
 
     def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
         """Learn the hyperparameters from these data; returns the numbers of the fit by name.
@@ -257,17 +263,22 @@ class Model:
             return dynamics
         return PathwisePosterior(dynamics, self.config.path_features)
 
-    def predictor(self, transitions: Transitions | None) -> StatePredictor | None:
+    def tracker(self, transitions: Transitions | None) -> StateTracker | None:
         """What tells policies of a late actuator the state to act on; None where it is prompt.
 
         Args:
-            transitions: all data; None: there are none yet.
+            transitions: all data that the model was fitted to; None: there are none yet.
         """
         if not self.delay.memory:
             return None
-        known = None if transitions is None else self.dynamics(transitions)
-        assert known is None or isinstance(known, GPDynamics), "the configuration has made sure"
-        return StatePredictor(self.delay, known)
+        if transitions is None:
+            return StateTracker(StatePredictor(self.delay, None))
+        known = self.dynamics(transitions)
+        assert isinstance(known, GPDynamics), "the configuration has made sure"
+        states, commands = self._commands(transitions)
+        following = torch.from_numpy(transitions.next_states)[:, : states.shape[1]]
+        predictor = StatePredictor(self.delay, known)
+        return StateTracker(predictor, sensor_noise(predictor, states, commands, following))
 
     def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
         """Largest plausible magnitude of each predicted state; none for one that never moved."""

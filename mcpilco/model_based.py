@@ -63,7 +63,7 @@ class ModelBasedAgent(TrialAgent):
         self.reference_cost = 1.0
         self.fitted_rows = 0
         """how many rows the model was fitted to: those of the last trial are not among them"""
-        self.predictor = self.model.predictor(None)
+        self.tracker = self.model.tracker(None)
         """of the states that policies act on, where the actuator is late"""
 
     @staticmethod
@@ -268,7 +268,7 @@ class ModelBasedAgent(TrialAgent):
         self.transitions = rows if self.transitions is None else self.transitions + rows
 
     def _controller(self, policy: Any, perception: Perception | None) -> Controller:
-        return Controller(policy, perception, self.model.memory, self.predictor)
+        return Controller(policy, perception, self.model.memory, self.tracker)
 
     def on_states(self) -> Act:
         return remembering(self._controller(self.policy, self.perception).answer)
@@ -276,7 +276,7 @@ class ModelBasedAgent(TrialAgent):
     def look_ahead(self) -> None:
         """Predict states by the model and the data it was fitted to, where the actuator is late."""
         known = self._data[: self.fitted_rows] if self.fitted_rows else None
-        self.predictor = self.model.predictor(known)
+        self.tracker = self.model.tracker(known)
 
     def _failed(self, trial: int, reason: str) -> str:
         """The reason on one line, which is also logged."""

@@ -32,10 +32,10 @@ class Particles:
 
 @dataclass(frozen=True)
 class Sensing:
-    """How the particles of a rollout are seen where states are measured in part."""
+    """How the particles of a rollout are seen, where policies do not see their states."""
 
     observer: Observer
-    """a sensor, and the estimator behind it"""
+    """a sensor, and what estimates or predicts behind it"""
     noise: Float[Tensor, "T P Y"]
     """standard normal numbers of the measurements"""
 
@@ -51,8 +51,9 @@ def rollout(
     """The particles' trajectories; gradients flow to the policy's parameters.
 
     The policy sees the particles' states without measurement noise. With `sensing` it sees what an
-    estimator makes of noisy measurements, as it will on the system: each particle is measured, and
-    carries what the estimator remembers of it. So a policy learns to live with noise and delay.
+    estimator or a prediction makes of noisy measurements, as it will on the system: each particle
+    is measured, and carries what is remembered of it. So a policy learns to live with noise and
+    delay.
 
     Args:
         dynamics: the model.
@@ -66,12 +67,14 @@ def rollout(
     38 (6), 2022 (MC-PILCO4PMS).
     """
     states, inputs = [start], []
-    memory = start[:, :0] if sensing is None else sensing.observer.begin(len(start))
+    memory = start[:, :0] if sensing is None else sensing.observer.begin(start)
     for step, normal in enumerate(noise):
         seen = states[-1]
         if sensing is not None:
             seen, memory = sensing.observer.observe(seen, sensing.noise[step], memory)
         inputs.append(policy(seen, dropout, step))
+        if sensing is not None:
+            memory = sensing.observer.after(memory, inputs[-1])
         states.append(dynamics.step(states[-1], inputs[-1], normal))
     return Particles(torch.stack(states), torch.stack(inputs))
 

@@ -85,15 +85,15 @@ class UncertainDynamics(Protocol):
 
 @runtime_checkable
 class Observer(Protocol):
-    """What a rollout needs of a sensor and the estimator behind it."""
+    """What a rollout needs of a sensor, and of what estimates or predicts behind it."""
 
     @property
     def noise_dim(self) -> int:
         """How many standard normal numbers one measurement consumes."""
         ...
 
-    def begin(self, *batch: int) -> Float[Tensor, "*b M"]:
-        """What is remembered before the first measurement of an episode."""
+    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
+        """What is remembered before the first measurement of an episode that starts there."""
         ...
 
     def observe(
@@ -103,6 +103,12 @@ class Observer(Protocol):
         memory: Float[Tensor, "*b M"],
     ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
         """What a policy is told of the states, and what to remember for the next step."""
+        ...
+
+    def after(
+        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
+    ) -> Float[Tensor, "*b M"]:
+        """What to remember once the inputs of the step are known."""
         ...
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.fused.arithmetic import ONCE, OUTERMOST, PLAIN
+from mcpilco.fused.foresight import through_foresight
 from mcpilco.fused.observer import clear, through_estimate
 from mcpilco.fused.policy import activate, augment
 from mcpilco.fused.program import clear_adjoints, load, prepare, run, run_back
@@ -18,6 +19,13 @@ def _copy(source, out):
     for i in range(out.shape[0]):
         for p in range(out.shape[1]):
             out[i, p] = source[i, p]
+
+
+@njit(**PLAIN)
+def _add(more, out):
+    for i in range(out.shape[0]):
+        for p in range(out.shape[1]):
+            out[i, p] += more[i, p]
 
 
 @njit(**ONCE)
@@ -153,12 +161,14 @@ def _compiled(sources: str):
         weights,
         remembered,
         observer,
+        foresight,
         trace,
         memory,
         adjoint,
         drift_memory,
         features_memory,
         observer_memory,
+        foresight_memory,
         moments,
     ):
         """Adjoints of particles, last step first; adds up the policy's moments.
@@ -171,7 +181,8 @@ def _compiled(sources: str):
             mu_t     = dc/du_t + J_u^T B^T lambda_{t+1}
 
         Where the policy acts on estimates, (du/dz)^T mu_t goes through them instead: to the states
-        that were measured, and to the estimates of the step before.
+        that were measured, and to the estimates of the step before. With foresight it goes to what
+        is expected of the states, which then has a lambda of its own.
 
         The activations are computed anew, which takes less time than to store them.
 
@@ -180,12 +191,15 @@ def _compiled(sources: str):
         padded): sum_tp phi_tpb da_tpu [1, z, z^2].
         """
         sources  # noqa: B018
-        width = memory.slope.size
+        outputs, width_x, width = model.B.shape[1], model.A.shape[0], memory.slope.size
+        moved = trace.frozen.shape[1]
         for first in range(start, stop, width):
             last = first + width
             _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
             if observer is not None:
                 clear(observer_memory.expected)
+            if foresight is not None:
+                clear(foresight_memory.current)
             if drift is not None:
                 prepare(drift, first, drift_memory)
             if features is not None:
@@ -195,20 +209,38 @@ def _compiled(sources: str):
                 _copy(gradient_states[t, :, first:last], adjoint.current)
                 _copy(gradient_inputs[t, :, first:last], adjoint.mu)
                 activate(trace.seen[t, :, first:last], first, t, mask, policy, memory)
-                jacobian, frozen = trace.delta_jacobians[t], trace.frozen[t, first:last]
-                jacobian = jacobian[:, :, first:last]
-                state, u = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
-                _through_changes(jacobian, frozen, model, adjoint)
-                if drift is not None:
-                    _through_drift(state, u, frozen, drift, drift_memory, adjoint)
-                else:
-                    _through_flow(frozen, model, adjoint)
-                    if remembered is not None:
-                        _through_memory(frozen, remembered, adjoint)
-                if features is not None:
-                    _through_features(
-                        state, u, jacobian, frozen, features, features_memory, adjoint
-                    )
+                u = trace.inputs[t, :, first:last]
+                if foresight is not None:
+                    _copy(foresight_memory.current, foresight_memory.following)
+                    _copy(adjoint.following, foresight_memory.following[:width_x])
+                    clear(foresight_memory.current)
+                for k in range(moved - 1, -1, -1):
+                    at, to, row = k * width_x, (k + 1) * width_x if k > 0 else 0, k * outputs
+                    if foresight is not None:
+                        _copy(foresight_memory.following[to : to + width_x], adjoint.following)
+                        clear(adjoint.current)
+                    jacobian = trace.delta_jacobians[t, row : row + outputs, :, first:last]
+                    state = trace.states[t, at : at + width_x, first:last]
+                    frozen = trace.frozen[t, k, first:last]
+                    _through_changes(jacobian, frozen, model, adjoint)
+                    if drift is not None:
+                        _through_drift(state, u, frozen, drift, drift_memory, adjoint)
+                    else:
+                        _through_flow(frozen, model, adjoint)
+                        if remembered is not None:
+                            _through_memory(frozen, remembered, adjoint)
+                    if features is not None:
+                        _through_features(
+                            state, u, jacobian, frozen, features, features_memory, adjoint
+                        )
+                    if foresight is not None:
+                        augment(state, policy, foresight_memory.z)
+                        z, current = adjoint.z, adjoint.current
+                        _through_augmentation(policy, foresight_memory.z, z, current)
+                        _copy(current, foresight_memory.current[at : at + width_x])
+                if foresight is not None:
+                    _add(gradient_states[t, :, first:last], adjoint.current)
+                    clear(adjoint.z)
                 if observer is not None:
                     augment(trace.states[t, :, first:last], policy, observer_memory.z)
                     z, current = adjoint.z, adjoint.current
@@ -221,6 +253,11 @@ def _compiled(sources: str):
                     clear(observer_memory.estimates)
                     _through_augmentation(policy, memory.z, adjoint.z, observer_memory.estimates)
                     through_estimate(observer, t, observer_memory, adjoint.current)
+                elif foresight is not None:
+                    told, rows = adjoint.following, foresight_memory.current
+                    clear(told)
+                    _through_augmentation(policy, memory.z, adjoint.z, told)
+                    through_foresight(foresight, told, rows, adjoint.current)
                 else:
                     _through_augmentation(policy, memory.z, adjoint.z, adjoint.current)
                 add_product(memory.phi, adjoint.columns, moments)

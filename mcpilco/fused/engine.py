@@ -13,10 +13,12 @@ from mcpilco.canonical import canonical_features
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import GPDynamics
 from mcpilco.estimator import LinearObserver
+from mcpilco.foresight import Foresight
 from mcpilco.fused import layout
 from mcpilco.fused.backward import backward
 from mcpilco.fused.forward import forward
 from mcpilco.fused.policy import differentiate, prepare
+from mcpilco.fused.seeing import SeeingArrays, seeing_arrays, seeing_memory
 from mcpilco.physics_dynamics import PhysicsDraw
 from mcpilco.policies import SumOfGaussians
 from mcpilco.rollout import Particles, Sensing
@@ -82,15 +84,11 @@ def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layo
     return layout.Mask(dropout.keys(steps), dropout.threshold, scale)
 
 
-def _observer(
-    sensing: Sensing | None, padded: int, dtype: type[np.floating]
-) -> layout.ObserverArrays | None:
-    """None where the policy sees the states: what observes is then not even compiled."""
+def _seeing(sensing: Sensing | None, padded: int, dtype: type[np.floating]) -> SeeingArrays:
     if sensing is None:
-        return None
-    assert isinstance(sensing.observer, LinearObserver), "mcpilco.engine has made sure"
-    noise = _particles_last(sensing.noise, padded, dtype)
-    return layout.observer_arrays(sensing.observer, noise, dtype)
+        return seeing_arrays(None, None)
+    assert isinstance(sensing.observer, LinearObserver | Foresight), "mcpilco.engine has made sure"
+    return seeing_arrays(sensing.observer, _particles_last(sensing.noise, padded, dtype))
 
 
 def _particles_last(array: Float[Tensor, "*b P C"], padded: int, dtype: type) -> np.ndarray:
@@ -115,41 +113,44 @@ class _Rollout(torch.autograd.Function):
         _, count = weights.shape
         z_width = centres.shape[1]
         padded = layout.padded(particles, dtype)
-        observer = _observer(sensing, padded, dtype)
+        seeing = _seeing(sensing, padded, dtype)
         physics = _physics(dynamics, dtype, padded)
         regressors = len(model.middle)
-        path = np.empty((steps + 1, start.shape[1], padded), dtype)
+        moved, width_x = seeing.moved, start.shape[1]
+        path = np.empty((steps + 1, seeing.kept * width_x, padded), dtype)
         trace = layout.Trace(
             states=path,
             inputs=np.empty((steps, count, padded), dtype),
-            delta_jacobians=np.empty((steps, outputs, regressors, padded), dtype),
+            delta_jacobians=np.empty((steps, moved * outputs, regressors, padded), dtype),
             input_jacobians=np.empty((steps, count, z_width, padded), dtype),
-            frozen=np.empty((steps, padded), dtype=np.uint8),
-            seen=path if sensing is None else np.empty_like(path[1:]),
+            frozen=np.empty((steps, moved, padded), dtype=np.uint8),
+            seen=path if sensing is None else np.empty_like(path[1:, :width_x]),
         )
-        trace.states[0] = _particles_last(start, padded, dtype)
-        mask, noise = _mask(dropout, steps, dtype), _particles_last(noise, padded, dtype)
+        trace.states[0] = np.tile(_particles_last(start, padded, dtype), (seeing.kept, 1))
+        further = noise.new_zeros(steps, particles, (moved - 1) * outputs)
+        noise = _particles_last(torch.cat([noise, further], -1), padded, dtype)
+        mask = _mask(dropout, steps, dtype)
         for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
             memory = (
                 layout.policy_memory(controller, width),
                 layout.model_memory(model, width),
                 *layout.physics_memory(physics, width),
-                layout.observer_memory(observer, z_width, width),
+                *seeing_memory(seeing, z_width, width),
             )
-            forward(first, last, noise, mask, controller, model, *physics, observer, trace, *memory)
-        ctx.arrays = mask, controller, model, physics, observer, trace
+            forward(first, last, noise, mask, controller, model, *physics, *seeing, trace, *memory)
+        ctx.arrays = mask, controller, model, physics, seeing, trace
         ctx.particles = particles
         ctx.save_for_backward(centres, log_scale, weights)
         states, inputs = (
             torch.from_numpy(a[..., :particles].astype(np.float64, copy=dtype != np.float64)).mT
-            for a in (trace.states, trace.inputs)
+            for a in (trace.states[:, :width_x], trace.inputs)
         )
         return states, inputs
 
     @staticmethod
     def backward(ctx, gradient_states, gradient_inputs):
-        mask, controller, model, physics, observer, trace = ctx.arrays
-        arrays = mask, controller, model, *physics, observer, trace
+        mask, controller, model, physics, seeing, trace = ctx.arrays
+        arrays = mask, controller, model, *physics, *seeing, trace
         dtype, padded = trace.states.dtype, trace.states.shape[-1]
         count, z_width = trace.input_jacobians.shape[1:3]
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
@@ -159,8 +160,7 @@ class _Rollout(torch.autograd.Function):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
             further = layout.physics_memory(physics, width)
-            seeing = layout.observer_memory(observer, z_width, width)
-            memories = memory, adjoint, *further, seeing
+            memories = memory, adjoint, *further, *seeing_memory(seeing, z_width, width)
             backward(first, last, *gradients, *arrays, *memories, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.fused.arithmetic import ONCE, OUTERMOST
+from mcpilco.fused.foresight import foresee
 from mcpilco.fused.observer import estimate, expect_start
 from mcpilco.fused.policy import act, activate, augment
 from mcpilco.fused.posterior import change
@@ -105,20 +106,23 @@ def _compiled(sources: str):
         weights,
         remembered,
         observer,
+        foresight,
         trace,
         policy_memory,
         model_memory,
         drift_memory,
         features_memory,
         observer_memory,
+        foresight_memory,
     ):
         """Roll particles out, block by block, and fill the trace behind its first states.
 
-        Particles are those from start to stop, in blocks as wide as the memory; noise: (T, E, P).
+        Particles are those from start to stop, in blocks as wide as the memory. With foresight
+        what is expected of them moves behind them, as they do; noise: (T, K E, P), zeros for it.
         """
         sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
-        steps, outputs, _ = noise.shape
-        width = policy_memory.slope.size
+        steps, moved, _ = trace.frozen.shape
+        outputs, width_x, width = model.B.shape[1], model.A.shape[0], policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width
             if observer is not None:
@@ -128,33 +132,42 @@ def _compiled(sources: str):
             if features is not None:
                 prepare(features, first, features_memory)
             for t in range(steps):
-                state, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
+                now, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen = trace.seen[t, :, first:last]
                 if observer is not None:
                     errors = observer.errors[t, :, first:last]
-                    estimate(observer, t, errors, state, observer_memory, seen)
+                    estimate(observer, t, errors, now, observer_memory, seen)
+                if foresight is not None:
+                    foresee(foresight, foresight.errors[t, :, first:last], now, seen)
                 activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
-                x, ones = model_memory.x, model.middle.size
-                if observer is not None:
-                    augment(state, policy, observer_memory.z)
-                    _regress(inputs, observer_memory.z, ones, x)
-                else:
-                    _regress(inputs, policy_memory.z, ones, x)
-                if features is not None:
-                    _regress_features(features, features_memory, state, inputs, ones, x)
-                for e in range(outputs):
-                    jacobian = trace.delta_jacobians[t, e, :, first:last]
-                    eps, own = noise[t, e, first:last], weights[e, :, first:last]
-                    change(e, eps, own, model, model_memory, jacobian)
-                following, frozen = trace.states[t + 1, :, first:last], trace.frozen[t, first:last]
-                if drift is not None:
-                    _drift(drift, drift_memory, state, inputs, following)
-                else:
-                    _flow(model, state, following)
-                    if remembered is not None:
-                        _remember(remembered, inputs, following)
-                _advance(model, model_memory.delta, state, following, frozen)
+                for k in range(moved):
+                    at, to = k * width_x, (k + 1) * width_x if k > 0 else 0
+                    state = trace.states[t, at : at + width_x, first:last]
+                    following = trace.states[t + 1, to : to + width_x, first:last]
+                    x, ones = model_memory.x, model.middle.size
+                    if observer is not None:
+                        augment(state, policy, observer_memory.z)
+                        _regress(inputs, observer_memory.z, ones, x)
+                    elif foresight is not None:
+                        augment(state, policy, foresight_memory.z)
+                        _regress(inputs, foresight_memory.z, ones, x)
+                    else:
+                        _regress(inputs, policy_memory.z, ones, x)
+                    if features is not None:
+                        _regress_features(features, features_memory, state, inputs, ones, x)
+                    for e in range(outputs):
+                        jacobian = trace.delta_jacobians[t, k * outputs + e, :, first:last]
+                        eps, own = noise[t, k * outputs + e, first:last], weights[e, :, first:last]
+                        change(e, eps, own, model, model_memory, jacobian)
+                    if drift is not None:
+                        _drift(drift, drift_memory, state, inputs, following)
+                    else:
+                        _flow(model, state, following)
+                        if remembered is not None:
+                            _remember(remembered, inputs, following)
+                    frozen = trace.frozen[t, k, first:last]
+                    _advance(model, model_memory.delta, state, following, frozen)
 
     return forward
 

@@ -15,7 +15,6 @@ from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics
 from mcpilco.equations import Program
-from mcpilco.estimator import LinearObserver
 from mcpilco.fused.program import live_registers
 from mcpilco.fused.tiles import TALL, pack, strip
 from mcpilco.kernels.base import Term
@@ -135,21 +134,6 @@ class PolicyArrays(NamedTuple):
     """(3, U): centre, half range, scale"""
 
 
-class ObserverArrays(NamedTuple):
-    """A sensor and a linear estimator; without steps where the policy sees the states."""
-
-    A: np.ndarray
-    """(X, X), from an estimate to what is expected of the next step"""
-    C: np.ndarray
-    """(Y, X), from a state to its measurement"""
-    gains: np.ndarray
-    """(T, X, Y)"""
-    start: np.ndarray
-    """(X,), what is expected before any measurement"""
-    errors: np.ndarray
-    """(T, Y, P), of the measurements"""
-
-
 class Mask(NamedTuple):
     """Dropout of the policy's bases."""
 
@@ -165,15 +149,15 @@ class Trace(NamedTuple):
     """What the forward sweep writes and the backward sweep reads; P is padded to whole strips."""
 
     states: np.ndarray
-    """(T + 1, X, P), the first row given"""
+    """(T + 1, X, P), the first row given; behind them what a foresight expects of them"""
     inputs: np.ndarray
     """(T, U, P)"""
     delta_jacobians: np.ndarray
-    """(T, E, D, P), d delta / d [z, u]"""
+    """(T, E, D, P), d delta / d [z, u]; with foresight (T, K E, D, P)"""
     input_jacobians: np.ndarray
     """(T, U, Z, P), du / dz"""
     frozen: np.ndarray
-    """(T, P), 1 where the particle stayed"""
+    """(T, K, P), 1 where the particle stayed, or what is expected of it; else K is 1"""
     seen: np.ndarray
     """(T, X, P), what the policy acts on: estimates, or the states themselves"""
 
@@ -251,19 +235,6 @@ class PhysicsMemory(NamedTuple):
 
     drift: ProgramMemory | None
     features: ProgramMemory | None
-
-
-class ObserverMemory(NamedTuple):
-    """What the estimator needs for one block of particles, on the way forward or back."""
-
-    z: np.ndarray
-    """(Z, P), the augmented states where those of the policy are of estimates"""
-    expected: np.ndarray
-    """(X, P), x- of the next step, or the derivative by it"""
-    surprise: np.ndarray
-    """(Y, P), y - C x-, or the derivative by it"""
-    estimates: np.ndarray
-    """(X, P), the derivative by them"""
 
 
 class AdjointMemory(NamedTuple):
@@ -409,26 +380,6 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     )
 
 
-def observer_arrays(
-    observer: LinearObserver, noise: np.ndarray, dtype: type[np.floating]
-) -> ObserverArrays:
-    """The arrays of an observer.
-
-    Args:
-        observer: a sensor and a linear estimator.
-        noise: its standard normal numbers, (T, Y, P).
-        dtype: precision.
-    """
-    estimator = observer.estimator
-    gains = estimator.gains.numpy()
-    steps = np.minimum(np.arange(len(noise)), len(gains) - 1)
-    A, C, gains, start, std = (
-        np.ascontiguousarray(array, dtype=dtype)
-        for array in (estimator.A, estimator.C, gains[steps], estimator.start, observer.noise_std)
-    )
-    return ObserverArrays(A, C, gains, start, std[:, None] * noise)
-
-
 def rows_of(packed: np.ndarray) -> int:
     """Rows of a packed matrix, padding included."""
     return packed.shape[-3] * packed.shape[-1]
@@ -479,19 +430,6 @@ def model_memory(model: ModelArrays, width: int) -> ModelMemory:
         explained=explained,
         ratio=ratio,
     )
-
-
-def observer_memory(
-    observer: ObserverArrays | None, z_width: int, width: int
-) -> ObserverMemory | None:
-    """Fresh memory for blocks of this width; none where nothing is observed."""
-    if observer is None:
-        return None
-    states, measured = len(observer.start), len(observer.C)
-    z, expected, surprise, estimates = (
-        np.empty((rows, width), observer.A.dtype) for rows in (z_width, states, measured, states)
-    )
-    return ObserverMemory(z, expected, surprise, estimates)
 
 
 def adjoint_memory(model: ModelArrays, policy: PolicyArrays, width: int) -> AdjointMemory:

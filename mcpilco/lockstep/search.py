@@ -109,7 +109,8 @@ def _check(requests: Sequence[SearchRequest]) -> None:
     if any(r.problem.observer is not None for r in requests):
         raise InputError(
             "Seeds run together where policies see the states of the particles, got a task whose "
-            "states are measured in part and estimated; run them one by one, without a device."
+            "states are measured in part, or an actuator that answers late; run them one by one, "
+            "without a device."
         )
     if not all(batched.supports(r.problem.dynamics, r.policy) for r in requests):
         raise InputError(

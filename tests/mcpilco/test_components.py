@@ -12,11 +12,14 @@ import torch
 import envs  # noqa: F401  registers the cart-pole
 from mcpilco.agent import MCPILCO
 from mcpilco.archive import read_groups, write_groups
+from mcpilco.callbacks import Callback
 from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
+from mcpilco.foresight import Foresight
 from mcpilco.history import read_transitions
 from mcpilco.recorder import Recorder
 from mcpilco.run_folder import RunFolder
+from mcpilco.tracking import StateTracker
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.point import TINY
 from tests.mcpilco.test_run_folder import CONFIG
@@ -112,9 +115,11 @@ def test_an_agent_remembers_its_inputs_and_forgets_them_at_a_start():
     np.testing.assert_array_equal(agent.transitions.next_states[:-1][:7], states[1:8])
 
 
-def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on():
+def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on(monkeypatch):
     """As the model predicts it that has learned of the episode's own steps."""
     agent = make_agent("delay").learn(2 * STEPS)
+    certain = torch.eye(4).expand(2, 4, 4)  # states are taken as they are measured
+    monkeypatch.setattr(StateTracker, "_corrected", lambda self, *of: (of[-1], certain))
     seen = []
     agent.policy.forward = lambda states, *rest: seen.append(states) or states[..., :1]
     act = agent.controller()
@@ -133,6 +138,16 @@ def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on()
             ahead = dynamics.advance(ahead, u, mean)
         torch.testing.assert_close(seen[2][b : b + 1], ahead, rtol=1e-5, atol=1e-5)
     assert seen[0].shape == (2, 4)
+
+
+@pytest.mark.parametrize("name", ["delay", "part of a delay"])
+def test_policies_of_a_late_actuator_are_searched_behind_what_they_will_act_behind(name):
+    agent = make_agent(name).learn(2 * STEPS)
+    observer = agent._request(2, None, Callback()).problem.observer
+    assert isinstance(observer, Foresight)
+    assert observer.delay == agent.model.delay
+    assert torch.equal(observer.noise_std, agent.tracker.noise_std)
+    assert (observer.noise_std > 0).all()
 
 
 def test_what_an_episode_has_taught_ends_with_it():

@@ -84,7 +84,7 @@ def test_gradients_flow_through_sensor_and_estimator(task: TaskSpec, kind: str) 
     noise = torch.randn(4, 3, 2, dtype=torch.float64)
 
     def last(states: torch.Tensor) -> torch.Tensor:
-        memory = observer.begin(3)
+        memory = observer.begin(states[0])
         for now, errors in zip(states, noise, strict=True):
             estimate, memory = observer.observe(now, errors, memory)
         return estimate
@@ -99,5 +99,5 @@ def test_observer_measures_with_its_noise(task: TaskSpec) -> None:
     )
     states = torch.tensor([[1.0, 2.0, 3.0, 4.0]], dtype=torch.float64)
     noise = torch.tensor([[1.0, -2.0]], dtype=torch.float64)
-    estimate, _ = observer.observe(states, noise, observer.begin(1))
+    estimate, _ = observer.observe(states, noise, observer.begin(states))
     torch.testing.assert_close(estimate, torch.tensor([[1.1, 0.0, 2.0, 0.0]]).double())

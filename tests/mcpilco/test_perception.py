@@ -50,7 +50,7 @@ def test_the_policy_acts_on_what_the_rollouts_estimate_to_the_last_digit(agent: 
     """The recorded measurements, fed to the observer of the particles, give the inputs applied."""
     record = agent.results[-1].rollout
     observer = agent.perception.adapted(agent.transitions[: -len(record)]).observer
-    memory = observer.begin(1)
+    memory = observer.begin(torch.from_numpy(record.states[:1]))
     for t, applied in enumerate(record.inputs):
         estimate, memory = observer.estimator.update(
             memory, torch.from_numpy(record.observations[t : t + 1])

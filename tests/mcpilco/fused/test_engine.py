@@ -11,10 +11,12 @@ import torch
 
 from mcpilco import fused
 from mcpilco.costs import QuadraticCost, cart_pole_cost
+from mcpilco.delay import Delay
 from mcpilco.dropout import Dropout
 from mcpilco.dynamics import full_state, speed_integration
 from mcpilco.estimator import LinearObserver, differences, kalman
 from mcpilco.features import AngleAugmentation
+from mcpilco.foresight import Foresight
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
 from mcpilco.motion import Motion
 from mcpilco.policies import SumOfGaussians
@@ -33,17 +35,20 @@ def noise_and_start(outputs: int, width: int = 4, particles: int = PARTICLES):
     return 0.3 * torch.randn(particles, width, generator=generator, dtype=torch.float64), noise
 
 
-def value_and_gradients(function, dynamics, policy, cost, dropout, particles=PARTICLES):
+def value_and_gradients(
+    function, dynamics, policy, cost, dropout, particles=PARTICLES, sensing=None
+):
     start, noise = noise_and_start(dynamics.noise_dim, len(dynamics.A), particles)
-    particles = function(dynamics, policy, start, noise, dropout)
+    particles = function(dynamics, policy, start, noise, dropout, sensing)
     value = cost(particles.states[1:], particles.inputs).mean(1).sum()
     gradients = torch.autograd.grad(value, list(policy.parameters()))
     return particles, value, gradients
 
 
-def assert_equal(dynamics, policy, cost, dropout=None, particles=PARTICLES):
-    plain = value_and_gradients(rollout, dynamics, policy, cost, dropout, particles)
-    fast = value_and_gradients(fused.rollout, dynamics, policy, cost, dropout, particles)
+def assert_equal(dynamics, policy, cost, dropout=None, particles=PARTICLES, sensing=None):
+    arguments = dynamics, policy, cost, dropout, particles, sensing
+    plain = value_and_gradients(rollout, *arguments)
+    fast = value_and_gradients(fused.rollout, *arguments)
     torch.testing.assert_close(fast[0].states, plain[0].states, rtol=1e-8, atol=1e-8)
     torch.testing.assert_close(fast[0].inputs, plain[0].inputs, rtol=1e-8, atol=1e-8)
     torch.testing.assert_close(fast[1], plain[1], rtol=1e-8, atol=1e-8)
@@ -94,6 +99,13 @@ def test_equals_plain_rollout_for_any_number_of_particles(task: TaskSpec, partic
     assert_equal(make_dynamics(task), make_policy(task), task.cost, dropout, particles)
 
 
+def seen(observer: LinearObserver | Foresight, particles: int) -> Sensing:
+    """What the policy acts behind, with noise of its own."""
+    generator = torch.Generator().manual_seed(2)
+    shape = STEPS, particles, observer.noise_dim
+    return Sensing(observer, torch.randn(*shape, generator=generator, dtype=torch.float64))
+
+
 @pytest.mark.parametrize("kind", ["kalman", "differences"])
 @pytest.mark.parametrize("particles", [1, 37, 130])
 def test_equals_plain_rollout_behind_an_estimator(
@@ -104,18 +116,20 @@ def test_equals_plain_rollout_behind_an_estimator(
     estimator = differences(positions, 0.3)
     if kind == "kalman":
         estimator = kalman(Motion.of(positions, np.array([0.5, 1.0]), noise_std))
-    generator = torch.Generator().manual_seed(2)
-    errors = torch.randn(STEPS, particles, 2, generator=generator, dtype=torch.float64)
-    sensing = Sensing(LinearObserver(estimator, torch.from_numpy(noise_std)), errors)
-    arguments = make_dynamics(task, bounds=4.0), make_policy(task), task.cost, Dropout(0.25, 5)
-    plain, fast = (
-        value_and_gradients(functools.partial(function, sensing=sensing), *arguments, particles)
-        for function in (rollout, fused.rollout)
-    )
-    torch.testing.assert_close(fast[0].states, plain[0].states, rtol=1e-8, atol=1e-8)
-    torch.testing.assert_close(fast[0].inputs, plain[0].inputs, rtol=1e-8, atol=1e-8)
-    for a, b in zip(fast[2], plain[2], strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-8 * float(b.abs().max()))
+    sensing = seen(LinearObserver(estimator, torch.from_numpy(noise_std)), particles)
+    dynamics, policy = make_dynamics(task, bounds=4.0), make_policy(task)
+    assert_equal(dynamics, policy, task.cost, Dropout(0.25, 5), particles, sensing)
+
+
+@pytest.mark.parametrize("delay", [Delay(0, 0.5), Delay(1), Delay(1, 0.5), Delay(3)])
+@pytest.mark.parametrize("particles", [1, 37, 130])
+def test_equals_plain_rollout_behind_a_foresight(
+    task: TaskSpec, delay: Delay, particles: int
+) -> None:
+    dynamics = make_dynamics(task, bounds=4.0)
+    noise_std = torch.tensor([0.05, 0.1, 0.02, 0.2], dtype=torch.float64)
+    sensing = seen(Foresight(dynamics, delay, noise_std), particles)
+    assert_equal(dynamics, make_policy(task), task.cost, Dropout(0.25, 5), particles, sensing)
 
 
 def test_single_precision_errs_by_its_rounding(task: TaskSpec) -> None:
