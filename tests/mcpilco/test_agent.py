@@ -532,9 +532,13 @@ def test_the_preset_gives_the_numbers_unless_a_config_does() -> None:
 
 @pytest.mark.slow
 def test_the_default_preset_learns_the_swing_up_in_three_trials() -> None:
+    """Two seeds of three: which learn sooner or later depends on a processor's last digits."""
     import envs  # noqa: F401  registers the cart-pole
 
-    agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=0)
-    agent.learn(4 * agent.horizon)
-    assert [result.experience_s for result in agent.results] == [3.0, 6.0, 9.0]
-    assert any(result.success for result in agent.results)
+    learned = []
+    for seed in range(3):
+        agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=seed)
+        agent.learn(4 * agent.horizon)
+        assert [result.experience_s for result in agent.results] == [3.0, 6.0, 9.0]
+        learned.append(any(result.success for result in agent.results))
+    assert sum(learned) >= 2
