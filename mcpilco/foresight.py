@@ -6,6 +6,10 @@ model expects of them from a measurement that is as old as the delay, and that d
 what happened since and was not expected, and by what the way has made of the measurement's noise.
 Policies that were searched as if they were told the states themselves answer such differences too
 strongly.
+
+On the system predictions are better than here, for they begin at what all measurements say of a
+state, the model learns in the episode, and part of a step is not a whole one: a policy is searched
+for more errors than it will meet.
 """
 
 from __future__ import annotations
@@ -28,9 +32,9 @@ class Foresight:
 
         x~_0 = x + noise,    x~_k of the next step = f(x~_(k-1), u),    f the mean of the model,
 
-    a policy is told x~_d, which for a delay of d = w + p steps is (1 - p) x~_w + p x~_(w+1).
+    a policy is told x~_d, the delay d rounded up to whole steps.
 
-    It remembers x~_0, x~_1, ... in one row. What is expected when an episode begins are the states
+    It remembers x~_0, ... x~_d in one row. What is expected when an episode begins are the states
     where it does.
     """
 
@@ -44,15 +48,6 @@ class Foresight:
     def noise_dim(self) -> int:
         """X: one standard normal number for each measurement."""
         return len(self.noise_std)
-
-    @property
-    def shares(self) -> Float[Tensor, " M"]:
-        """Of x~_0, x~_1, ... in what a policy is told [-]."""
-        shares = self.noise_std.new_zeros(self.delay.memory + 1)
-        shares[self.delay.whole] = 1.0 - self.delay.part
-        if self.delay.part:
-            shares[self.delay.whole + 1] = self.delay.part
-        return shares
 
     def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
         """What is remembered before the first measurement of an episode that starts there."""
@@ -73,16 +68,14 @@ class Foresight:
         """
         X = states.shape[-1]
         memory = torch.cat([states + self.noise_std * noise, memory[..., X:]], -1)
-        expected = memory.unflatten(-1, (-1, X))
-        return (self.shares[:, None] * expected).sum(-2), memory
+        return memory[..., -X:], memory
 
     def after(
         self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
     ) -> Float[Tensor, "*b M"]:
         """What is expected of the next states, behind a place for their measurement."""
         X = len(self.noise_std)
-        expected = memory.unflatten(-1, (-1, X))
-        asked = expected[..., :-1, :]
+        asked = memory.unflatten(-1, (-1, X))[..., :-1, :]
         told = inputs[..., None, :].expand(*asked.shape[:-1], -1)
         following = self.dynamics.expected(asked, told).flatten(-2)
         return torch.cat([memory[..., :X], following], -1)

@@ -254,10 +254,10 @@ def _compiled(sources: str):
                     _through_augmentation(policy, memory.z, adjoint.z, observer_memory.estimates)
                     through_estimate(observer, t, observer_memory, adjoint.current)
                 elif foresight is not None:
-                    told, rows = adjoint.following, foresight_memory.current
-                    clear(told)
+                    rows = foresight_memory.current
+                    told = rows[rows.shape[0] - width_x :]
                     _through_augmentation(policy, memory.z, adjoint.z, told)
-                    through_foresight(foresight, told, rows, adjoint.current)
+                    through_foresight(rows, adjoint.current)
                 else:
                     _through_augmentation(policy, memory.z, adjoint.z, adjoint.current)
                 add_product(memory.phi, adjoint.columns, moments)

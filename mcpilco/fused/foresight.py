@@ -1,8 +1,8 @@
 """What a policy is told where a model foresees the states in which inputs act, compiled.
 
-    x~_0 = x + e,    told: sum_k share_k x~_k
+    x~_0 = x + e,    told: x~_d
 
-The rows of a particle are [x, x~_0, x~_1, ...]; the loops move x~_0, x~_1, ... as they move x,
+The rows of a particle are [x, x~_0, ... x~_d]; the loops move x~_0, x~_1, ... as they move x,
 without noise.
 """
 
@@ -14,31 +14,21 @@ from mcpilco.fused.arithmetic import ONCE
 
 
 @njit(**ONCE)
-def foresee(foresight, errors, rows, told):
+def foresee(errors, rows, told):
     """The measurements of a block, among its rows, and what a policy is told of its states."""
-    shares, width = foresight.shares, errors.shape[0]
+    width, last = errors.shape[0], rows.shape[0] - errors.shape[0]
     for i in range(width):
         for p in range(errors.shape[1]):
             rows[width + i, p] = rows[i, p] + errors[i, p]
-            told[i, p] = 0.0
-    for k in range(shares.size):
-        for i in range(width):
-            for p in range(errors.shape[1]):
-                told[i, p] += shares[k] * rows[(k + 1) * width + i, p]
+    for i in range(width):
+        for p in range(errors.shape[1]):
+            told[i, p] = rows[last + i, p]
 
 
 @njit(**ONCE)
-def through_foresight(foresight, told, rows, current):
-    """From what a policy is told to the rows, and from the measurements to the states.
-
-    All derivatives; the rows of what is expected are added to, and then those of the measurements
-    to the states.
-    """
-    shares, width = foresight.shares, current.shape[0]
-    for k in range(shares.size):
-        for i in range(width):
-            for p in range(current.shape[1]):
-                rows[(k + 1) * width + i, p] += shares[k] * told[i, p]
+def through_foresight(rows, current):
+    """From the measurements to the states, which are added to; all derivatives."""
+    width = current.shape[0]
     for i in range(width):
         for p in range(current.shape[1]):
             current[i, p] += rows[width + i, p]

@@ -138,7 +138,7 @@ def _compiled(sources: str):
                     errors = observer.errors[t, :, first:last]
                     estimate(observer, t, errors, now, observer_memory, seen)
                 if foresight is not None:
-                    foresee(foresight, foresight.errors[t, :, first:last], now, seen)
+                    foresee(foresight.errors[t, :, first:last], now, seen)
                 activate(seen, first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
                 for k in range(moved):

@@ -31,14 +31,14 @@ class ObserverArrays(NamedTuple):
 class ForesightArrays(NamedTuple):
     """What a policy is told where it acts on what a model expects of the states.
 
-    K things move in a step: the states, and behind them what was expected of them 0, 1, ... K - 2
-    steps before.
+    K things move in a step: the states, and behind them what is expected of them by the
+    measurements of 0, 1, ... K - 2 steps before.
     """
 
     errors: np.ndarray
     """(T, X, P), of the measurements"""
-    shares: np.ndarray
-    """(K,), of what is expected by the measurements of 0, 1, ... K - 1 steps before"""
+    ahead: int
+    """K - 1, steps from a measurement to the state that a policy is told"""
 
 
 class SeeingArrays(NamedTuple):
@@ -50,7 +50,7 @@ class SeeingArrays(NamedTuple):
     @property
     def moved(self) -> int:
         """K, how many things move in a step."""
-        return 1 if self.foresight is None else len(self.foresight.shares)
+        return 1 if self.foresight is None else self.foresight.ahead + 1
 
     @property
     def kept(self) -> int:
@@ -95,8 +95,9 @@ def seeing_arrays(
         return SeeingArrays(None, None)
     if isinstance(observer, LinearObserver):
         return SeeingArrays(_observer(observer, noise), None)
-    std, shares = (a.numpy().astype(noise.dtype) for a in (observer.noise_std, observer.shares))
-    return SeeingArrays(None, ForesightArrays(std[:, None] * noise, shares))
+    std = observer.noise_std.numpy().astype(noise.dtype)
+    foresight = ForesightArrays(std[:, None] * noise, observer.delay.memory)
+    return SeeingArrays(None, foresight)
 
 
 def _observer(observer: LinearObserver, noise: np.ndarray) -> ObserverArrays:
@@ -136,7 +137,7 @@ def _foresight_memory(
 ) -> ForesightMemory | None:
     if foresight is None:
         return None
-    rows = foresight.errors.shape[1] * (len(foresight.shares) + 1)
+    rows = foresight.errors.shape[1] * (foresight.ahead + 2)
     z, following, current = (
         np.empty((count, width), foresight.errors.dtype) for count in (z_width, rows, rows)
     )
