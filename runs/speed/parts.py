@@ -151,7 +151,20 @@ def _each_step(part):
 
     @_loop
     def sweep(
-        start, stop, noise, mask, policy, model, drift, features, own, past, seen, trace, *memories
+        start,
+        stop,
+        noise,
+        mask,
+        policy,
+        model,
+        drift,
+        features,
+        own,
+        past,
+        observer,
+        foresight,
+        trace,
+        *memories,
     ):
         policy_memory = memories[0]
         width = policy_memory.slope.size
@@ -167,7 +180,20 @@ def _each_output(part):
 
     @_loop
     def sweep(
-        start, stop, noise, mask, policy, model, drift, features, own, past, seen, trace, *memories
+        start,
+        stop,
+        noise,
+        mask,
+        policy,
+        model,
+        drift,
+        features,
+        own,
+        past,
+        observer,
+        foresight,
+        trace,
+        *memories,
     ):
         policy_memory, model_memory = memories[:2]
         width = policy_memory.slope.size
