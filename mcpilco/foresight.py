@@ -22,6 +22,7 @@ from torch import Tensor
 
 from mcpilco.delay import Delay
 from mcpilco.dynamics import GPDynamics
+from mcpilco.state_predictor import for_each
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,5 @@ class Foresight:
         """What is expected of the next states, behind a place for their measurement."""
         X = len(self.noise_std)
         asked = memory.unflatten(-1, (-1, X))[..., :-1, :]
-        told = inputs[..., None, :].expand(*asked.shape[:-1], -1)
-        following = self.dynamics.expected(asked, told).flatten(-2)
+        following = self.dynamics.expected(asked, for_each(asked, inputs)).flatten(-2)
         return torch.cat([memory[..., :X], following], -1)

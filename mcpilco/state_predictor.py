@@ -185,7 +185,7 @@ class StatePredictor:
     ) -> Float[Tensor, "*b N X"]:
         """After a step in which an input is held."""
         delta = self._change(states, inputs)
-        return self.dynamics.advance(states, _for_each(states, inputs), delta)
+        return self.dynamics.advance(states, for_each(states, inputs), delta)
 
     def _switched(
         self,
@@ -202,7 +202,7 @@ class StatePredictor:
         p, known = self._delay.part, self.dynamics
         delta = self._change(states, (1 - p) * new + p * old, new - old)
         sooner = self._change(states, old) - self._change(states, new)
-        following = known.advance(states, _for_each(states, new), delta)
+        following = known.advance(states, for_each(states, new), delta)
         return following + p * (1 - p) * sooner @ _integrated(known.increment).T
 
     def _begun(
@@ -233,8 +233,8 @@ class StatePredictor:
             inputs: mean of those that act in it.
             turned: by how much they change in it; None: not at all.
         """
-        change = None if turned is None else _for_each(states, turned)
-        asked = self._asked(states, _for_each(states, inputs), change)
+        change = None if turned is None else for_each(states, turned)
+        asked = self._asked(states, for_each(states, inputs), change)
         return (self._learned or self.dynamics.posterior).mean(asked)
 
     def _asked(
@@ -251,7 +251,7 @@ class StatePredictor:
         return turning_regressors(*law, states, inputs, turned)
 
 
-def _for_each(
+def for_each(
     states: Float[Tensor, "*b N X"], inputs: Float[Tensor, "*b U"]
 ) -> Float[Tensor, "*b N U"]:
     """The same inputs for each of N states."""

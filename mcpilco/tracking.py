@@ -65,8 +65,13 @@ class StateTracker:
         if not self._predictor.knows:
             return None
         batch = measured.shape[:-1]
-        first = torch.diag(self.noise_std.square()).expand(*batch, -1, -1)
+        first = self._noise.expand(*batch, -1, -1)
         return Track(measured, first, self._predictor.no_steps(*batch))
+
+    @property
+    def _noise(self) -> Float[Tensor, "X X"]:
+        """R."""
+        return torch.diag(self.noise_std.square())
 
     @torch.no_grad()
     def follow(
@@ -85,11 +90,10 @@ class StateTracker:
             begun: for which of the batch it is the first of an episode, whatever the track says.
         """
         states, covariance = self._corrected(track, commands, measured)
-        first = torch.diag(self.noise_std.square())
         usable = states.isfinite().all(-1) & covariance.isfinite().all(-1).all(-1) & ~begun
         return Track(
             torch.where(usable[..., None], states, measured),
-            torch.where(usable[..., None, None], covariance, first),
+            torch.where(usable[..., None, None], covariance, self._noise),
             track.steps.then(*self._predictor.step(track.states, commands, measured), begun),
         )
 
@@ -107,7 +111,7 @@ class StateTracker:
         F = ((further - expected) / self.noise_std[:, None]).mT
         expected = expected[..., 0, :]
         Q = known.covariance(track.states, commands, expected)
-        P, R = F @ track.covariance @ F.mT + Q, torch.diag(self.noise_std.square())
+        P, R = F @ track.covariance @ F.mT + Q, self._noise
         K = torch.linalg.solve_ex(P + R, P).result.mT  # P and R are symmetric
         rest = torch.eye(width) - K
         # Joseph's form: stays symmetric and positive

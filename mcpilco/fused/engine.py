@@ -91,11 +91,13 @@ def _seeing(sensing: Sensing | None, padded: int, dtype: type[np.floating]) -> S
     return seeing_arrays(sensing.observer, _particles_last(sensing.noise, padded, dtype))
 
 
-def _particles_last(array: Float[Tensor, "*b P C"], padded: int, dtype: type) -> np.ndarray:
-    """(*b, C, padded) of (*b, P, C), zeros behind the last particle."""
+def _particles_last(
+    array: Float[Tensor, "*b P C"], padded: int, dtype: type, rows: int | None = None
+) -> np.ndarray:
+    """(*b, rows, padded) of (*b, P, C), zeros behind the last particle and behind C rows."""
     *batch, particles, components = array.shape
-    out: np.ndarray = np.zeros((*batch, components, padded), dtype=dtype)
-    out[..., :particles] = array.mT.numpy()
+    out: np.ndarray = np.zeros((*batch, rows or components, padded), dtype=dtype)
+    out[..., :components, :particles] = array.mT.numpy()
     return out
 
 
@@ -127,8 +129,7 @@ class _Rollout(torch.autograd.Function):
             seen=path if sensing is None else np.empty_like(path[1:, :width_x]),
         )
         trace.states[0] = np.tile(_particles_last(start, padded, dtype), (seeing.kept, 1))
-        further = noise.new_zeros(steps, particles, (moved - 1) * outputs)
-        noise = _particles_last(torch.cat([noise, further], -1), padded, dtype)
+        noise = _particles_last(noise, padded, dtype, moved * outputs)
         mask = _mask(dropout, steps, dtype)
         for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
             memory = (
