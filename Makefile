@@ -33,7 +33,7 @@ test: $(DEV_READY) ## run the tests that take seconds
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
 
 test-slow: $(DEV_READY) ## run the tests that take minutes
-	$(BIN)/python -m pytest -n 2 -m slow $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m slow $(ARGS)
 
 check: $(DEV_READY) ## look at format, style, types, spelling and imports; change nothing
 	$(BIN)/ruff format --check .
