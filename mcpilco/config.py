@@ -42,6 +42,8 @@ class Checked:
         for name, hint in get_type_hints(type(self)).items():
             value, kind = getattr(self, name), getattr(hint, "__name__", hint)
             expected = str(hint if get_args(hint) else kind).replace("typing.", "")
+            endless = isinstance(value, float) and not math.isfinite(value)
+            expected += " and finite" if endless else ""
             _require(
                 _fits(value, hint),
                 f"{type(self).__name__}.{name} must be of type {expected}, got {value!r}.",

@@ -81,7 +81,10 @@ def test_every_config_survives_json(config: Config) -> None:
         ({"engine": "gpu"}, "Config.engine must be of type Literal"),
         ({"model": 5}, "ModelConfig must be an object with named entries, got 5."),
         ({"model": {"kernel": "matern"}}, "kernel must be a sum of different parts"),
-        ({"model": {"noise_floor": float("nan")}}, "ModelConfig.noise_floor"),
+        (
+            {"model": {"noise_floor": float("nan")}},
+            "must be of type float and finite, got nan",
+        ),
         ({"model": {"sampling": "paths"}}, "ModelConfig.sampling must be of type Literal"),
         ({"policy": {"span": "wide"}}, "PolicyConfig.span"),
         ({"search": {"steps": 5}}, "SearchConfig.steps must be of type tuple"),
