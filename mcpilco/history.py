@@ -248,7 +248,7 @@ def _prediction(arrays: Mapping[str, np.ndarray], rollout: Rollout) -> Predictio
     )
 
 
-def _shaped(array: np.ndarray, shape: tuple[int, ...]) -> Float[np.ndarray, ...]:
+def _shaped(array: np.ndarray, shape: tuple[int, ...]) -> Float[np.ndarray, "*shape"]:
     """The array in double precision, or a ValueError where its shape is another."""
     if array.shape != shape:
         raise ValueError(f"expected an array of shape {shape}, got {array.shape}")

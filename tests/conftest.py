@@ -18,6 +18,12 @@ shapes.install()
 torch.set_num_threads(1)
 
 
+@pytest.fixture(autouse=True)
+def checked_shapes() -> None:
+    """Each test checks the shapes of what it calls, however often others have called it."""
+    shapes.begin_test()
+
+
 @pytest.fixture
 def unchecked_shapes() -> Iterator[None]:
     """Let wrong shapes through to the code's own checks, as in use."""
