@@ -18,8 +18,8 @@ shapes.install()
 torch.set_num_threads(1)
 
 
-@pytest.fixture(autouse=True)
-def checked_shapes() -> None:
+@pytest.hookimpl(tryfirst=True)  # before the fixtures of a whole module, which call much
+def pytest_runtest_setup() -> None:
     """Each test checks the shapes of what it calls, however often others have called it."""
     shapes.begin_test()
 

@@ -1,7 +1,7 @@
 """Shapes are checked while the tests run: jaxtyping's annotations, enforced by beartype.
 
-Of each function the first calls in a test are: checks took a third of the time of all tests, and
-the hundredth step of a search seldom has other shapes than the first.
+Of each function the first calls in a test are: with checks of all calls tests took 1.4 to 1.6 times
+as long, and the hundredth step of a search seldom has other shapes than the first.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def test_every_config_survives_json(config: Config) -> None:
         ({"model": {"kernel": "matern"}}, "kernel must be a sum of different parts"),
         (
             {"model": {"noise_floor": float("nan")}},
-            "must be of type float and finite, got nan",
+            "ModelConfig.noise_floor must be of type float and finite, got nan",
         ),
         ({"model": {"sampling": "paths"}}, "ModelConfig.sampling must be of type Literal"),
         ({"policy": {"span": "wide"}}, "PolicyConfig.span"),
