@@ -1,14 +1,14 @@
 """Other agents on the same protocol; importing this package registers their algorithms.
 
 import baselines
-from mcpilco.algorithms import find
+from mcpilco.agent.algorithms import find
 
 PILCO = find("pilco")
 """
 
 from __future__ import annotations
 
-from mcpilco import algorithms
+from mcpilco.agent import algorithms
 
 # named only, so that torch is loaded where it is used
 algorithms.register("pilco", "baselines.pilco.agent:PILCO")

@@ -1,4 +1,4 @@
-"""PILCO's own cost of the cart-pole, beside those of `mcpilco.costs`."""
+"""PILCO's own cost of the cart-pole, beside those of `mcpilco.policies.costs`."""
 
 from __future__ import annotations
 

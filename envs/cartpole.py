@@ -17,8 +17,8 @@ from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
 from envs.system import System
-from mcpilco.costs import cart_pole_cost
-from mcpilco.plant import Plant
+from mcpilco.plant.plant import Plant
+from mcpilco.policies.costs import cart_pole_cost
 from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
@@ -88,7 +88,7 @@ class CartPoleSwingUpEnv(SwingUpEnv):
 
         cost = 1 - exp( -(q1 / 1.5 m)^2 - ((|q2| - pi) / 1 rad)^2 )
 
-    of `mcpilco.costs.cart_pole_cost`.
+    of `mcpilco.policies.costs.cart_pole_cost`.
 
     ## Starting State
 
@@ -121,7 +121,8 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     A wrong value raises `mcpilco.typing.InputError`.
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.correction.Correction`. The constants above are then the
+    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
+    then the
     nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
     observation, before its noise; `info["state"]` stays the true state, and the force of the cost
     the one that was asked for. Before an episode the motor was off.

@@ -22,7 +22,7 @@ from envs.look import (
     hanging,
     upright,
 )
-from mcpilco.visual.scene import Pose, Scene, Shape
+from mcpilco.show.scene import Pose, Scene, Shape
 
 CART_COLOR = (64, 84, 120)
 

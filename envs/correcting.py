@@ -8,8 +8,8 @@ from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
 from envs.equations import EquationsOfMotion
-from mcpilco.correction import Correction, corrected, correction_from, read_correction
-from mcpilco.plant import Plant
+from mcpilco.plant.correction import Correction, corrected, correction_from, read_correction
+from mcpilco.plant.plant import Plant
 from mcpilco.typing import InputError
 
 Effects = str | os.PathLike[str] | Mapping[str, Any] | Correction
@@ -45,5 +45,5 @@ def _read(effects: Effects) -> Correction:
         return read_correction(os.fspath(effects))
     raise InputError(
         "effects must be a file such as gap/corrected.json, what such a file holds, or a "
-        f"mcpilco.correction.Correction, got {effects!r}."
+        f"mcpilco.plant.correction.Correction, got {effects!r}."
     )

@@ -21,8 +21,8 @@ from envs.double_pendulum_views import picture, scene
 from envs.plants import acrobot, pendubot
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
-from mcpilco.costs import SaturatingCost
-from mcpilco.plant import Plant
+from mcpilco.plant.plant import Plant
+from mcpilco.policies.costs import SaturatingCost
 from mcpilco.typing import Cost
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
@@ -127,7 +127,7 @@ class PendubotEnv(DoublePendulumEnv):
 
         cost = 1 - exp( -((|q1| - pi) / 1.5 rad)^2 - (q2 / 0.75 rad)^2 )
 
-    a `mcpilco.costs.SaturatingCost`.
+    a `mcpilco.policies.costs.SaturatingCost`.
 
     ## Starting State
 
@@ -164,7 +164,8 @@ class PendubotEnv(DoublePendulumEnv):
     A wrong value raises `mcpilco.typing.InputError`.
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.correction.Correction`. The constants above are then the
+    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
+    then the
     nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
     observation, before its noise; `info["state"]` stays the true state, and the torque of the cost
     the one that was asked for. Before an episode the motor was off.

@@ -20,7 +20,7 @@ from envs.look import (
     hanging,
     twist,
 )
-from mcpilco.visual.scene import Pose, Scene, Shape
+from mcpilco.show.scene import Pose, Scene, Shape
 
 # sizes in lengths of both links together [-], so that one of any size looks the same
 JOINT_RADIUS = 0.05

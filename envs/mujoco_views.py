@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from envs.look import HEIGHT, INPUT_COLOR, WIDTH
 from envs.offscreen import Offscreen
-from mcpilco.visual.scene import Pose, Scene, Shape
+from mcpilco.show.scene import Pose, Scene, Shape
 
 _KINDS: dict[mujoco.mjtGeom, tuple[Literal["box", "capsule", "sphere"], tuple[int, ...]]] = {
     mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", (0,)),

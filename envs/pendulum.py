@@ -16,7 +16,7 @@ from envs.pendulum_views import picture, scene
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
-from mcpilco.costs import SaturatingCost
+from mcpilco.policies.costs import SaturatingCost
 from mcpilco.typing import Cost
 
 COST = SaturatingCost((0,), (math.pi,), (1.0,), (True,))
@@ -78,7 +78,7 @@ class PendulumEnv(SwingUpEnv):
 
         cost = 1 - exp( -((|q| - pi) / 1 rad)^2 )
 
-    a `mcpilco.costs.SaturatingCost`.
+    a `mcpilco.policies.costs.SaturatingCost`.
 
     ## Starting State
 
@@ -108,7 +108,8 @@ class PendulumEnv(SwingUpEnv):
     A wrong value raises `mcpilco.typing.InputError`.
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.correction.Correction`. The constants above are then the
+    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
+    then the
     nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
     observation, before its noise; `info["state"]` stays the true state, and the torque of the cost
     the one that was asked for. Before an episode the motor was off.

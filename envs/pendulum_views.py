@@ -20,7 +20,7 @@ from envs.look import (
     twist,
 )
 from envs.pendulum_dynamics import PendulumDynamics
-from mcpilco.visual.scene import Pose, Scene, Shape
+from mcpilco.show.scene import Pose, Scene, Shape
 
 # sizes in lengths of the pendulum [-], so that one of any size looks the same
 MASS_RADIUS = 0.11

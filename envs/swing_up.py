@@ -15,7 +15,7 @@ from envs.checks import read_array, require_positive
 from envs.judge import UprightJudge, looks
 from envs.motion import CorrectedMotion, Motion, NominalMotion
 from envs.system import System
-from mcpilco.plant import Plant
+from mcpilco.plant.plant import Plant
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
@@ -52,8 +52,8 @@ class SwingUp:
         require_positive("dt", self.dt, "s")
         if not callable(self.cost):
             raise InputError(
-                "cost must be callable on (states, inputs), as a mcpilco.costs.SaturatingCost is, "
-                f"got {self.cost!r}."
+                "cost must be callable on (states, inputs), as a "
+                f"mcpilco.policies.costs.SaturatingCost is, got {self.cost!r}."
             )
 
     @property

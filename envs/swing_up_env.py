@@ -11,8 +11,8 @@ from gymnasium.error import ResetNeeded
 from jaxtyping import Float, UInt8
 
 from envs.swing_up import SwingUp, read_start
+from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError
-from mcpilco.visual.scene import Scene
 
 Picture = Callable[[Float[np.ndarray, " X"], float], UInt8[np.ndarray, "H W 3"]]
 """draws a state, and the input relative to its limit, in [-1, 1]"""

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mcpilco.agent import MCPILCO
+    from mcpilco.agent.agent import MCPILCO
     from mcpilco.config import PRESETS, Config
     from mcpilco.data import Rollout, Transitions
     from mcpilco.task import TaskSpec
@@ -22,7 +22,7 @@ __all__ = ["MCPILCO", "PRESETS", "Config", "Rollout", "TaskSpec", "Transitions"]
 __version__ = "0.1.0"
 
 _HOMES = {
-    "MCPILCO": "mcpilco.agent",
+    "MCPILCO": "mcpilco.agent.agent",
     "PRESETS": "mcpilco.config",
     "Config": "mcpilco.config",
     "Rollout": "mcpilco.data",

@@ -94,8 +94,8 @@ class ModelConfig(Checked):
     mean: Literal["zero", "physics"] = "zero"
     """of the GPs; physics: the plant's equations, whose parameters are learned"""
     plant: dict | None = None
-    """the plant that physics and features are of, as a file of `mcpilco.correction` says it: name,
-    parameters, effects; None: the one with the task's states and inputs, as it is"""
+    """the plant that physics and features are of, as a file of `mcpilco.plant.correction` says it:
+    name, parameters, effects; None: the one with the task's states and inputs, as it is"""
     uncertainty: float = 0.2
     """prior standard deviation of the logarithms of the plant's uncertain parameters [-]"""
     plant_step: float = 0.025
@@ -176,7 +176,7 @@ class ModelConfig(Checked):
 
 @dataclass(frozen=True)
 class PolicyConfig(Checked):
-    """The policy `mcpilco.policies.SumOfGaussians`, and its random start."""
+    """The policy `mcpilco.policies.policies.SumOfGaussians`, and its random start."""
 
     bases: int = 100
     """number of Gaussians"""

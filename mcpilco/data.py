@@ -94,7 +94,8 @@ class Rollout:
     states: Float[np.ndarray, "T_plus_1 X"] | None = None
     """true states, where the env tells them in `info["state"]`"""
     outcome: Mapping[str, float] = field(default_factory=dict)
-    """the env's own measures of the episode at its last step, see `mcpilco.episode.OUTCOMES`"""
+    """the env's own measures of the episode at its last step, see
+    `mcpilco.agent.episode.OUTCOMES`"""
     estimates: Float[np.ndarray, "T_plus_1 X"] | None = None
     """where states are measured in part: what was known of them at each step, by then"""
     smoothed: Float[np.ndarray, "T_plus_1 X"] | None = None

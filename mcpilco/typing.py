@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-    from mcpilco.dropout import Dropout
+    from mcpilco.policies.dropout import Dropout
 
 
 class McPilcoError(Exception):

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 import mcpilco
-from mcpilco.costs import cart_pole_cost
+from mcpilco.policies.costs import cart_pole_cost
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -69,7 +69,7 @@ def test_the_command_line_loads_nothing_slow() -> None:
 
 
 def test_importing_the_package_does_not_import_envs() -> None:
-    code = "import sys, mcpilco.agent; print({'envs', 'baselines'} & set(sys.modules))"
+    code = "import sys, mcpilco.agent.agent; print({'envs', 'baselines'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.strip() == "set()", done.stderr
 

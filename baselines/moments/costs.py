@@ -12,7 +12,7 @@ from torch import Tensor
 from baselines.costs import TipDistanceCost
 from baselines.moments.image import Gaussian
 from baselines.moments.sines import through_trig, through_waves
-from mcpilco.costs import QuadraticCost, SaturatingCost, TipCost
+from mcpilco.policies.costs import QuadraticCost, SaturatingCost, TipCost
 from mcpilco.typing import InputError
 
 _LEAST_VARIANCE = 1e-30
@@ -28,7 +28,7 @@ def expected_cost(cost: object, states: Gaussian, inputs: Gaussian) -> Float[Ten
     that they have, as PILCO does.
 
     Args:
-        cost: one of `mcpilco.costs` or `baselines.costs`.
+        cost: one of `mcpilco.policies.costs` or `baselines.costs`.
         states: x.
         inputs: u, the inputs before them.
 

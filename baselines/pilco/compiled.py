@@ -24,7 +24,7 @@ from baselines.moments.compiled.waves import Waves
 from baselines.moments.image import Gaussian
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import GaussianDynamics
-from mcpilco.sources import digest
+from mcpilco.compiling import digest
 
 _join_waves, _waves_back = compiled_waves.join, compiled_waves.join_back
 _join_bases, _bases_back = compiled_bases.join, compiled_bases.join_back

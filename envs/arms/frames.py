@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.mechanics import Matrix, Vector
+from mcpilco.bodies import Matrix, Vector
 
 
 def vector(array: Float[np.ndarray, " 3"]) -> Vector:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from envs.arms.frames import matrix, vector
-from mcpilco.mechanics import Body, Chain
+from mcpilco.bodies import Body, Chain
 
 LENGTH = 0.05
 """largest error of a length [m]"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.mechanics import SLIDE, Chain
+from mcpilco.bodies import SLIDE, Chain
 
 COUNT = 200
 """sinusoids a joint"""

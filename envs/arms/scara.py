@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcpilco.mechanics import HINGE, SLIDE, Body, Chain, Matrix
+from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix
 
 _ACROSS: Matrix = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0))
 """the quill looks down: z of the last two frames does"""

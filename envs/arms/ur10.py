@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from envs.arms.frames import matrix, vector
-from mcpilco.mechanics import HINGE, Body, Chain, Matrix, Vector
+from mcpilco.bodies import HINGE, Body, Chain, Matrix, Vector
 
 _DH = (
     # a [m], d [m], alpha [rad]: from this joint's frame to the next one's

@@ -178,14 +178,14 @@ class Detect:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.archive import write_bytes
+        from mcpilco.files import write_bytes
         from mcpilco.identification.collision import (
             detect,
             events,
             load_collision_model,
             samples_of,
         )
-        from mcpilco.visual.collision_film import write_collision_film
+        from mcpilco.show.collision_film import write_collision_film
 
         model, limits = load_collision_model(self.model)
         self.out.mkdir(parents=True, exist_ok=True)

@@ -13,8 +13,8 @@ import tyro
 from mcpilco.cli.options import optional
 
 if TYPE_CHECKING:
-    from mcpilco.comparison import LineUp
-    from mcpilco.comparison.statistics import Estimate, Measure
+    from mcpilco.sweep.comparison import LineUp
+    from mcpilco.sweep.comparison.statistics import Estimate, Measure
 
 _OUT = "runs/out"
 _CAPTION = (
@@ -38,7 +38,8 @@ class Compare:
         Raises:
             McPilcoError: nothing can be compared; the sentence says why.
         """
-        from mcpilco.comparison import line_up, write_comparison
+        from mcpilco.show.comparison import write_comparison
+        from mcpilco.sweep.comparison import line_up
 
         found = line_up(self.runs)
         out = self.out or Path(_OUT) / f"compare-{datetime.now():%Y%m%d-%H%M%S}"
@@ -59,7 +60,7 @@ def _print_last(found: LineUp) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mcpilco.comparison.statistics import MEASURES, estimate
+    from mcpilco.sweep.comparison.statistics import MEASURES, estimate
 
     told = [
         measure

@@ -18,7 +18,7 @@ from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
-    from mcpilco.plant import Plant
+    from mcpilco.plant.plant import Plant
     from mcpilco.recordings import Recording
 
 
@@ -54,9 +54,9 @@ class Gap:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.correction import correction_of, write_correction
         from mcpilco.gap import investigate
         from mcpilco.gap.report import summary, write_json
+        from mcpilco.plant.correction import correction_of, write_correction
 
         plant = self._plant()
         recordings = self._read(plant)
@@ -88,9 +88,9 @@ class Gap:
 
     def _write_mjcf(self, gap: Investigated) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
-        from mcpilco.corrected_mjcf import write_corrected_mjcf
-        from mcpilco.correction import correction_of
-        from mcpilco.mjcf import plant_of
+        from mcpilco.plant.corrected_mjcf import write_corrected_mjcf
+        from mcpilco.plant.correction import correction_of
+        from mcpilco.plant.mjcf import plant_of
 
         path = self.out / "corrected.xml"
         correction = correction_of(gap.corrected, plant_of(self.plant))
@@ -105,8 +105,8 @@ class Gap:
 
     def _draw(self, gap: Investigated) -> list[str]:
         """The files of pictures that are written; what cannot be drawn loses nothing else."""
-        from mcpilco.gap.film import write_film
-        from mcpilco.report.gap_page import write_gap_report
+        from mcpilco.show.gap_film import write_film
+        from mcpilco.show.report.gap_page import write_gap_report
 
         written = []
         try:
@@ -119,7 +119,7 @@ class Gap:
 
     def _plant(self) -> Plant:
         if Path(self.plant).suffix == ".xml":
-            from mcpilco.mjcf import plant_of
+            from mcpilco.plant.mjcf import plant_of
 
             plant = plant_of(self.plant)
         else:

@@ -124,7 +124,7 @@ class Identify:
         return found
 
     def _write_json(self, found: Identified) -> list[str]:
-        from mcpilco.archive import write_bytes
+        from mcpilco.files import write_bytes
 
         path = self.out / "identified.json"
         write_bytes(path, json.dumps(as_json(found), indent=1).encode())

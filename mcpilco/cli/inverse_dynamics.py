@@ -16,10 +16,10 @@ from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
+    from mcpilco.bodies import Chain
     from mcpilco.identification.inverse_dynamics import InverseDynamics as Model
     from mcpilco.identification.inverse_dynamics import JointData
     from mcpilco.kernels.geometric import Kind
-    from mcpilco.mechanics import Chain
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class InverseDynamics:
             return None
         import mujoco
 
-        from mcpilco.mjcf import chain_of
+        from mcpilco.plant.mjcf import chain_of
 
         if not self.model.is_file():
             raise InputError(f"--model must be an MJCF file, got {str(self.model)!r}.")
@@ -102,7 +102,7 @@ class InverseDynamics:
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
         """What to learn from and what to test on."""
         from mcpilco.identification.inverse_dynamics import check, joined
-        from mcpilco.identification.inverse_dynamics.recordings import (
+        from mcpilco.recordings.inverse_dynamics import (
             held_out,
             joint_data,
             read_joint_recordings,
@@ -121,7 +121,7 @@ class InverseDynamics:
 
     def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
         """Names and kinds of the joints."""
-        from mcpilco.identification.inverse_dynamics.recordings import joints_in, kinds_of
+        from mcpilco.recordings.inverse_dynamics import joints_in, kinds_of
 
         if chain is not None:
             kinds = tuple(body.kind for body in chain.bodies)
@@ -142,7 +142,7 @@ class InverseDynamics:
         return names, kinds
 
     def _write_report(self, model: Model, test: JointData, nmse: list[float]) -> None:
-        from mcpilco.archive import write_bytes
+        from mcpilco.files import write_bytes
 
         told = {
             "kernel": self.kernel,
@@ -158,8 +158,8 @@ class InverseDynamics:
         """The file of the picture; a picture that cannot be drawn loses nothing else."""
         import torch
 
-        from mcpilco.visual.plots.style import new_axes
-        from mcpilco.visual.plots.torques import plot_torque
+        from mcpilco.show.plots.style import new_axes
+        from mcpilco.show.plots.torques import plot_torque
 
         shown = test.rows(slice(0, 500))
         with torch.no_grad():

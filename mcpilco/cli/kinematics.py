@@ -82,7 +82,7 @@ class Kinematics:
         errors: Errors | None,
         tolerance: Any,
     ) -> None:
-        from mcpilco.archive import write_bytes
+        from mcpilco.files import write_bytes
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ class Kinematics:
         self, recording: MarkerRecording, chain: Chain, errors: Errors | None, tolerance: Any
     ) -> list[str]:
         """The picture's name, or none where it cannot be drawn; nothing else is lost then."""
-        from mcpilco.visual.plots.kinematics import draw_kinematics
+        from mcpilco.show.plots.kinematics import draw_kinematics
 
         assert self.out is not None
         try:

@@ -28,8 +28,8 @@ class Report:
         use_one_thread()
 
         import baselines  # noqa: F401  registers its algorithms
-        from mcpilco.report import write_report
-        from mcpilco.run_folder import RunFolder
+        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.show.report import write_report
 
         print(write_report(RunFolder.open(self.run), self.out))
         return 0

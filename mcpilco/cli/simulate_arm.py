@@ -57,7 +57,7 @@ class Simulate:
         """A CSV with seven decimals, of which sensors tell five."""
         import numpy as np
 
-        from mcpilco.archive import write_bytes
+        from mcpilco.files import write_bytes
         from mcpilco.identification.collision import FORCE, columns_of
 
         names = ["time", *columns_of(log.joints)]

@@ -23,7 +23,7 @@ from mcpilco.cli.system import open_env, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from mcpilco.algorithms import Agent
+    from mcpilco.agent.algorithms import Agent
 
 _OUT = "runs/out"
 
@@ -70,7 +70,7 @@ class Train(Learning):
         if self.resume is not None:
             return self._go_on()
 
-        from mcpilco.run_folder import RunFolder
+        from mcpilco.logbook.run_folder import RunFolder
 
         config, env_kwargs = self.numbers()
         env = open_env(self.env, env_kwargs)
@@ -129,7 +129,7 @@ class Train(Learning):
                 if rest:
                     agent.learn(agent.timesteps_of(rest), callback=callbacks)
                 else:  # it was stopped after its last trial
-                    from mcpilco.callbacks import as_callback
+                    from mcpilco.logbook.callbacks import as_callback
 
                     as_callback(callbacks).on_training_start(agent, 0)
                     as_callback(callbacks).on_training_end()
@@ -173,7 +173,7 @@ class Train(Learning):
         if not self.live:
             yield
             return
-        from mcpilco.visual.viewer import has_display
+        from mcpilco.show.viewer import has_display
 
         command = [sys.executable, "-m", "mcpilco.cli", "view", str(run.path), "--live"]
         with subprocess.Popen(command if has_display() else [*command, "--web"]) as viewer:
@@ -190,8 +190,8 @@ class Train(Learning):
     @contextlib.contextmanager
     def _callbacks(self, run: Any) -> Iterator[list[Any]]:
         """What listens to the training; terminal and files are given back whatever happens."""
-        from mcpilco.callbacks import JsonLines, Progress, TensorBoard
-        from mcpilco.recorder import Recorder
+        from mcpilco.logbook.callbacks import JsonLines, Progress, TensorBoard
+        from mcpilco.show.recorder import Recorder
 
         callbacks = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
         events = run.path / "tensorboard"

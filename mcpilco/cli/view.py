@@ -57,7 +57,7 @@ class View:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        from mcpilco.run_folder import RunFolder
+        from mcpilco.logbook.run_folder import RunFolder
 
         for film in (self.run, *(self.run / name for name in FILMS)):
             if film.suffix == ".rrd" and film.is_file():
@@ -80,7 +80,7 @@ class View:
 
     def _show(self, recording: Path, end_s: Any) -> None:
         """The recording in the viewer, or a picture of it."""
-        from mcpilco.visual.viewer import open_viewer, screenshot
+        from mcpilco.show.viewer import open_viewer, screenshot
 
         if self.screenshot is None:
             open_viewer([recording], web=self.web)
@@ -100,8 +100,8 @@ class View:
             raise InputError("--live follows one run: it takes no RUN_B, --trial or --screenshot.")
         import rerun as rr
 
-        from mcpilco.follow import Follower
-        from mcpilco.visual.viewer import live_viewer
+        from mcpilco.show.follow import Follower
+        from mcpilco.show.viewer import live_viewer
 
         with live_viewer(web=self.web) as viewer, contextlib.suppress(KeyboardInterrupt):
             rec = rr.RecordingStream("mcpilco", send_properties=False)
@@ -119,8 +119,8 @@ class View:
 
 def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
     """A film of the runs; returns its end [s]."""
-    from mcpilco.film import Reel, write_film
-    from mcpilco.history import read_history
+    from mcpilco.logbook.history import read_history
+    from mcpilco.show.film import Reel, write_film
 
     reels = []
     for run in runs:

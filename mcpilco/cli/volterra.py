@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mcpilco.identification.volterra import VolterraModel
-    from mcpilco.identification.volterra_data import Series
+    from mcpilco.recordings.series import Series
 
 _SHOWN = 300
 """samples of the test that are drawn"""
@@ -76,7 +76,7 @@ class Volterra:
         return 0
 
     def _data(self) -> tuple[Series, Series]:
-        from mcpilco.identification.volterra_data import read_series
+        from mcpilco.recordings.series import read_series
 
         if not self.inputs or not self.outputs:
             raise InputError("--inputs and --outputs must name at least one column each.")
@@ -156,7 +156,7 @@ def _write_prediction(
     """Measured and predicted outputs, and the predictions' standard deviations with the noise."""
     import numpy as np
 
-    from mcpilco.archive import write_bytes
+    from mcpilco.files import write_bytes
 
     columns: dict[str, np.ndarray] = {"sample": np.arange(len(test))}
     for e, name in enumerate(model.output_names):
@@ -176,9 +176,9 @@ def _picture(
 ) -> None:
     import numpy as np
 
-    from mcpilco.archive import replacing
-    from mcpilco.visual.plots.style import new_axes
-    from mcpilco.visual.plots.volterra import plot_lags, plot_prediction, plot_response
+    from mcpilco.files import replacing
+    from mcpilco.show.plots.style import new_axes
+    from mcpilco.show.plots.volterra import plot_lags, plot_prediction, plot_response
 
     one = slice(0, model.config.lags + 1)
     rows = slice(model.config.lags, model.config.lags + _SHOWN)

@@ -1,6 +1,5 @@
 """Whether a policy crosses the gap: what the simulation it was trained in promised, what came."""
 
-from mcpilco.crossing.film import write_film
 from mcpilco.crossing.outcomes import (
     Crossing,
     Outcome,
@@ -20,5 +19,4 @@ __all__ = [
     "read_crossing",
     "remembered_inputs",
     "write_crossing",
-    "write_film",
 ]

@@ -16,13 +16,13 @@ from itertools import combinations, product
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.effects.learned import Axis, LearnedForce
 from mcpilco.gap.fit import Fit, fit, misfits, settle
 from mcpilco.gap.grid_force import GridForce, Prior
 from mcpilco.gap.moves import MOST_TURNED, moves_of
 from mcpilco.gap.residual_force import FOLDS, Response, respond
 from mcpilco.gap.windows import Windows
-from mcpilco.simulation import Layout
+from mcpilco.plant.effects.learned import Axis, LearnedForce
+from mcpilco.plant.simulation import Layout
 
 SHORT_S = 0.36
 """length of the windows in which a force is sought [s]"""

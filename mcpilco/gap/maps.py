@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from mcpilco.bodies import mass_matrix
 from mcpilco.gap.fit import residual, run, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.mechanics import mass_matrix
 from mcpilco.recordings import Recording, smoothed
 from mcpilco.typing import InputError
 

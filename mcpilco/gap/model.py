@@ -10,15 +10,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects import Scale, Symbol
-from mcpilco.effects.joint import TURN, DryFriction
+from mcpilco.bodies import generalised_forces, mass_matrix
 from mcpilco.gap.effort import Effort
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
-from mcpilco.mechanics import generalised_forces, mass_matrix
-from mcpilco.plant import Active, Plant
-from mcpilco.simulation import Tables
-from mcpilco.simulation.tables import OFFSET, SCALE
+from mcpilco.plant.effects import Scale, Symbol
+from mcpilco.plant.effects.joint import TURN, DryFriction
+from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.simulation import Tables
+from mcpilco.plant.simulation.tables import OFFSET, SCALE
 
 FREE = 1.0
 """relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects.learned import design
 from mcpilco.gap.model import Model
 from mcpilco.gap.moves import moves_of
 from mcpilco.gap.windows import Windows
-from mcpilco.simulation import simulate
-from mcpilco.simulation.tables import IDEAL_ACTUATOR, Tables
+from mcpilco.plant.effects.learned import design
+from mcpilco.plant.simulation import simulate
+from mcpilco.plant.simulation.tables import IDEAL_ACTUATOR, Tables
 
 SIZE = 1e-2
 """of a push, in usual forces of its joint"""

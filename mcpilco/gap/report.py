@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from mcpilco.archive import write_bytes
+from mcpilco.files import write_bytes
 from mcpilco.gap.investigate import Gap
 from mcpilco.gap.where import Disagreement
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects import Probe
 from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant.effects import Probe
+from mcpilco.plant.plant import Active
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""

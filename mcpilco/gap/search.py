@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, linearise, misfits, remembered, settle
 from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.where import correlation_time, residuals
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 
 ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.effects.learned import Axis
 from mcpilco.gap.fit import Fit, residual, run
 from mcpilco.gap.places import places
 from mcpilco.gap.windows import Windows
+from mcpilco.plant.effects.learned import Axis
 
 LAGS = 8
 """of the autocorrelation of residuals"""

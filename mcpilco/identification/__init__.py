@@ -32,15 +32,15 @@ from mcpilco.identification.recipe import (
     solve,
 )
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
-from mcpilco.identification.robot_log import Segment, load_robot, read_robot
 from mcpilco.identification.rows import Rows, force_errors
 from mcpilco.identification.solution import Solution
 from mcpilco.identification.virtual import from_virtual, project_virtual, to_virtual
 from mcpilco.identification.volterra import VolterraModel, fit_volterra
-from mcpilco.identification.volterra_data import Series, read_series
 from mcpilco.identification.volterra_file import load_volterra, save_volterra
 from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import fit_percent, third_order, wiener
+from mcpilco.recordings.robot_log import Segment, load_robot, read_robot
+from mcpilco.recordings.series import Series, read_series
 
 __all__ = [
     "ALL_METHODS",

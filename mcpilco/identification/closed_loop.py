@@ -19,13 +19,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.bodies import INERTIAL
 from mcpilco.identification.consistency import about_center
 from mcpilco.identification.joint_motion import JointMotion
 from mcpilco.identification.projection import project
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.identification.robot_log import Segment
 from mcpilco.identification.rows import Rows, Simulate
-from mcpilco.mechanics import INERTIAL
+from mcpilco.recordings.robot_log import Segment
 from mcpilco.typing import InputError
 
 EXPLAINED = 0.5

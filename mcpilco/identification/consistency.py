@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.bodies import INERTIAL
 from mcpilco.identification.rigid_body import TERMS, RigidBody
-from mcpilco.mechanics import INERTIAL
 
 ROUNDING = 1e-9
 """how negative an eigenvalue of J may be that is called 0, relative to the largest [-]"""

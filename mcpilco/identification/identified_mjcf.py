@@ -9,12 +9,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mcpilco.archive import write_bytes
-from mcpilco.corrected_mjcf import FAR, RIGID, SUDDEN, move_assets, put
+from mcpilco.bodies import INERTIAL
+from mcpilco.files import write_bytes
 from mcpilco.identification.consistency import about_center, check
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.mechanics import INERTIAL
-from mcpilco.mjcf_inertials import Inertials
+from mcpilco.plant.corrected_mjcf import FAR, RIGID, SUDDEN, move_assets, put
+from mcpilco.plant.mjcf_inertials import Inertials
 from mcpilco.typing import InputError
 
 

@@ -17,9 +17,9 @@ from mcpilco.identification.joint_motion import encoder_noise, motion_cutoff
 from mcpilco.identification.recipe import PROJECTIONS, Estimate, Recipe, solve
 from mcpilco.identification.report import Report
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
-from mcpilco.identification.robot_log import Segment
 from mcpilco.identification.rows import Rows, force_errors
 from mcpilco.identification.segment_rows import joined, rows_of_segment
+from mcpilco.recordings.robot_log import Segment
 from mcpilco.typing import InputError
 
 BLOCKS = 10

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
+from mcpilco.bodies import INERTIAL
 from mcpilco.identification.consistency import (
     LinkCheck,
     check,
@@ -26,7 +27,6 @@ from mcpilco.identification.consistency import (
     pseudo_inertia,
 )
 from mcpilco.identification.rigid_body import TERMS, RigidBody
-from mcpilco.mechanics import INERTIAL
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 
 GAP = 1e-5

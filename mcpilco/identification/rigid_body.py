@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.mechanics import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
-from mcpilco.mjcf import chain_of
+from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
+from mcpilco.plant.mjcf import chain_of
 from mcpilco.typing import InputError
 
 TURN_OVER = 2e-3

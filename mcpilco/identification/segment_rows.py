@@ -17,8 +17,8 @@ from mcpilco.identification.joint_motion import (
     zero_phase,
 )
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.identification.robot_log import Segment
 from mcpilco.identification.rows import Rows
+from mcpilco.recordings.robot_log import Segment
 from mcpilco.typing import InputError
 
 

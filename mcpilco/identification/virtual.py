@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Inexact
 from scipy.optimize import least_squares
 
+from mcpilco.bodies import INERTIAL
 from mcpilco.identification.consistency import (
     check,
     from_pseudo_inertia,
@@ -18,7 +19,6 @@ from mcpilco.identification.consistency import (
 )
 from mcpilco.identification.projection import Projection, cost_of
 from mcpilco.identification.rigid_body import TERMS, RigidBody
-from mcpilco.mechanics import INERTIAL
 
 _ROWS, _COLUMNS = np.triu_indices(3)
 _LEAST = 1e-3  # of an estimate's size: what starts from less would not move

@@ -12,14 +12,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.evidence import JITTERS
-from mcpilco.gp import GP, Posterior
+from mcpilco.gp.evidence import JITTERS
+from mcpilco.gp.gp import GP, Posterior
+from mcpilco.gp.weight_space import WeightPosterior, WeightSpaceGP
 from mcpilco.identification.report import Report
-from mcpilco.identification.volterra_data import Series, lagged, suspicions, usable
 from mcpilco.identification.volterra_prior import MANY_ORDERS, VolterraConfig, prior
 from mcpilco.kernels.volterra import VolterraKernel, symmetric
+from mcpilco.recordings.series import Series, lagged, suspicions, usable
 from mcpilco.typing import InputError
-from mcpilco.weight_space import WeightPosterior, WeightSpaceGP
 
 _CHUNK = 1000
 """rows that are predicted together"""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from mcpilco.archive import damaged, read_groups, write_groups
+from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.identification.report import Report
 from mcpilco.identification.volterra import Scaling, VolterraModel
 from mcpilco.identification.volterra_prior import VolterraConfig, prior

@@ -30,7 +30,7 @@ class GIP(Product):
     every robot with such joints; nothing but the kinds of the joints is told.
 
     z is [cos(hinges), sin(hinges), slides, products of velocities, accelerations]: what
-    `mcpilco.features.JointPolynomials` makes of q, q' and q''.
+    `mcpilco.dynamics.features.JointPolynomials` makes of q, q' and q''.
 
     Args:
         kinds: of the J joints, `hinge` or `slide` each.

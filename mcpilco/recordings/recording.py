@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mcpilco.archive import write_bytes
+from mcpilco.files import write_bytes
 from mcpilco.typing import InputError
 
 Gaps = tuple[tuple[float, float], ...]

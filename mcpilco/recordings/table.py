@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.archive import read_arrays
+from mcpilco.files import read_arrays
 from mcpilco.typing import RecordingError, RunFolderError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})

@@ -11,12 +11,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from jaxtyping import Float
 
-from mcpilco.contract import make_env
-from mcpilco.episode import OUTCOMES, run_episode
+from mcpilco.agent.contract import make_env
+from mcpilco.agent.episode import OUTCOMES, run_episode
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 Outcomes = dict[str, Float[np.ndarray, " M"]]
-"""`return` [-] of each of M episodes, and what the env tells of `mcpilco.episode.OUTCOMES`"""
+"""`return` [-] of each of M episodes, and what the env tells of `mcpilco.agent.episode.OUTCOMES`"""
 
 _BEYOND_TRAINING = 2**32
 """training seeds are below, seeds of fresh episodes above"""

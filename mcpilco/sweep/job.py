@@ -13,18 +13,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.algorithms import find_after_import
-from mcpilco.callbacks import Callback
+from mcpilco.agent.algorithms import find_after_import
+from mcpilco.agent.contract import make_env, task_of
+from mcpilco.agent.task_file import load_task
 from mcpilco.config import Config
-from mcpilco.contract import make_env, task_of
 from mcpilco.data import TrialResult
-from mcpilco.run_folder import versions
+from mcpilco.logbook.callbacks import Callback
+from mcpilco.logbook.run_folder import versions
 from mcpilco.sweep.fresh import FreshEpisodes
-from mcpilco.task_file import load_task
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.learning import Learning
+    from mcpilco.agent.learning import Learning
 
 FORMAT = 1
 """version of a result"""
@@ -47,12 +47,12 @@ class Settings:
     fresh: int = 100
     """fresh episodes that each policy is judged by; 0 judges none"""
     task: str | None = None
-    """file of the task, the user's own, see `mcpilco.task_file`; None: what the env shows, or a
-    guess"""
+    """file of the task, the user's own, see `mcpilco.agent.task_file`; None: what the env shows,
+    or a guess"""
     fresh_horizon: int | None = None
     """most steps of a fresh episode; None: as many as of a training's"""
     algo: str = "mcpilco"
-    """the algorithm, see `mcpilco.algorithms`; `package:name` imports the package first"""
+    """the algorithm, see `mcpilco.agent.algorithms`; `package:name` imports the package first"""
 
     def __post_init__(self) -> None:
         if self.trials < 1:
@@ -97,7 +97,7 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """
-    from mcpilco.learning import answer_alone
+    from mcpilco.agent.learning import answer_alone
 
     with one_thread():  # other processes have the other cores
         return answer_alone(learn_seed(settings, seed))

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.archive import write_bytes
-from mcpilco.run_folder import read_json
+from mcpilco.files import write_bytes
+from mcpilco.logbook.run_folder import read_json
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
 from mcpilco.typing import InputError
 

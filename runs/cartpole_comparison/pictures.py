@@ -9,11 +9,11 @@ import numpy as np
 from cartpole_swingup.run import EXPERIENCE, PUBLISHED
 from matplotlib.figure import Figure
 
-from mcpilco.comparison import Run
-from mcpilco.comparison.statistics import MEASURES, Measure, estimate
+from mcpilco.show.plots.comparison import Curve, plain_log_axis, plot_curves
+from mcpilco.show.plots.style import SYSTEM
+from mcpilco.sweep.comparison import Run
+from mcpilco.sweep.comparison.statistics import MEASURES, Measure, estimate
 from mcpilco.sweep.page import write_picture
-from mcpilco.visual.plots.comparison import Curve, plain_log_axis, plot_curves
-from mcpilco.visual.plots.style import SYSTEM
 
 _BY_KEY = {measure.key: measure for measure in MEASURES}
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}

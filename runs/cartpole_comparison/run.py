@@ -27,7 +27,7 @@ from cartpole_comparison import pictures, tables
 
 from mcpilco.cli.sweep import Sweep, parse_seeds, progress
 from mcpilco.cli.system import algorithm, numbers
-from mcpilco.comparison import Run, read_run
+from mcpilco.sweep.comparison import Run, read_run
 from mcpilco.sweep.page import costs, failures, fill, machines, read_summaries
 
 HERE = Path(__file__).parent

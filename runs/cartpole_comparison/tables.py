@@ -8,10 +8,10 @@ from typing import Any
 
 from cartpole_swingup.run import cells, spreads, table
 
-from mcpilco.comparison import Run
-from mcpilco.comparison.statistics import MEASURES, all_amounts, estimate, same
-from mcpilco.comparison.tables import cell, solved
-from mcpilco.run_folder import read_json
+from mcpilco.logbook.run_folder import read_json
+from mcpilco.sweep.comparison import Run
+from mcpilco.sweep.comparison.statistics import MEASURES, all_amounts, estimate, same
+from mcpilco.sweep.comparison.tables import cell, solved
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread, spread_cell
 
 WORKS = 0.9

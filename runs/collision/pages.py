@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from collision import pictures
 
-from mcpilco.archive import read_arrays
-from mcpilco.run_folder import read_json
+from mcpilco.files import read_arrays
+from mcpilco.logbook.run_folder import read_json
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 from mcpilco.sweep.page import write_picture
-from mcpilco.visual.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 
 COLOURS = {"PP": "tab:red", "SP": "tab:orange", "FC": MODEL, "PP of motions": PARTICLES}
 

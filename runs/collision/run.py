@@ -32,8 +32,8 @@ from collision.pages import write_page
 
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
 from envs.arms.waypoints import Targets, waypoints
-from mcpilco.archive import write_arrays, write_bytes
 from mcpilco.cli.sweep import parse_seeds
+from mcpilco.files import write_arrays, write_bytes
 from mcpilco.identification import rigid_body
 from mcpilco.identification.collision import (
     TERMS,

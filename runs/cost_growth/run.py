@@ -26,17 +26,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from mcpilco import fused
-from mcpilco.archive import write_bytes
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.costs import SaturatingCost
-from mcpilco.dynamics import GPDynamics, speed_integration
-from mcpilco.features import AngleAugmentation
-from mcpilco.gp import GP
+from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.files import write_bytes
+from mcpilco.gp.gp import GP
 from mcpilco.kernels import MPK, RBF
-from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Problem
-from mcpilco.search import PolicySearch, adam
+from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.search import fused
+from mcpilco.search.rollout import Problem
+from mcpilco.search.search import PolicySearch, adam
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, write_picture
 from mcpilco.sweep.summary import markdown

@@ -27,15 +27,15 @@ from crossing_the_gap import pages
 from recipe.run import DEFAULT, hasty
 
 import envs  # noqa: F401  registers its ids
-from mcpilco.archive import write_bytes
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
-from mcpilco.correction import read_correction
 from mcpilco.crossing import read_crossing, remembered_inputs
-from mcpilco.run_folder import read_json
-from mcpilco.stopwatch import Stopwatch
+from mcpilco.files import write_bytes
+from mcpilco.logbook.run_folder import read_json
+from mcpilco.plant.correction import read_correction
+from mcpilco.search.stopwatch import Stopwatch
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent

@@ -14,6 +14,8 @@ from envs.arms.perturbed import perturbed
 from envs.arms.random_motion import random_motion
 from envs.arms.scara import scara
 from envs.arms.ur10 import ur10
+from mcpilco.bodies import Chain, generalised_forces
+from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
     InverseDynamics,
@@ -22,8 +24,6 @@ from mcpilco.identification.inverse_dynamics import (
     fit,
     inertia,
 )
-from mcpilco.mechanics import Chain, generalised_forces
-from mcpilco.mechanics import accelerations as true_accelerations
 
 NOISE = 0.01
 """standard deviation of the torques' noise [N m or N]"""

@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from gip import pages
 from gip.experiments import EXPERIMENTS, QUICK, Sizes
 
-from mcpilco.archive import write_bytes
-from mcpilco.run_folder import read_json
+from mcpilco.files import write_bytes
+from mcpilco.logbook.run_folder import read_json
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mcpilco.corrected_mjcf import CorrectedModel
-from mcpilco.correction import Addition
-from mcpilco.effects import CATALOGUE, Scale
-from mcpilco.mechanics import SLIDE, Chain
-from mcpilco.plant import Active, Plant
+from mcpilco.bodies import SLIDE, Chain
+from mcpilco.plant.corrected_mjcf import CorrectedModel
+from mcpilco.plant.correction import Addition
+from mcpilco.plant.effects import CATALOGUE, Scale
+from mcpilco.plant.plant import Active, Plant
 from mcpilco.typing import InputError
 
 TIMESTEP = 0.005

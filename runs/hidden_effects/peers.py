@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import savgol_filter
 
-from mcpilco.mechanics import Chain, generalised_forces
-from mcpilco.plant import Plant
+from mcpilco.bodies import Chain, generalised_forces
+from mcpilco.plant.plant import Plant
 from mcpilco.recordings import Recording
 
 SAMPLES, ORDER = 11, 4

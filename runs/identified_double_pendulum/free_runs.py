@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.plants import double_pendulum
-from mcpilco.effects import CATALOGUE
+from mcpilco.bodies import inertial_parameters
 from mcpilco.gap.fit import fit, remembered, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.windows import SECONDS
 from mcpilco.identification import RigidBody
-from mcpilco.mechanics import inertial_parameters
-from mcpilco.plant import Active, Plant
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active, Plant
 from mcpilco.recordings import Recording
 
 FREE = "upper_mass", "upper_inertia", "lower_mass", "lower_inertia"

@@ -9,11 +9,11 @@ from identified_double_pendulum.motion import SMOOTHED, Motion, low_passed
 from jaxtyping import Float
 
 from envs.plants import double_pendulum
-from mcpilco.effects import CATALOGUE
+from mcpilco.bodies import INERTIAL, Chain
 from mcpilco.identification import RigidBody
 from mcpilco.identification.consistency import inertia_of
-from mcpilco.mechanics import INERTIAL, Chain
-from mcpilco.plant import Active, Base, Plant
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active, Base, Plant
 
 HORIZON_S, EVERY_S = 0.5, 0.1
 """length of a prediction, and from the start of one to the next [s]"""

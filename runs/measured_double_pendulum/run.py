@@ -19,9 +19,9 @@ import tyro
 from envs.plants import double_pendulum
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
-from mcpilco.plant import Plant
+from mcpilco.plant.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
-from mcpilco.report.gap_tables import effects, errors, events, steps
+from mcpilco.show.report.gap_tables import effects, errors, events, steps
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 

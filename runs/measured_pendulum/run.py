@@ -20,7 +20,7 @@ from envs.plants import PLANTS
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
 from mcpilco.recordings import Recording, read_recordings
-from mcpilco.report.gap_tables import effects, errors, events, steps
+from mcpilco.show.report.gap_tables import effects, errors, events, steps
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 

@@ -21,14 +21,14 @@ from baselines.pilco.config import PilcoConfig
 from baselines.pilco.model import PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import predicted
-from mcpilco.archive import read_arrays
+from mcpilco.agent.contract import input_bounds
+from mcpilco.agent.model import Model
+from mcpilco.agent.model_based_file import load_policy
 from mcpilco.config import ModelConfig
-from mcpilco.contract import input_bounds
 from mcpilco.data import Rollout, Transitions
-from mcpilco.features import AngleAugmentation
-from mcpilco.model import Model
-from mcpilco.model_based_file import load_policy
-from mcpilco.rollout import rollout
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.files import read_arrays
+from mcpilco.search.rollout import rollout
 from mcpilco.task import TaskSpec
 
 PARTICLES = 400

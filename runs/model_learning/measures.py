@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from model_learning.forecasts import Forecast
 
-from mcpilco.archive import read_text, write_bytes
 from mcpilco.data import Rollout
+from mcpilco.files import read_text, write_bytes
 
 FOLLOWS = 0.3
 """a particle follows as long as its angle is no farther from the true one [rad]"""

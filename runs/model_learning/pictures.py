@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from model_learning.forecasts import Forecast
 from model_learning.tables import SHOWN, Gathered
 
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 from mcpilco.sweep.page import write_picture
-from mcpilco.visual.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
 
 _LINES = 60
 """particles that are drawn"""

@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 from speed.step import Size, cpu_seconds, make_step
 
-from mcpilco.fused import engine as engine_module
-from mcpilco.fused import policy as of_policy
-from mcpilco.fused import posterior as of_posterior
-from mcpilco.fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
-from mcpilco.fused.tiles import (
+from mcpilco.search.fused import engine as engine_module
+from mcpilco.search.fused import policy as of_policy
+from mcpilco.search.fused import posterior as of_posterior
+from mcpilco.search.fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
+from mcpilco.search.fused.tiles import (
     TALL,
     multiply,
     multiply_lower,

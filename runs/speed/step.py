@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from mcpilco import fused
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.costs import cart_pole_cost
-from mcpilco.dynamics import GPDynamics, speed_integration
-from mcpilco.features import AngleAugmentation
-from mcpilco.gp import GP
+from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.gp.gp import GP
 from mcpilco.kernels import MPK, RBF
-from mcpilco.policies import SumOfGaussians
-from mcpilco.rollout import Problem, RolloutFunction, rollout
-from mcpilco.search import PolicySearch, adam
+from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.search import fused
+from mcpilco.search.rollout import Problem, RolloutFunction, rollout
+from mcpilco.search.search import PolicySearch, adam
 from mcpilco.task import TaskSpec
 
 ENGINES = {

@@ -16,7 +16,7 @@ from typing import Any
 
 from speed.step import ENGINES, Size
 
-from mcpilco.archive import write_bytes
+from mcpilco.files import write_bytes
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown

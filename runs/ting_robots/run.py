@@ -30,8 +30,8 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from envs.arms import control_times, follow, load, measured, random_sinusoids
-from mcpilco.archive import write_bytes
 from mcpilco.cli.sweep import parse_seeds
+from mcpilco.files import write_bytes
 from mcpilco.identification import (
     ALL_METHODS,
     PROJECTIONS,
@@ -50,8 +50,8 @@ from mcpilco.identification import (
     zero_phase,
 )
 from mcpilco.identification.closed_loop import Feedback, simulated_regressor
+from mcpilco.logbook.run_folder import read_json
 from mcpilco.recordings import Recording
-from mcpilco.run_folder import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown

@@ -28,10 +28,10 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from threadpoolctl import threadpool_limits
 
-from mcpilco.archive import replacing, write_bytes
-from mcpilco.gp import GP
+from mcpilco.files import replacing, write_bytes
+from mcpilco.gp.gp import GP
+from mcpilco.gp.weight_space import WeightSpaceGP
 from mcpilco.identification.volterra import VolterraModel, fit_volterra
-from mcpilco.identification.volterra_data import Series
 from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import (
     MEMORY,
@@ -41,13 +41,13 @@ from mcpilco.identification.volterra_systems import (
     wiener,
 )
 from mcpilco.kernels import IPK
-from mcpilco.run_folder import read_json
+from mcpilco.logbook.run_folder import read_json
+from mcpilco.recordings.series import Series
+from mcpilco.show.plots.style import MODEL, SYSTEM, new_axes
+from mcpilco.show.plots.volterra import plot_lags
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
-from mcpilco.visual.plots.style import MODEL, SYSTEM, new_axes
-from mcpilco.visual.plots.volterra import plot_lags
-from mcpilco.weight_space import WeightSpaceGP
 
 HERE = Path(__file__).parent
 LAGS = 70

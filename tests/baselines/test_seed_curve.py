@@ -10,8 +10,8 @@ import pytest
 
 from baselines import seed_curve
 from baselines.seed_curve import CurveJob, CurveSettings
-from mcpilco.comparison import read_run
 from mcpilco.sweep import SweepFolder, sweep
+from mcpilco.sweep.comparison import read_run
 from mcpilco.typing import InputError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.sweep.strange import HERE, HORIZON

@@ -12,8 +12,8 @@ from gymnasium.utils.env_checker import check_env
 
 import envs
 from envs.plants import PLANTS
-from mcpilco.correction import Addition, Correction, correction_of, write_correction
-from mcpilco.simulation import simulate
+from mcpilco.plant.correction import Addition, Correction, correction_of, write_correction
+from mcpilco.plant.simulation import simulate
 from mcpilco.typing import EnvError, InputError
 from tests.envs.systems import SYSTEMS
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.costs import SaturatingCost
 from mcpilco.data import Transitions
-from mcpilco.dynamics import speed_integration
-from mcpilco.known_plants import plant_for
-from mcpilco.physics import PhysicsMean
+from mcpilco.dynamics.dynamics import speed_integration
+from mcpilco.dynamics.physics import PhysicsMean
+from mcpilco.plant.known_plants import plant_for
+from mcpilco.policies.costs import SaturatingCost
 from mcpilco.typing import InputError
 
 IDS = ("mcpilco/Pendubot-v0", "mcpilco/Acrobot-v0")

@@ -11,7 +11,7 @@ from envs.cartpole_dynamics import CartPoleDynamics
 from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.plants import PLANTS, double_pendulum
-from mcpilco.mechanics import accelerations
+from mcpilco.bodies import accelerations
 
 DYNAMICS = {
     "mcpilco/CartPoleSwingUp-v0": CartPoleDynamics(),

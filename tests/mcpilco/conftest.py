@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.costs import cart_pole_cost
-from mcpilco.dynamics import GPDynamics, speed_integration
-from mcpilco.features import AngleAugmentation
-from mcpilco.gp import GP
+from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.gp.gp import GP
 from mcpilco.kernels import MPK, RBF, Kernel
-from mcpilco.policies import SumOfGaussians
+from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.policies.policies import SumOfGaussians
 from mcpilco.task import TaskSpec
 from tests.mcpilco.gap.pushed import found  # noqa: F401  a fixture
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from mcpilco.delay import Delay
-from mcpilco.dynamics import GPDynamics, speed_integration
-from mcpilco.features import AngleAugmentation
+from mcpilco.dynamics.delay import Delay
+from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
+from mcpilco.dynamics.features import AngleAugmentation
 from mcpilco.task import TaskSpec
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mcpilco.mechanics import HINGE, SLIDE, Body, Chain
+from mcpilco.bodies import HINGE, SLIDE, Body, Chain
 
 
 def random_mjcf(rng: np.random.Generator, joints: int) -> str:

@@ -21,14 +21,14 @@ import gymnasium as gym
 import torch._dynamo
 import torch._refs  # noqa: F401  loaded once, for all
 
-import mcpilco.agent
+import mcpilco.agent.agent
 import mcpilco.cli.resume
-import mcpilco.recorder
-import mcpilco.visual.recording  # noqa: F401  loaded once, for all
+import mcpilco.show.recorder
+import mcpilco.show.recording  # noqa: F401  loaded once, for all
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.run_folder import RunFolder
-from mcpilco.visual.viewer import _executable
+from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.show.viewer import _executable
 from tests.mcpilco.point import STEPS, TINY, PointEnv
 
 ENV = "Survival/Point-v0"

@@ -10,19 +10,19 @@ import pytest
 import torch
 
 import envs  # noqa: F401  registers the cart-pole
-from mcpilco.agent import MCPILCO
-from mcpilco.archive import read_groups, write_groups
-from mcpilco.callbacks import Callback
+from mcpilco.agent.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.foresight import Foresight
-from mcpilco.history import read_transitions
-from mcpilco.recorder import Recorder
-from mcpilco.run_folder import RunFolder
-from mcpilco.tracking import StateTracker
+from mcpilco.files import read_groups, write_groups
+from mcpilco.logbook.callbacks import Callback
+from mcpilco.logbook.history import read_transitions
+from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.sensing.foresight import Foresight
+from mcpilco.sensing.tracking import StateTracker
+from mcpilco.show.recorder import Recorder
 from mcpilco.typing import InputError, RunFolderError
+from tests.mcpilco.logbook.test_run_folder import CONFIG
 from tests.mcpilco.point import TINY
-from tests.mcpilco.test_run_folder import CONFIG
 
 STEPS = 8
 PLANT = {

@@ -12,19 +12,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from mcpilco.agent import MCPILCO
-from mcpilco.archive import read_groups, write_groups
+from mcpilco.agent.agent import MCPILCO
 from mcpilco.cli import main
 from mcpilco.cli.system import agent_of
 from mcpilco.config import PRESETS
-from mcpilco.film import Reel, write_film
-from mcpilco.history import read_history
-from mcpilco.run_folder import RunFolder
+from mcpilco.files import read_groups, write_groups
+from mcpilco.logbook.history import read_history
+from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.show.film import Reel, write_film
 from mcpilco.typing import EnvError, RunFolderError
+from tests.mcpilco.agent.test_policy_file import PAGE, predict_of_the_page
+from tests.mcpilco.sensing.test_perception import POSITIONS, STEPS, hasty
+from tests.mcpilco.show.test_film import entities
 from tests.mcpilco.survival import content
-from tests.mcpilco.test_film import entities
-from tests.mcpilco.test_perception import POSITIONS, STEPS, hasty
-from tests.mcpilco.test_policy_file import PAGE, predict_of_the_page
 
 ARGUMENTS = ["--env", POSITIONS, "--horizon", str(STEPS), "--seed", "4", "--quiet"]
 

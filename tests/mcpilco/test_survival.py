@@ -17,11 +17,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.agent import MCPILCO
+from mcpilco.agent.agent import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.run_folder import RunFolder
+from mcpilco.logbook.run_folder import RunFolder
 from tests.mcpilco import point
+from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.point import TINY
 from tests.mcpilco.survival import (
     TRIALS,
@@ -33,7 +34,6 @@ from tests.mcpilco.survival import (
     resume,
     train,
 )
-from tests.mcpilco.test_cli import refused
 
 KILLED = -9
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 import torch
 
+from mcpilco.agent.task_file import load_task
 from mcpilco.sweep.page import BEGIN, END
-from mcpilco.task_file import load_task
 from tests.mcpilco.test_sweep import HereEngine
 from tests.runs.test_recipe import differing
 

@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.effects import CATALOGUE
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.mechanics import generalised_forces, mass_matrix
+from mcpilco.bodies import generalised_forces, mass_matrix
 
 
 def test_the_nominal_plant_is_the_authors_model(run):

@@ -13,19 +13,19 @@ from mcpilco.identification.collision.detector import (
 from mcpilco.identification.collision.features import TERMS, CurrentFeatures, quiet
 from mcpilco.identification.collision.file import load_collision_model, save_collision_model
 from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, fit_currents
-from mcpilco.identification.collision.recordings import (
-    FORCE,
-    ArmRecording,
-    columns_of,
-    read_arm,
-    samples_of,
-)
-from mcpilco.identification.collision.samples import ArmSamples
 from mcpilco.identification.collision.thresholds import (
     ThresholdConfig,
     Thresholds,
     debounced,
     thresholds,
+)
+from mcpilco.recordings.collision_samples import ArmSamples
+from mcpilco.recordings.collisions import (
+    FORCE,
+    ArmRecording,
+    columns_of,
+    read_arm,
+    samples_of,
 )
 
 __all__ = [

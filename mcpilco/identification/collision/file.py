@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.archive import damaged, read_groups, write_groups
+from mcpilco.bodies import Body, Chain
+from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.identification.collision.features import TERMS, CurrentFeatures
 from mcpilco.identification.collision.model import (
     CurrentConfig,
@@ -17,10 +18,9 @@ from mcpilco.identification.collision.model import (
     conditioned,
     prior,
 )
-from mcpilco.identification.collision.samples import ArmSamples
 from mcpilco.identification.collision.thresholds import ThresholdConfig, Thresholds
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.mechanics import Body, Chain
+from mcpilco.recordings.collision_samples import ArmSamples
 from mcpilco.typing import McPilcoError, RunFolderError
 
 FORMAT = "mcpilco collision model 1"

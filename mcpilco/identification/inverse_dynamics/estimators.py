@@ -10,8 +10,8 @@ from typing import Any, Literal, cast
 import numpy as np
 import torch
 
-from mcpilco.archive import read_groups, write_groups
-from mcpilco.identification.inverse_dynamics.data import ARRAYS, JointData, check
+from mcpilco.bodies import Body, Chain
+from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics.gaussian import TUNED_ON, fit_gaussian, restored
 from mcpilco.identification.inverse_dynamics.least_squares import (
     LinearInverseDynamics,
@@ -32,7 +32,7 @@ from mcpilco.identification.inverse_dynamics.priors import (
     Semiparametric,
 )
 from mcpilco.kernels.geometric import Kind
-from mcpilco.mechanics import Body, Chain
+from mcpilco.recordings.inverse_dynamics_data import ARRAYS, JointData, check
 from mcpilco.typing import InputError, RunFolderError
 
 Estimator = Literal["gip", "rbf", "pp", "sp", "fe", "nn"]

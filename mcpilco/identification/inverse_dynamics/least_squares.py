@@ -10,10 +10,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.identification.base_parameters import base_parameters
-from mcpilco.identification.inverse_dynamics.data import JointData
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
 from mcpilco.identification.report import Report
+from mcpilco.recordings.inverse_dynamics_data import JointData
 
 
 class LinearInverseDynamics(InverseDynamics):

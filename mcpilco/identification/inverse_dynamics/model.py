@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.identification.inverse_dynamics.data import JointData
 from mcpilco.identification.report import Report
+from mcpilco.recordings.inverse_dynamics_data import JointData
 from mcpilco.typing import InputError
 
 

@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mcpilco.identification.inverse_dynamics.data import JointData
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
+from mcpilco.recordings.inverse_dynamics_data import JointData
 
 UNITS = 400
 """of each hidden layer; the thesis takes 600 for six joints"""

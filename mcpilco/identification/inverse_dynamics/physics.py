@@ -7,10 +7,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.features import friction
+from mcpilco.bodies import INERTIAL, Chain
+from mcpilco.bodies.differentiable import torch_regressor
+from mcpilco.dynamics.features import friction
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.mechanics import INERTIAL, Chain
-from mcpilco.mechanics.differentiable import torch_regressor
 
 
 class PhysicalFeatures:

@@ -10,11 +10,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.features import JointPolynomials, friction
+from mcpilco.bodies import Chain
+from mcpilco.dynamics.features import JointPolynomials, friction
 from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
 from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear
 from mcpilco.kernels.geometric import GIP, Kind
-from mcpilco.mechanics import Chain
 
 
 class Prior(ABC):

@@ -3,9 +3,9 @@
 from mcpilco.identification.kinematics.chain import Chain, Joint, Tolerance, find_chain
 from mcpilco.identification.kinematics.controller import Path, Reach, reach
 from mcpilco.identification.kinematics.forward import ForwardKinematics, fit_forward
-from mcpilco.identification.kinematics.reader import read_markers, write_markers
-from mcpilco.identification.kinematics.recording import MarkerRecording, marker_recording
 from mcpilco.identification.kinematics.triplets import TripletTests, triplet_tests
+from mcpilco.recordings.marker_reader import read_markers, write_markers
+from mcpilco.recordings.markers import MarkerRecording, marker_recording
 
 __all__ = [
     "Chain",

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.identification.kinematics.checks import check_recording
-from mcpilco.identification.kinematics.recording import MarkerRecording
 from mcpilco.identification.kinematics.triplets import TripletTests, standstill, triplet_tests
 from mcpilco.identification.report import Report
+from mcpilco.recordings.markers import MarkerRecording
 from mcpilco.typing import InputError
 
 Kind = Literal["revolute", "prismatic"]

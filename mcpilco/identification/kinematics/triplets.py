@@ -26,7 +26,6 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.identification.kinematics.recording import MarkerRecording
 from mcpilco.identification.kinematics.residuals import (
     hinge,
     product,
@@ -37,6 +36,7 @@ from mcpilco.identification.kinematics.residuals import (
     weighted_mean,
 )
 from mcpilco.identification.kinematics.robust import trimmed
+from mcpilco.recordings.markers import MarkerRecording
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.sb3 import SACAgent, SACConfig, SB3Agent, make_learner
 from mcpilco import MCPILCO
-from mcpilco.callbacks import Callback
+from mcpilco.logbook.callbacks import Callback
 from mcpilco.typing import EnvError, InputError, RunFolderError
 from tests.baselines.sb3.small import TINY
 from tests.mcpilco.point import STEPS, PointEnv
@@ -166,7 +166,7 @@ def test_a_file_is_loaded_by_the_class_of_its_algorithm_only(tmp_path):
 
 @pytest.mark.parametrize("change", ["nan", "shape", "missing"])
 def test_a_damaged_file_is_refused(tmp_path, change):
-    from mcpilco.archive import read_arrays, write_arrays
+    from mcpilco.files import read_arrays, write_arrays
 
     path = made("sac").learn(12).save(tmp_path / "sac.npz")
     arrays = read_arrays(path)

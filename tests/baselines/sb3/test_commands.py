@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent
-from mcpilco.archive import read_arrays
-from mcpilco.callbacks import Progress
 from mcpilco.cli import main
-from mcpilco.recorder import Recorder
+from mcpilco.files import read_arrays
+from mcpilco.logbook.callbacks import Progress
+from mcpilco.show.recorder import Recorder
 from tests.baselines.sb3.small import TINY
 
 KINDS = {"sac": SACAgent, "tqc": TQCAgent, "ppo": PPOAgent}

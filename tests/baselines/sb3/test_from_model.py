@@ -15,9 +15,9 @@ import envs  # noqa: F401  registers its ids
 from baselines.sb3 import SACAgent, WarmStart, make_learner, warm_start
 from baselines.sb3.imagination import Imagination, Perturbed
 from mcpilco import MCPILCO
-from mcpilco.archive import read_arrays, write_arrays
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
+from mcpilco.files import read_arrays, write_arrays
 from mcpilco.typing import InputError
 from tests.baselines.sb3.small import TINY
 from tests.baselines.sb3.test_commands import files, tiny_presets  # noqa: F401  a fixture

@@ -9,7 +9,7 @@ from envs.arms.perturbed import ANGLE, LENGTH, perturbed
 from envs.arms.random_motion import random_motion
 from envs.arms.scara import scara
 from envs.arms.ur10 import ur10
-from mcpilco.mechanics import Chain, generalised_forces, mass_matrix
+from mcpilco.bodies import Chain, generalised_forces, mass_matrix
 
 ARMS = {"scara": scara, "ur10": ur10}
 

@@ -14,10 +14,10 @@ from mcpilco.crossing import (
     outcomes,
     read_crossing,
     write_crossing,
-    write_film,
 )
+from mcpilco.show.crossing_film import write_film
+from mcpilco.show.scene import Scene
 from mcpilco.typing import RunFolderError
-from mcpilco.visual.scene import Scene
 
 ID = "mcpilco/CartPoleSwingUp-v0"
 STEPS = 30

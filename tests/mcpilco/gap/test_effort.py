@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.effort import Effort
 from mcpilco.gap.fit import fit, run
 from mcpilco.gap.given import Given
 from mcpilco.gap.search import search
 from mcpilco.gap.validate import ROUGH, most_predictive
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from tests.mcpilco.gap.pendulum import record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.correction import correction_of, read_correction, write_correction
-from mcpilco.effects.learned import Axis
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.fit import Fit, fit, linearise, residual, run, settle
 from mcpilco.gap.grid_force import GridForce, Prior
@@ -24,7 +22,9 @@ from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.show import shrunk
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant import Plant
+from mcpilco.plant.correction import correction_of, read_correction, write_correction
+from mcpilco.plant.effects.learned import Axis
+from mcpilco.plant.plant import Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, record

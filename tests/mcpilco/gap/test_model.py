@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.correction import correction_of, read_correction, write_correction
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import FARTHEST, Model
 from mcpilco.gap.model import FREE as FREE_STD
-from mcpilco.plant import Active
+from mcpilco.plant.correction import correction_of, read_correction, write_correction
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from tests.mcpilco.gap.test_search import recorded
 
 FREE = "mass", "length"

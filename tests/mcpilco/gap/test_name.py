@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import Model
 from mcpilco.gap.name import certain
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from tests.mcpilco.gap.pendulum import dry_friction, record
 
 FRICTION = Active(CATALOGUE["coulomb_friction"], "pendulum")

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.exchange import Seen, exchanged
 from mcpilco.gap.fit import Fit, fit, linearise, settle
 from mcpilco.gap.given import Given
@@ -20,7 +19,8 @@ from mcpilco.gap.plain import plainer
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import MOST, PROMISING, Found, Yardstick, grow, search, without
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active, Plant
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active, Plant
 from mcpilco.recordings import Recording
 
 STD = {"m": 1e-3, "rad": 2e-3}

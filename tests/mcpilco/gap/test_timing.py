@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.given import Given
 from mcpilco.gap.timing import likelier, timings
-from mcpilco.plant import Active, Plant
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active, Plant
 from mcpilco.recordings import Recording
 
 DT = 0.02

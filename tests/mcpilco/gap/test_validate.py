@@ -5,11 +5,11 @@ import pytest
 from jaxtyping import Float
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.model import Model
 from mcpilco.gap.validate import OF_EACH_SIZE, fewest, promising
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 
 WINDOWS = 40
 EFFECTS = np.array([0, 1, 2])

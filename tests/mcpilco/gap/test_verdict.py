@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap import verdict
 from mcpilco.gap.fit import Fit, fit, settle
 from mcpilco.gap.given import Given
@@ -16,7 +15,8 @@ from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.show import Interval
 from mcpilco.gap.where import Structure
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from tests.mcpilco.gap.pendulum import record
 
 WHITE = Structure(whiteness=2.0, excess=0.0, usual=0.0, unevenness=1.5)

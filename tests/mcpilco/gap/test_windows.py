@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import envs
-from mcpilco.effects import CATALOGUE
 from mcpilco.gap.fit import misfits, run, settle
 from mcpilco.gap.given import Given
-from mcpilco.plant import Active
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active
 from tests.mcpilco.gap.pendulum import record
 
 

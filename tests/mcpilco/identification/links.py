@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from mcpilco.bodies import HINGE, Body, Chain, inertial_parameters
 from mcpilco.identification import RigidBody
 from mcpilco.identification.consistency import pseudo_inertia
-from mcpilco.mechanics import HINGE, Body, Chain, inertial_parameters
 
 
 def random_links(rng: np.random.Generator, links: int, terms=("viscous",)) -> RigidBody:

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from mcpilco.bodies import INERTIAL, generalised_forces
 from mcpilco.identification import TERMS, motions, rigid_body
-from mcpilco.mechanics import INERTIAL, generalised_forces
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.arms import arm, arm_body
 from tests.mcpilco.random_chains import random_mjcf

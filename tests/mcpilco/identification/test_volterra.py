@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mcpilco.gp.weight_space import WeightSpaceGP
 from mcpilco.identification import (
     Series,
     VolterraConfig,
@@ -20,7 +21,6 @@ from mcpilco.identification import (
 )
 from mcpilco.identification.volterra_systems import MEMORY, third_order_h2
 from mcpilco.typing import InputError, RunFolderError
-from mcpilco.weight_space import WeightSpaceGP
 
 NOISE = 0.05
 SHORT = VolterraConfig(lags=2, degree=2, kernel="mpk")

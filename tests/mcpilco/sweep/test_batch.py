@@ -8,7 +8,7 @@ import json
 import pytest
 import torch
 
-import mcpilco.lockstep
+import mcpilco.agent.lockstep
 from mcpilco.sweep import BatchEngine, Failure, Settings, SweepFolder, sweep
 from mcpilco.sweep.batch import usable_device
 from mcpilco.sweep.job import SeedJob, run_seed
@@ -71,14 +71,14 @@ def test_a_seed_that_fails_loses_no_other():
 
 
 def test_a_search_that_fails_loses_its_batch_and_the_next_one_goes_on(monkeypatch):
-    search = mcpilco.lockstep.search_together
+    search = mcpilco.agent.lockstep.search_together
 
     def weak(requests, device):
         if len(requests) == 2:
             raise MemoryError("too much")
         return search(requests, device)
 
-    monkeypatch.setattr(mcpilco.lockstep, "search_together", weak)
+    monkeypatch.setattr(mcpilco.agent.lockstep, "search_together", weak)
     outcomes = run(POINT, range(3), size=2)
     assert [outcomes[seed].reason for seed in (0, 1)] == ["MemoryError: too much"] * 2
     assert len(outcomes[2]["trials"]) == 2

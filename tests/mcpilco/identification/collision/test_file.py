@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.archive import read_arrays, write_arrays
+from mcpilco.files import read_arrays, write_arrays
 from mcpilco.identification.collision import (
     ThresholdConfig,
     load_collision_model,

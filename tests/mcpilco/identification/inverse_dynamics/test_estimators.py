@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.archive import read_groups, write_groups
+from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics import ESTIMATORS, fit, load, save
 from mcpilco.identification.inverse_dynamics.estimators import GEOMETRIES
 from mcpilco.typing import InputError, RunFolderError

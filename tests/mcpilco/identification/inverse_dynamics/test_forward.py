@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from mcpilco.bodies import accelerations as true_accelerations
+from mcpilco.bodies import mass_matrix
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
     InverseDynamics,
@@ -13,8 +15,6 @@ from mcpilco.identification.inverse_dynamics import (
 )
 from mcpilco.identification.inverse_dynamics.model import Fitted
 from mcpilco.identification.report import Report
-from mcpilco.mechanics import accelerations as true_accelerations
-from mcpilco.mechanics import mass_matrix
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 from tests.mcpilco.identification.inverse_dynamics.robots import measured, random_robot
 

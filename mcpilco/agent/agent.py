@@ -1,0 +1,110 @@
+"""MC-PILCO: particles in a Gaussian-process model, and the gradient of their cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.agent.learning import SearchRequest
+from mcpilco.agent.model import Model
+from mcpilco.agent.model_based import ModelBasedAgent
+from mcpilco.config import PRESETS, Config
+from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
+from mcpilco.logbook.callbacks import Callback
+from mcpilco.policies.policies import Bounds, SumOfGaussians, blank_policy, random_policy
+from mcpilco.search.engine import rollout_of
+from mcpilco.search.rollout import Problem
+from mcpilco.search.search import PolicySearch
+from mcpilco.sensing.foresight import Foresight
+from mcpilco.sensing.perception import Perception
+from mcpilco.task import TaskSpec
+from mcpilco.typing import Dynamics, Observer, UncertainDynamics
+
+
+class MCPILCO(ModelBasedAgent):
+    """The MC-PILCO agent, used like a stable-baselines3 algorithm.
+
+        agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=0)
+        agent.learn(total_timesteps=150)
+        action, _ = agent.predict(observation)
+
+    Reference: thesis chapter 5, Algorithm 1.
+    """
+
+    algo = "mcpilco"
+    policy_name = "SumOfGaussians"
+    config_type = Config
+    presets = PRESETS
+
+    @staticmethod
+    def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
+        return blank_policy(config.policy, task.after_inputs(config.model.memory), low, high)
+
+    @staticmethod
+    def make_model(config: Config, task: TaskSpec) -> Model:
+        return Model(config.model, task)
+
+    def _random_policy(self, generator: torch.Generator) -> SumOfGaussians:
+        task, numbers = self._searched, self.config.policy
+        seen = self._data.states[:, : len(task.state_names)]
+        return random_policy(numbers, task, self.low, self.high, seen, generator)
+
+    def _request(
+        self, trial: int, perception: Perception | None, events: Callback
+    ) -> SearchRequest:
+        dynamics = self.model.dynamics(self._data)
+        observer = self._observer(dynamics, perception)
+        task = self._searched
+        problem = Problem(
+            dynamics=dynamics,
+            cost=self._cost,
+            start_mean=self._searched_start,
+            start_std=torch.tensor(task.start_std, dtype=torch.float64),
+            horizon=self.horizon,
+            reference_cost=self.reference_cost,
+            rollout=rollout_of(self.config, dynamics, self.policy, observer),
+            observer=observer,
+            correlation=self.config.search.correlation_of(trial),
+            judged=len(self.task.state_names),
+            easier=self._easier(dynamics, trial),
+        )
+        generator = self.streams.search(trial)
+        warm = self.config.search.warm_start and trial > 1
+        first = self.policy if warm else self._random_policy(generator)
+        search = PolicySearch(self.config.search, generator, events.on_policy_step)
+        return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
+
+    def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
+        """What policies act behind: a state measured in part is estimated, a late one foreseen."""
+        if self.tracker is not None:
+            return Foresight(dynamics, self.model.delay, self.tracker.noise_std)
+        if perception is None or not self.config.estimator.modelled:
+            return None
+        return perception.observer
+
+    def _easier(
+        self, dynamics: Any, trial: int
+    ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
+        """Dynamics on the way to these, where effects make them hard."""
+        if trial > 1 or not self.config.search.continuation:  # later ones begin with a policy
+            return None
+        known = isinstance(dynamics, PhysicsDynamics) and dynamics.physics.plant.added
+        return dynamics.weakened if known else None
+
+    @property
+    def _searched(self) -> TaskSpec:
+        """The task of the search: its states hold past inputs, where policies see these."""
+        return self.task.after_inputs(self.config.model.memory)
+
+    @property
+    def _searched_start(self) -> Float[Tensor, " X"]:
+        """The mean state that the first input acts on; before an episode inputs were 0."""
+        start = torch.tensor(self._searched.start_mean, dtype=torch.float64)
+        if self.tracker is None:
+            return start
+        inputs = start.new_zeros(self.model.memory, len(self.task.input_names))
+        return self.tracker.ahead(None, start, inputs)

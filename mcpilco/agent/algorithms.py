@@ -1,0 +1,112 @@
+"""Algorithms by name: what `--algo` may say, and which class learns it.
+
+An algorithm is a name and a class, `module:Class`, that is loaded when it is used. Another package
+registers its own when it is imported, as `baselines` does and as Gymnasium's envs are registered:
+
+    from mcpilco.agent import algorithms
+    algorithms.register("pilco", "baselines.pilco:PILCO")
+
+Commands, sweeps and reports know of an agent what `Agent` says, and of its class the rest of
+`mcpilco.agent.trial_agent.TrialAgent`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mcpilco.logbook.callbacks import base
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.agent.controller import Act
+    from mcpilco.agent.trial_agent import TrialAgent
+    from mcpilco.logbook.callbacks import Callback
+
+_HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
+
+
+class Agent(base.Agent, Protocol):
+    """What training, resuming, judging and sweeping need of an agent, beside what callbacks do."""
+
+    seed: int
+    horizon: int
+    trials: int
+
+    @property
+    def num_timesteps(self) -> int:
+        """Steps of the env that the agent has learned from."""
+        ...
+
+    def timesteps_of(self, trials: int) -> int:
+        """The steps that `learn` needs for so many trials."""
+        ...
+
+    def learn(
+        self, total_timesteps: int, callback: Callback | Sequence[Callback] | None = None
+    ) -> Any:
+        """Spend so many steps of the env."""
+        ...
+
+    def predict(self, observation: Any, state: Any = None) -> tuple[Any, Any]:
+        """The action for an observation, and the state to hand back with the next."""
+        ...
+
+    def controller(self) -> Act:
+        """What acts for one episode."""
+        ...
+
+
+def register(name: str, home: str) -> None:
+    """Make an algorithm known.
+
+    Args:
+        name: what it is called on the command line and in files.
+        home: `module:Class`, of a class like `mcpilco.agent.trial_agent.TrialAgent`.
+
+    Raises:
+        InputError: the name is taken by another class.
+    """
+    if _HOMES.setdefault(name, home) != home:
+        raise InputError(
+            f"The algorithm {name!r} is registered as {_HOMES[name]} already, got {home}; "
+            "choose another name."
+        )
+
+
+def names() -> list[str]:
+    """The algorithms that are registered."""
+    return sorted(_HOMES)
+
+
+def find(name: str) -> type[TrialAgent]:
+    """The class of an algorithm.
+
+    Raises:
+        InputError: none of this name is registered.
+    """
+    if name not in _HOMES:
+        raise InputError(
+            f"The algorithm must be one of {names()}, got {name!r}; import the package that "
+            "registers it."
+        )
+    module, _, kind = _HOMES[name].partition(":")
+    return getattr(import_module(module), kind)
+
+
+def find_after_import(name: str) -> type[TrialAgent]:
+    """The same where a name may be `package:name`: the package is imported first.
+
+    For names that the user gives, not for those that a file on disk does: an import executes.
+
+    Raises:
+        InputError: no such package, or it registers none of this name.
+    """
+    package, _, last = name.rpartition(":")
+    if package:
+        try:
+            import_module(package)
+        except ImportError as error:
+            raise InputError(f"The algorithm {name!r} cannot be imported: {error}.") from error
+    return find(last)

@@ -1,0 +1,181 @@
+"""What an agent demands of an env, and the sentences that say what is missing."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any, NoReturn
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.spaces import Box
+from jaxtyping import Float
+
+from mcpilco.agent.guess import guess_task
+from mcpilco.task import TaskSpec
+from mcpilco.typing import EnvError, InputError
+
+logger = logging.getLogger(__name__)
+
+
+def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
+    """The env itself, or the one registered under an id.
+
+    Raises:
+        EnvError: no such id, its constructor refuses the keywords, or no single Gymnasium env.
+    """
+    if isinstance(env, gym.Env):
+        return env
+    if not isinstance(env, str):
+        raise EnvError(
+            f"An agent needs one gymnasium.Env or the id of one, got {type(env).__name__}; "
+            "it learns in a single env, without a vector of them."
+        )
+    try:
+        return gym.make(env, **kwargs)
+    except Exception as error:  # a constructor is foreign code
+        raise EnvError(f"Cannot make the env {env!r}: {error}") from error
+
+
+def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
+    """The task given, or the one that the env shows, or one that is guessed, with a warning.
+
+    Args:
+        env: with or without a `task`.
+        task: comes before the env's.
+        quiet: guess without a warning.
+
+    Raises:
+        EnvError: there is none and none can be guessed, or it does not match the env's spaces.
+    """
+    _check_kind(env, env.observation_space, "observation", "flatten it")
+    _check_kind(env, env.action_space, "action", "wrap it so that its inputs are numbers")
+    if task is None:
+        task = getattr(env.unwrapped, "task", None)
+    if task is None:
+        guess = guess_task(env)
+        if guess is not None:
+            logger.log(logging.DEBUG if quiet else logging.WARNING, "%s", guess)
+            task = guess.task
+    if not isinstance(task, TaskSpec):
+        shows = "no attribute `task`" if task is None else f"a `task` of type {type(task).__name__}"
+        raise EnvError(
+            f"{_name(env)} shows {shows}. Give it a mcpilco.task.TaskSpec that names its states, "
+            "angles, velocities, start and cost, or pass one as MCPILCO(..., task=...), "
+            "on the command line in a file, --task FILE."
+        )
+    if not task.observed:
+        _check_width(env, env.observation_space, "observation", len(task.measured_states))
+    _check_observed(env, task)
+    _check_width(env, env.action_space, "action", len(task.input_names))
+    return task
+
+
+def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarray, " U"]]:
+    """Smallest and largest inputs, in the env's unit.
+
+    Raises:
+        EnvError: the action space is unbounded.
+    """
+    space = env.action_space
+    assert isinstance(space, Box), "task_of has checked it"
+    low, high = space.low.astype(np.float64), space.high.astype(np.float64)
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise EnvError(
+            f"{_name(env)} must have finite action bounds, "
+            f"got low {low.tolist()}, high {high.tolist()}; "
+            "bound them, for example with gymnasium.wrappers.TransformAction."
+        )
+    return low, high
+
+
+def horizon_of(env: gym.Env, horizon: int | None) -> int:
+    """Steps of one episode: as configured, or the env's time limit.
+
+    Raises:
+        InputError: neither is known, or the env ends sooner than configured.
+    """
+    limit = None if env.spec is None else env.spec.max_episode_steps
+    steps = limit if horizon is None else horizon
+    if steps is None:
+        raise InputError(
+            f"{_name(env)} has no time limit; pass a horizon in steps, duration / dt, "
+            "on the command line --horizon."
+        )
+    if limit is not None and steps > limit:
+        raise InputError(
+            f"horizon must not exceed the env's time limit of {limit} steps, got {steps}; "
+            "make the env with a larger max_episode_steps."
+        )
+    return steps
+
+
+class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
+    """Stands for the env of an agent that was loaded without one: spaces and a task, no system."""
+
+    def __init__(
+        self,
+        task: TaskSpec,
+        low: Float[np.ndarray, " U"],
+        high: Float[np.ndarray, " U"],
+        horizon: int,
+        width: int | None = None,
+    ) -> None:
+        """An env to ask for names and bounds.
+
+        Args:
+            task: what the env showed.
+            low: smallest inputs, of the action space's type.
+            high: largest inputs.
+            horizon: time limit [steps].
+            width: how many numbers an observation has; None: as many as are measured.
+        """
+        self.task = task
+        width = len(task.measured_states) if width is None else width
+        self.observation_space = Box(-np.inf, np.inf, (width,), np.float64)
+        self.action_space = Box(low, high, dtype=low.dtype.type)
+        self.spec = EnvSpec("Absent-v0", max_episode_steps=horizon)
+
+    def reset(self, **_: Any) -> NoReturn:
+        """Not possible.
+
+        Raises:
+            EnvError: always.
+        """
+        raise EnvError(
+            "The agent was loaded without an env, so it can predict but not learn; "
+            "pass the env: MCPILCO.load(path, env)."
+        )
+
+
+def _check_kind(env: gym.Env, space: gym.Space, kind: str, remedy: str) -> None:
+    """Raises EnvError unless the space is a vector of numbers."""
+    if not isinstance(space, Box) or len(space.shape) != 1:
+        raise EnvError(
+            f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
+        )
+
+
+def _check_width(env: gym.Env, space: gym.Space, kind: str, count: int) -> None:
+    """Raises EnvError unless the space is as wide as the task says."""
+    if space.shape != (count,):
+        raise EnvError(
+            f"{_name(env)}'s task names {count} {kind}s, its {kind} space has shape {space.shape}."
+        )
+
+
+def _check_observed(env: gym.Env, task: TaskSpec) -> None:
+    """Raises EnvError where the task looks for a state beyond the observation."""
+    width = int(np.prod(env.observation_space.shape or (0,)))
+    sources = [i for where in task.observed for i in np.atleast_1d(where).tolist()]
+    if sources and max(sources) >= width:
+        raise EnvError(
+            f"{_name(env)}'s task finds a state in observation {max(sources)}, counted from 0, "
+            f"its observation has {width} numbers."
+        )
+
+
+def _name(env: gym.Env) -> str:
+    if env.spec is not None:
+        return f"The env {env.spec.id}"
+    return f"The env {type(env.unwrapped).__name__}"

@@ -1,0 +1,161 @@
+"""One episode on the system: what the agent does is recorded, what the env returns is checked."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.data import Rollout
+from mcpilco.typing import EnvError
+
+OUTCOMES = ("is_success", "time_up_s", "mean_abs_cart_m")
+"""entries of `info` that are kept as the env's own measures of an episode"""
+
+
+class BrokenEpisodeError(EnvError):
+    """An env misbehaved in the course of an episode; what it did before is in `rollout`."""
+
+    def __init__(self, message: str, rollout: Rollout) -> None:
+        super().__init__(message)
+        self.rollout = rollout
+        """the steps that were done, one at least; no success"""
+
+
+def run_episode(
+    env: gym.Env,
+    act: Callable[[Float[np.ndarray, " X"]], Float[np.ndarray, " U"]],
+    horizon: int,
+    dt: float,
+    seed: int | None = None,
+    options: dict[str, Any] | None = None,
+    width: int | None = None,
+) -> Rollout:
+    """Reset the env, act until the horizon or the end of the episode, and return the record.
+
+    Args:
+        env: a Gymnasium env with Box spaces.
+        act: from an observation to an input in the env's unit; it is clipped to the action space.
+        horizon: most steps.
+        dt: sampling time [s], for the record.
+        seed: passed to `env.reset`.
+        options: passed to `env.reset`.
+        width: X, of the true states that the env may tell; None: as wide as its observations.
+
+    Raises:
+        BrokenEpisodeError: the env raised, or returned a value that is not finite or of another
+            shape than its space, after the first step.
+        EnvError: it did so before.
+    """
+    space = env.action_space
+    assert isinstance(space, gym.spaces.Box), "mcpilco.agent.contract has checked it"
+    with _blamed(step=0):
+        observation, info = env.reset(seed=seed, options=options)
+        record = _Record(dt, env.observation_space.shape, observation, info, width)
+    for step in range(1, horizon + 1):
+        action = np.clip(act(record.seen), space.low, space.high).astype(space.dtype)
+        try:
+            with _blamed(step):
+                observation, reward, terminated, truncated, info = env.step(action)
+                record.add(action, observation, reward, info)
+        except EnvError as error:
+            if step == 1:
+                raise
+            raise BrokenEpisodeError(str(error), record.rollout(whole=False)) from error
+        if terminated or truncated:
+            break
+    return record.rollout()
+
+
+class _Record:
+    """An episode so far: whole steps only."""
+
+    def __init__(
+        self,
+        dt: float,
+        shape: tuple[int, ...] | None,
+        observation: Any,
+        info: Mapping[str, Any],
+        width: int | None,
+    ) -> None:
+        self._dt, self._shape = dt, shape
+        self._state_shape = shape if width is None else (width,)
+        self._observations = [_checked(observation, shape, "observation", 0)]
+        self._states = [self._true_state(info)]
+        self._inputs: list[np.ndarray] = []
+        self._rewards: list[float] = []
+        self._outcome: dict[str, float] = {}
+
+    @property
+    def seen(self) -> Float[np.ndarray, " X"]:
+        """The last observation."""
+        return self._observations[-1]
+
+    def add(
+        self, action: np.ndarray, observation: Any, reward: Any, info: Mapping[str, Any]
+    ) -> None:
+        """Keep a step, or raise EnvError and keep nothing of it."""
+        step = len(self._observations)
+        observation = _checked(observation, self._shape, "observation", step)
+        reward = float(_checked(np.squeeze(np.asarray(reward)), (), "reward", step))
+        state = self._true_state(info)
+        self._outcome = {key: float(info[key]) for key in OUTCOMES if key in info}
+        self._observations.append(observation)
+        self._states.append(state)
+        self._inputs.append(action.astype(np.float64))
+        self._rewards.append(reward)
+
+    def _true_state(self, info: Mapping[str, Any]) -> np.ndarray | None:
+        """`info["state"]`; None where it is absent, or has another shape."""
+        state = info.get("state")
+        if state is None or np.shape(state) != self._state_shape:
+            return None
+        return _checked(state, self._state_shape, 'info["state"]', len(self._observations))
+
+    def rollout(self, whole: bool = True) -> Rollout:
+        """The record; what breaks off is no success."""
+        known = all(state is not None for state in self._states)
+        failed = {"is_success": 0.0} if not whole and "is_success" in self._outcome else {}
+        return Rollout(
+            dt=self._dt,
+            observations=np.array(self._observations),
+            inputs=np.array(self._inputs),
+            rewards=np.array(self._rewards),
+            states=np.array(self._states) if known else None,
+            outcome=self._outcome | failed,
+        )
+
+
+@contextlib.contextmanager
+def _blamed(step: int) -> Iterator[None]:
+    """Turns whatever the env raises into an EnvError."""
+    try:
+        yield
+    except EnvError:
+        raise
+    except Exception as error:  # the env is foreign code
+        raise EnvError(
+            f"The env raised {type(error).__name__} at step {step}: {error}; mend the env, or the "
+            "connection to its system."
+        ) from error
+
+
+def _checked(
+    value: Any, shape: tuple[int, ...] | None, name: str, step: int
+) -> Float[np.ndarray, "*b"]:
+    """The value in float64, a copy."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = None
+    if array is None or array.shape != shape or not np.isfinite(array).all():
+        raise EnvError(
+            f"The env must return finite numbers of shape {shape}, "
+            f"got {name} {value!r} at step {step}; "
+            "check its equations, its sensor, or the action it was given."
+        )
+    return array

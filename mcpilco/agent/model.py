@@ -1,0 +1,289 @@
+"""The agent's model: measured transitions in, dynamics for the particles out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import accumulate, pairwise, starmap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
+from mcpilco.data import Transitions
+from mcpilco.dynamics.delay import Delay, turning_regressors
+from mcpilco.dynamics.dynamics import GPDynamics, full_state, regressors, speed_integration
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics.pathwise import PathwisePosterior
+from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
+from mcpilco.gp.gp import GP
+from mcpilco.gp.sparse import subset_of_data
+from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
+from mcpilco.plant.equations.program import Program, Rows, features_of
+from mcpilco.sensing.sensor_noise import sensor_noise
+from mcpilco.sensing.state_predictor import StatePredictor
+from mcpilco.sensing.tracking import StateTracker
+from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.dynamics.physics import PhysicsMean
+    from mcpilco.plant.plant import Plant
+
+INTEGRATIONS = {"speed": speed_integration, "full": full_state}
+"""what `ModelConfig.integration` names"""
+ITERATIONS = {"lbfgs": 200, "adam": 1500}
+"""most steps of each optimiser of the marginal likelihood; the authors later give Adam 1501"""
+
+
+def make_kernel(
+    config: ModelConfig,
+    width: int,
+    outputs: int,
+    features: Sequence[int] = (),
+    lags: Sequence[Sequence[int]] = (),
+) -> Kernel:
+    """The kernel that a configuration names, for all outputs at once.
+
+    Args:
+        config: names its parts.
+        width: of [z, u], which rbf and mpk see.
+        outputs: E.
+        features: how many further regressors each linear part sees, in the order of the parts.
+        lags: of each input, which of [z, u] are its present and past values, newest first.
+
+    Reference: thesis eq. (5.10) for `rbf+mpk`, eqs. (6.29) and (6.35) for `sed-mpk`.
+    """
+    total, batch = width + sum(features), (outputs,)
+    everything, lagged = range(width), [dim for channel in lags for dim in channel]
+    rest = [dim for dim in everything if dim not in lagged]
+    further = starmap(range, pairwise(accumulate(features, initial=width)))
+
+    def of(dims: Sequence[int], kernel: Callable[..., Kernel], *how: int, **more: Any) -> Kernel:
+        part = kernel(len(dims), *how, batch, **more)
+        return part if len(dims) == total else ActiveDims(part, dims, total)
+
+    def series(degree: int) -> Kernel:
+        return of(lagged, SEDMPK, degree, channels=len(lags))
+
+    make: Mapping[str, Callable[[], Kernel]] = {
+        "rbf": lambda: of(everything, RBF),
+        "mpk": lambda: of(everything, MPK, config.degree),
+        "sed-mpk": lambda: series(config.degree),
+        "sed-fir": lambda: of(rest, RBF) * series(1),
+        **dict.fromkeys(LINEAR_PARTS, lambda: of(next(further), Linear, bias=False)),
+    }
+    names = [name for name in config.kernel.split("+") if name != FORCE_PART]
+    first, *others = (make[name]() for name in names)
+    return sum(others, start=first)
+
+
+class Model:
+    """Gaussian processes for the changes of the state, refitted from scratch to new data."""
+
+    def __init__(self, config: ModelConfig, task: TaskSpec) -> None:
+        """A model that has seen nothing yet.
+
+        Args:
+            config: kernel, mean, optimiser, what is predicted.
+            task: names, angles and velocities of the state.
+
+        Raises:
+            InputError: there is no plant for physics, or it does not fit the task.
+        """
+        self.config = config
+        self.task = task
+        U, memory = len(task.input_names), config.memory
+        self.delay = Delay.of(config.delay, task.dt)
+        if self.delay.memory and task.measured is not None:
+            raise InputError(
+                f"model.delay must be 0 where states are measured in part, got {config.delay:g} s."
+            )
+        width = len(task.state_names) + U * memory
+        self.width = width + U * self.delay.memory
+        """of a state in the rows, with the past inputs that it holds"""
+        self.augmentation = AngleAugmentation(width, task.angles)
+        self.increment = INTEGRATIONS[config.integration](task).remembering(U, memory)
+        self.names = tuple(task.state_names[i] for i in self.increment.predicted)
+        self.features, counts = self._features()
+        width = self.augmentation.width + U * (2 if self.delay.part else 1)
+        kernel = make_kernel(config, width, len(self.names), counts, self._lags())
+        self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
+        self.physics = self._mean() if config.mean == "physics" else None
+
+    @property
+    def memory(self) -> int:
+        """How many past inputs a state in the rows holds."""
+        return self.config.memory + self.delay.memory
+
+    def _lags(self) -> list[list[int]]:
+        """Where each input, and its past values behind it, stand in [z, u]."""
+        seen, X, U = self.augmentation, len(self.task.state_names), len(self.task.input_names)
+        past = [seen.plain.index(i) for i in range(X, seen.state_dim)]
+        return [[seen.width + i, *past[i::U]] for i in range(U)]
+
+    def _features(self) -> tuple[Program | None, tuple[int, ...]]:
+        """Further regressors, and how many each linear part of the kernel sees."""
+        config, task = self.config, self.task
+        linear = [name for name in config.kernel.split("+") if name in LINEAR_PARTS]
+        if not linear and not self.delay.part:
+            return None, ()
+        U = len(task.input_names)
+        rows: list[Rows] = []
+        if self.delay.part:  # the policy search holds an input for a whole step
+            rows.append(lambda given: [0.0] * U)
+        if linear:
+            from mcpilco.plant.equations.features import friction_features, physics_features
+
+            make = {
+                "features": lambda: physics_features(self._plant(), task, config.memory),
+                "friction": lambda: friction_features(task, config.friction_gate),
+            }
+            rows += [make[name]() for name in linear]
+        program, counts = features_of(self.augmentation.state_dim + U, rows)
+        return program, counts[-len(linear) :] if linear else ()
+
+    def _plant(self) -> Plant:
+        """The plant that physics is of; plants need numba, which models without them do not."""
+        from mcpilco.plant.known_plants import plant_for
+
+        return plant_for(self.task, self.config.plant)
+
+    def _mean(self) -> PhysicsMean:
+        from mcpilco.dynamics.physics import PhysicsMean
+
+        config = self.config
+        return PhysicsMean(
+            self._plant(),
+            self.task,
+            self.increment,
+            config.memory,
+            config.uncertainty,
+            config.plant_step,
+            FORCE_PART in config.kernel.split("+"),
+        )
+
+    def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
+        """Regressors [z, u, features] and targets of the GPs: what the mean leaves of the changes.
+
+        Args:
+            transitions: whose states hold their past inputs, see `Transitions.after_inputs`.
+        """
+        of = self.increment.targets if self.physics is None else self.physics.residuals
+        targets = torch.from_numpy(of(transitions))
+        law = self.augmentation, self.features
+        if not self.delay.memory:
+            states, inputs = map(torch.from_numpy, (transitions.states, transitions.inputs))
+            return regressors(*law, states, inputs), targets
+        states, commands = self._commands(transitions)
+        acting, turned = self.delay.acting(commands)
+        if not self.delay.part:
+            return regressors(*law, states, acting), targets
+        return turning_regressors(*law, states, acting, turned), targets
+
+    def _commands(
+        self, transitions: Transitions
+    ) -> tuple[Float[Tensor, "N X"], Float[Tensor, "N M_plus_1 U"]]:
+        """States, and the commands of the steps from them and of those before, newest first."""
+        states, inputs = torch.from_numpy(transitions.states), torch.from_numpy(transitions.inputs)
+        behind = len(states[0]) - inputs.shape[1] * self.delay.memory
+        commands = torch.cat([inputs, states[:, behind:]], 1)
+        return states[:, :behind], commands.reshape(len(inputs), -1, inputs.shape[1])
+
+    def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
+        """Learn the hyperparameters from these data; returns the numbers of the fit by name.
+
+        Args:
+            transitions: all data.
+            warm: begin with the present hyperparameters, instead of anew.
+
+        Raises:
+            NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
+        """
+        if self.physics is not None:
+            self.physics.identify(transitions, self.config.noise_floor)
+        X, Y = self.rows(transitions)
+        optimiser = self.config.optimiser
+        limit = ITERATIONS[optimiser]
+        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
+        if self.physics is not None:
+            self.physics.refine(transitions, self.gp.condition(X, Y))
+            X, Y = self.rows(transitions)
+        with torch.no_grad():
+            nlml = self.gp.nlml(X, Y)
+        values = {"model/samples": float(len(X))}
+        for i, noise in enumerate(self.noise_std):
+            values[f"model/nlml_{i}"] = float(nlml[i])
+            values[f"model/noise_std_{i}"] = noise
+        parameters = {} if self.physics is None else self.physics.values
+        return values | {f"model/{name}": value for name, value in parameters.items()}
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """Everything learned, as named arrays: what `load_arrays` reads."""
+        known = {} if self.physics is None else self.physics.to_arrays()
+        return self.gp.to_arrays() | known
+
+    def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take what `to_arrays` gave.
+
+        Raises:
+            InputError: an array is missing or unknown, of another shape, or not finite.
+        """
+        ours = {} if self.physics is None else self.physics.to_arrays()
+        self.gp.load_arrays({name: a for name, a in arrays.items() if name not in ours})
+        if self.physics is not None:
+            self.physics.load_arrays(arrays)
+
+    @property
+    def noise_std(self) -> tuple[float, ...]:
+        """Learned noise of each GP, in its target's unit."""
+        return tuple(self.gp.noise_std.detach().tolist())
+
+    def dynamics(
+        self, transitions: Transitions
+    ) -> GPDynamics | PathwisePosterior | PhysicsDynamics:
+        """The posterior given these data, or the subset configured, as a model of the next state.
+
+        Raises:
+            NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
+        """
+        X, Y = self.rows(transitions)
+        bounds = self._bounds(transitions)
+        if self.config.subset_threshold is not None:
+            kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
+            X, Y, transitions = X[kept], Y[kept], transitions[kept.numpy()]
+        posterior = self.gp.condition(X, Y)
+        law = self.augmentation, self.increment, bounds
+        dynamics = GPDynamics(posterior, *law, self.features)
+        if self.physics is not None:
+            return PhysicsDynamics(self.physics, dynamics, transitions)
+        if self.config.sampling == "step":
+            return dynamics
+        return PathwisePosterior(dynamics, self.config.path_features)
+
+    def tracker(self, transitions: Transitions | None) -> StateTracker | None:
+        """What tells policies of a late actuator the state to act on; None where it is prompt.
+
+        Args:
+            transitions: all data that the model was fitted to; None: there are none yet.
+        """
+        if not self.delay.memory:
+            return None
+        if transitions is None:
+            return StateTracker(StatePredictor(self.delay, None))
+        known = self.dynamics(transitions)
+        assert isinstance(known, GPDynamics), "the configuration has made sure"
+        states, commands = self._commands(transitions)
+        following = torch.from_numpy(transitions.next_states)[:, : states.shape[1]]
+        predictor = StatePredictor(self.delay, known)
+        return StateTracker(predictor, sensor_noise(predictor, states, commands, following))
+
+    def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
+        """Largest plausible magnitude of each predicted state; none for one that never moved."""
+        recorded = np.concatenate([transitions.states, transitions.next_states])
+        recorded = recorded[:, : len(self.task.state_names)]
+        largest = np.maximum(np.abs(recorded).max(0), self.task.start_std)
+        bounds = np.where(largest > 0, self.config.plausible * largest, np.inf)
+        return bounds[list(self.increment.predicted)]

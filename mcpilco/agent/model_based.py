@@ -1,0 +1,331 @@
+"""Learning by trials: fit a model to all data, search a policy in it, try it, go on."""
+
+from __future__ import annotations
+
+import logging
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from mcpilco.agent.controller import Act, Controller, remembering
+from mcpilco.agent.episode import BrokenEpisodeError, run_episode
+from mcpilco.agent.learning import Found, Learning, Request
+from mcpilco.agent.model import Model
+from mcpilco.agent.model_based_file import SavedModelBased
+from mcpilco.agent.trial_agent import TrialAgent
+from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.logbook.callbacks import Callback
+from mcpilco.policies.costs import held
+from mcpilco.policies.policies import Bounds
+from mcpilco.policies.reward_cost import RewardCost, costs_of, with_cost
+from mcpilco.search.stopwatch import Spent, Stopwatch
+from mcpilco.sensing.observing import state_of, state_view
+from mcpilco.sensing.perception import Perception
+from mcpilco.task import TaskSpec
+from mcpilco.typing import Cost, InputError, NotPositiveDefiniteError
+
+logger = logging.getLogger(__name__)
+
+SHOWN_PARTICLES = 100
+"""particles of a prediction that are kept with a trial's result"""
+
+
+class ModelBasedAgent(TrialAgent):
+    """What agents that learn a model have in common; a subclass says model, policy and search.
+
+    It is used like a stable-baselines3 algorithm:
+
+        agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=0)
+        agent.learn(total_timesteps=150)
+        action, _ = agent.predict(observation)
+
+    The first call of `learn` spends one rollout on random inputs, or `Config.exploration` steps;
+    each further rollout is a trial: fit the model to all data, search a policy, try it.
+
+    A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
+    more, for its data; one whose env breaks off keeps the steps before. Either tells why in
+    `TrialResult.failure`, and the next trial follows.
+    """
+
+    saved_type = SavedModelBased
+    model: Model
+
+    def _set_up(self) -> None:
+        self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
+        self.model = self.make_model(self.config, self.task)
+        partly = self.task.measured is not None
+        self.perception = Perception(self.config.estimator, self.task) if partly else None
+        self.reference_cost = 1.0
+        self.fitted_rows = 0
+        """how many rows the model was fitted to: those of the last trial are not among them"""
+        self.tracker = self.model.tracker(None)
+        """of the states that policies act on, where the actuator is late"""
+
+    @staticmethod
+    @abstractmethod
+    def make_policy(config: Any, task: TaskSpec, low: Bounds, high: Bounds) -> Any:
+        """A policy that has learned nothing: a module with buffers `squash.centre`, `.half_range`.
+
+        Args:
+            config: the agent's numbers.
+            task: names the states, and says which of them are angles.
+            low: smallest input, in the env's unit.
+            high: largest input, in the env's unit.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def make_model(config: Any, task: TaskSpec) -> Model:
+        """A model that has seen nothing yet."""
+
+    @abstractmethod
+    def _random_policy(self, generator: torch.Generator) -> Any:
+        """A start for the search, which knows what has been recorded."""
+
+    @abstractmethod
+    def _request(self, trial: int, perception: Perception | None, events: Callback) -> Request:
+        """The search for the trial's policy, in the model as it is fitted now.
+
+        Raises:
+            NotPositiveDefiniteError: the model cannot be conditioned on the data.
+        """
+
+    @staticmethod
+    def usual_trials(config: Any) -> int:
+        """Policies that a training learns where nothing is said."""
+        return 4
+
+    def _own_task(self, task: TaskSpec) -> TaskSpec:
+        """The task as the agent sees it: with a cost.
+
+        Raises:
+            InputError: the algorithm cannot learn such a task.
+        """
+        return with_cost(task)
+
+    def _fit_model(self, trial: int) -> dict[str, float]:
+        """Fit the model to all data; returns the numbers of the fit by name."""
+        return self.model.fit(self._data)
+
+    @property
+    def num_timesteps(self) -> int:
+        """Steps of the env that the agent has learned from."""
+        return 0 if self.transitions is None else len(self.transitions)
+
+    def _affordable_trials(self, total_timesteps: int) -> int:
+        needed = self.timesteps_of(1)
+        trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
+        if trials < 1:
+            first = f"{needed - self.horizon} of random inputs and " if self._unexplored else ""
+            raise InputError(
+                f"learn needs at least {needed} timesteps, {first}{self.horizon} for a trial, "
+                f"got {total_timesteps}."
+            )
+        return trials
+
+    def timesteps_of(self, trials: int) -> int:
+        """The steps that `learn` needs for so many trials, random inputs included at first."""
+        return trials * self.horizon + (self._exploration_steps if self._unexplored else 0)
+
+    @property
+    def _unexplored(self) -> bool:
+        return self.transitions is None
+
+    @property
+    def _exploration_steps(self) -> int:
+        """Steps of random inputs, before the first trial."""
+        asked = self.config.exploration
+        return self.horizon if asked is None else asked
+
+    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
+        trials = self._affordable_trials(total_timesteps)
+        events.on_training_start(self, trials)
+        if self._unexplored:
+            for record in self._explore():
+                events.on_exploration(record)
+        for _ in range(trials):
+            self.results.append((yield from self._trial(events)))
+            self.trials = self.results[-1].trial
+            events.on_trial_end(self.results[-1])
+        events.on_training_end()
+
+    def _explore(self) -> list[Rollout]:
+        """Rollouts of uniform random inputs: as many as it takes, where they end early."""
+        inputs = self.streams.inputs(trial=0)
+        act = lambda _: inputs.uniform(self.low, self.high)  # noqa: E731
+        records: list[Rollout] = []
+        while (left := self._exploration_steps - sum(map(len, records))) > 0:
+            record, _ = self._run_episode(act, 0, self.perception, left, len(records))
+            records.append(record)
+        for record in records:
+            self._take(record)
+        self._learn_cost(records)
+        self.policy = self._random_policy(self.streams.search(trial=0))
+        return records
+
+    def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
+        """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
+
+        Args:
+            random: rollouts of random inputs, where these are the first.
+        """
+        cost = self.task.cost
+        if isinstance(cost, RewardCost):
+            if random:
+                cost.baseline = float(
+                    np.mean([held(record.rewards, self.horizon) for record in random])
+                )
+            cost.fit()
+            self.reference_cost = cost.reference
+        elif random:
+            self.reference_cost = float(np.mean([self._costs(record) for record in random]))
+
+    def _trial(self, events: Callback) -> Learning[TrialResult]:
+        """Learn the model, search the policy, try it."""
+        trial, experience = self.trials + 1, len(self._data)
+        events.on_trial_start(trial)
+        watch = Stopwatch()
+        known = self.perception and self.perception.adapted(self._data)
+        found, no_policy = yield from self._improve(trial, known, events, watch)
+        controller, prediction = self._controller(self.policy, self.perception), None
+        if found is not None and no_policy is None:
+            controller = self._controller(found.best.policy, known)
+            shown = found.best.prediction(SHOWN_PARTICLES)
+            prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
+        act = remembering(controller.answer)
+        record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
+        self._take(record)
+        self.policy, self.perception = controller.policy, controller.perception
+        failures = [failure for failure in (no_policy, broken) if failure]
+        success, spent = record.outcome.get("is_success"), watch.read()
+        return TrialResult(
+            trial=trial,
+            experience_s=round(experience * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
+            predicted_cost=math.nan if found is None else found.best.cost,
+            predicted_cost_std=math.nan if found is None else found.best.cost_std,
+            real_cost=float(self._costs(record).sum()),
+            success=None if success is None else bool(success),
+            time_up_s=record.outcome.get("time_up_s"),
+            mean_abs_cart_m=record.outcome.get("mean_abs_cart_m"),
+            noise_std=self.model.noise_std,
+            policy_steps=0 if found is None else found.steps,
+            starts=0 if found is None else found.starts,
+            wall_s=spent.wall_s,
+            cpu_s=spent.cpu_s,
+            rollout=record,
+            prediction=prediction,
+            failure=" ".join(failures) or None,
+        )
+
+    def _improve(
+        self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
+    ) -> Learning[tuple[Found | None, str | None]]:
+        """What the search for a better policy found, or why there is none to try."""
+        found, model, rows = None, self.model.to_arrays(), self.fitted_rows
+        try:
+            events.on_model_fitted(self._fit_model(trial))
+            self.fitted_rows = len(self._data)
+            self.look_ahead()
+            self._learn_cost()
+            request = self._request(trial, perception, events)
+            watch.pause()
+            try:
+                found = yield request
+            finally:
+                watch.resume(Spent() if found is None else found.spent)
+        except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
+            self.model.load_arrays(model)
+            self.fitted_rows = rows
+            self.look_ahead()
+            return None, self._failed(trial, f"No policy could be learned: {error}")
+        if math.isfinite(found.best.cost):
+            return found, None
+        return found, self._failed(trial, "The model predicted no finite cost for any policy.")
+
+    def _run_episode(
+        self, act: Act, trial: int, perception: Perception | None, steps: int, episode: int = 0
+    ) -> tuple[Rollout, str | None]:
+        """A rollout of at most so many steps, and why it broke off if it did."""
+        env, failure = state_view(self.env, self.task), None
+        seed, steps = self.streams.reset(trial, episode), min(steps, self.horizon)
+        width = len(self.task.state_names)
+        try:
+            record = run_episode(env, act, steps, self.task.dt, seed=seed, width=width)
+        except BrokenEpisodeError as error:
+            record, failure = error.rollout, self._failed(trial, str(error))
+        return record if perception is None else perception.digest(record), failure
+
+    def _take(self, record: Rollout) -> None:
+        """The rollout joins the data."""
+        if isinstance(self.task.cost, RewardCost):
+            self.task.cost.add(record)
+        rows = record.transitions().after_inputs(self.model.memory)
+        self.transitions = rows if self.transitions is None else self.transitions + rows
+
+    def _controller(self, policy: Any, perception: Perception | None) -> Controller:
+        return Controller(policy, perception, self.model.memory, self.tracker)
+
+    def on_states(self) -> Act:
+        return remembering(self._controller(self.policy, self.perception).answer)
+
+    def look_ahead(self) -> None:
+        """Predict states by the model and the data it was fitted to, where the actuator is late."""
+        known = self._data[: self.fitted_rows] if self.fitted_rows else None
+        self.tracker = self.model.tracker(known)
+
+    def _failed(self, trial: int, reason: str) -> str:
+        """The reason on one line, which is also logged."""
+        reason = " ".join(reason.split())
+        logger.warning("Trial %d: %s", trial, reason)
+        return reason
+
+    def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
+        """Cost at the end of each step of a rollout on the system [-].
+
+        An episode that ended early has its last cost to the end of the horizon.
+        """
+        return held(costs_of(self._cost, record), self.horizon)
+
+    @property
+    def _cost(self) -> Cost:
+        assert self.task.cost is not None, "with_cost has seen to it"
+        return self.task.cost
+
+    @property
+    def _data(self) -> Transitions:
+        assert self.transitions is not None, "learn explores first"
+        return self.transitions
+
+    def predict(
+        self,
+        observation: Float[np.ndarray, "*b O"],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The action for one observation or a batch.
+
+        Where states are measured in part, the agent estimates them from the measurements so far:
+        pass the state that the last call returned, as with recurrent policies. Else there is no
+        memory, and the state is returned as it came. With `model.memory` it holds the last inputs,
+        with `model.delay` the steps of the episode too, and is to be passed likewise.
+
+        Args:
+            observation: in the env's units.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
+            deterministic: not used; the policy is deterministic.
+
+        Raises:
+            InputError: the observation has another width, or is not finite; or the state belongs to
+                other observations.
+        """
+        controller = self._controller(self.policy, self.perception)
+        known = state_of(self.task, self._observation(observation))
+        action, state = controller.answer(known, state, episode_start)
+        return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state

@@ -1,0 +1,253 @@
+"""An agent that learns by trials: what it is made with, what it answers, its file.
+
+What a trial does is a subclass's: `mcpilco.agent.model_based.ModelBasedAgent` fits a model and
+searches a policy in it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+from torch import nn
+
+from mcpilco.agent.agent_file import SavedAgent, reading
+from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.agent.controller import Act, Controller, remembering
+from mcpilco.agent.learning import Learning, answer_alone
+from mcpilco.agent.model import Model
+from mcpilco.agent.streams import Streams
+from mcpilco.config import Preset
+from mcpilco.data import Transitions, TrialResult
+from mcpilco.logbook.callbacks import Callback, Progress, as_callback
+from mcpilco.sensing.perception import Perception
+from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
+
+
+class TrialAgent(ABC):
+    """What agents that learn by trials have in common."""
+
+    algo: ClassVar[str]
+    """what the command line and files call the algorithm, see `mcpilco.agent.algorithms`"""
+    policy_name: ClassVar[str]
+    """what its policy is called"""
+    config_type: ClassVar[type[Any]]
+    """the dataclass of its numbers: with `horizon`, and all with defaults"""
+    presets: ClassVar[Mapping[str, Preset]]
+    """its named settings; one is `default`"""
+    saved_type: ClassVar[type[SavedAgent[Any]]]
+    """what its file holds"""
+    policy: nn.Module
+    """what it acts by"""
+    perception: Perception | None = None
+    """what makes states of measurements; None where states are measured"""
+    model: Model | None = None
+    """of the system; None: it learns none"""
+    transitions: Transitions | None = None
+    """what a model is learned from; None: nothing yet, or no model"""
+
+    def __init__(
+        self,
+        policy: str,
+        env: gym.Env | str,
+        *,
+        preset: str = "default",
+        config: Any = None,
+        seed: int = 0,
+        verbose: int = 0,
+        task: TaskSpec | None = None,
+    ) -> None:
+        """An agent that has learned nothing yet.
+
+        Args:
+            policy: the name of the algorithm's policy.
+            env: a Gymnasium env with one-dimensional Box spaces, or its id.
+            preset: name of a configuration, one of `presets`; with the id of the cart-pole it also
+                sets the env's keywords.
+            config: the numbers themselves; takes precedence over `preset`.
+            seed: of everything random; equal seeds give equal results.
+            verbose: 0 silent, 1 shows progress.
+            task: what to know of the env, where it does not show it as `task`; without either it
+                is guessed, with a warning, where the env's class, model or names tell.
+
+        Raises:
+            InputError: an argument is unknown, or the algorithm cannot learn such a task.
+            EnvError: the env does not fit.
+        """
+        if policy != self.policy_name:
+            raise InputError(f'policy must be "{self.policy_name}", got {policy!r}.')
+        if preset not in self.presets:
+            raise InputError(f"preset must be one of {sorted(self.presets)}, got {preset!r}.")
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise InputError(f"seed must be an integer of at least 0, got {seed!r}.")
+        chosen = self.presets[preset]
+        keywords = chosen.keywords(env) if isinstance(env, str) and config is None else {}
+        self.env = make_env(env, **keywords)
+        env_id = "" if self.env.spec is None else self.env.spec.id
+        self.config: Any = chosen.config_for(env_id) if config is None else config
+        self.seed = int(seed)
+        self.verbose = verbose
+        self.task = self._own_task(task_of(self.env, task))
+        self.low, self.high = input_bounds(self.env)
+        self.horizon = horizon_of(self.env, self.config.horizon)
+        self.streams = Streams(self.seed)
+        self.trials = 0
+        """trials done, in all calls of `learn` and before a `load`"""
+        self.results: list[TrialResult] = []
+        """of these trials; a `load` does not bring them back"""
+        self._set_up()
+
+    @abstractmethod
+    def _set_up(self) -> None:
+        """Make what the algorithm has beside all this, before it has learned anything."""
+
+    def _own_task(self, task: TaskSpec) -> TaskSpec:
+        """The task as the agent sees it.
+
+        Raises:
+            InputError: the algorithm cannot learn such a task.
+        """
+        return task
+
+    @staticmethod
+    @abstractmethod
+    def usual_trials(config: Any) -> int:
+        """Trials of a training where nothing is said."""
+
+    @property
+    @abstractmethod
+    def num_timesteps(self) -> int:
+        """Steps of its env that the agent has learned from."""
+
+    @abstractmethod
+    def timesteps_of(self, trials: int) -> int:
+        """The steps that `learn` needs for so many trials."""
+
+    @abstractmethod
+    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
+        """Trials worth so many steps, which stop at each search until they are sent the answer.
+
+        Raises:
+            InputError: too few steps for a trial.
+        """
+
+    def learn(
+        self,
+        total_timesteps: int,
+        callback: Callback | Sequence[Callback] | None = None,
+        progress_bar: bool = False,
+    ) -> Self:
+        """Spend `total_timesteps` steps of the env, rounded up to whole trials; return the agent.
+
+        Calling again continues.
+
+        Args:
+            total_timesteps: steps of the env.
+            callback: told of each event, see `mcpilco.logbook.callbacks`.
+            progress_bar: show progress on the screen.
+
+        Raises:
+            InputError: too few steps for a trial.
+            EnvError: the env is absent, or an episode broke off before its first step was done.
+        """
+        answer_alone(self.learning(total_timesteps, callback, progress_bar))
+        return self
+
+    def learning(
+        self,
+        total_timesteps: int,
+        callback: Callback | Sequence[Callback] | None = None,
+        progress_bar: bool = False,
+    ) -> Learning[None]:
+        """`learn`, which stops at each search until it is sent the answer.
+
+        Several agents can so be brought to their searches, and these be answered together.
+        """
+        if isinstance(self.env, AbsentEnv):
+            self.env.reset()  # raises
+        shown = [Progress()] if progress_bar or self.verbose else []
+        try:
+            yield from self._learn(total_timesteps, as_callback(callback, *shown))
+        finally:
+            as_callback(shown).close()
+
+    @abstractmethod
+    def predict(
+        self,
+        observation: Float[np.ndarray, "*b O"],
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The action for one observation or a batch, and the state to hand back with the next."""
+
+    def _observation(self, observation: Any) -> Float[np.ndarray, "*b O"]:
+        """An observation, checked.
+
+        Raises:
+            InputError: it has another width, or is not finite.
+        """
+        observation = np.asarray(observation, dtype=np.float64)
+        shape = self.env.observation_space.shape
+        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
+            measured = tuple(self.task.state_names[i] for i in self.task.measured_states)
+            names = "" if self.task.observed else f" {measured}"
+            raise InputError(
+                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, "
+                f"got shape {observation.shape}: {observation}."
+            )
+        return observation
+
+    def controller(self) -> Act:
+        """What acts for one episode, or a batch that begins together: from observation to action.
+
+        It remembers what `predict` returns as its state; each episode needs a new one.
+        """
+        return remembering(self.predict)
+
+    def on_states(self) -> Act:
+        """The same from states, or from what is measured of them, whatever the env observes."""
+        return remembering(Controller(self.policy, self.perception).answer)
+
+    def save(self, path: str | Path) -> Path:
+        """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
+
+        Raises:
+            RunFolderError: the file cannot be written.
+        """
+        return self.saved_type.write(Path(path), self)
+
+    @classmethod
+    def load(
+        cls, path: str | Path, env: gym.Env | str | None = None, *, task: TaskSpec | None = None
+    ) -> Self:
+        """The agent that `save` wrote: it predicts the same, and `learn` goes on where it ended.
+
+        What it learns is what the saved agent would have learned, to the last digit, in an env
+        whose episodes are functions of the seed that `reset` is given.
+
+        Args:
+            path: of the file.
+            env: an env like the one it learned in, or its id; without one it can predict only.
+            task: what to know of the env, where it does not show it; else what it knew when it was
+                saved, but for a cost that was given as a function: it cannot learn on without, if
+                it learns from costs.
+
+        Raises:
+            RunFolderError: the file is missing, damaged, or not an agent of this class and env.
+            EnvError: the env does not fit.
+        """
+        with reading(Path(path), cls.algo, cls.saved_type) as saved:
+            env = make_env(saved.absent_env() if env is None else env)
+            if task is None and getattr(env.unwrapped, "task", None) is None:
+                task = saved.task_for(env)
+            config, seed = saved.config(cls.config_type), saved.about["seed"]
+            agent = cls(cls.policy_name, env, config=config, seed=seed, task=task)
+            saved.restore(agent)
+        return agent

@@ -1,0 +1,141 @@
+"""Learning as seen in a terminal: a row a trial, and a bar for the policy steps of this trial."""
+
+from __future__ import annotations
+
+import math
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+from rich.text import Text
+
+from mcpilco.data import Rollout, TrialResult
+from mcpilco.logbook.callbacks.base import Agent, Callback
+
+_COLUMNS = (
+    "trial",
+    "experience [s]",
+    "predicted cost",
+    "real cost",
+    "success",
+    "time up [s]",
+    "GP noise",
+    "wall [s]",
+)
+_REFRESH_HZ = 2.0  # drawing shares one core with the learning
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _row(result: TrialResult) -> tuple[str, ...]:
+    success = {True: "yes", False: "no", None: "-"}[result.success]
+    return (
+        str(result.trial),
+        _number(result.experience_s, 1),
+        _predicted(result),
+        _number(result.real_cost, 2),
+        success,
+        _number(result.time_up_s, 2),
+        " ".join(f"{std:.2g}" for std in result.noise_std) or "-",
+        _number(result.wall_s, 1),
+    )
+
+
+def _predicted(result: TrialResult) -> str:
+    if math.isnan(result.predicted_cost):
+        return "-"
+    return f"{result.predicted_cost:.2f} ± {result.predicted_cost_std:.2f}"
+
+
+class Progress(Callback):
+    """A live table with a row a trial; below it a bar for the policy steps, with the time left.
+
+    Where the output is no terminal, one plain line a trial.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        """Draws on `console`; by default on standard output."""
+        self._console = console or Console()
+        self._live: Live | None = None
+        self._trials = 0
+        self._trial = 0
+
+    def on_training_start(self, agent: Agent, trials: int) -> None:
+        """Starts an empty table."""
+        self.close()
+        self._trials = getattr(agent, "trials", 0) + trials
+        self._models = getattr(agent, "model", True) is not None
+        self._table = Table(box=SIMPLE_HEAD, caption="costs are sums over an episode")
+        for name in _COLUMNS:
+            # As Text, for a unit is no markup; on two lines, for the table to fit 80 columns.
+            heading = Text("\n".join(name.rsplit(" ", 1)))
+            self._table.add_column(heading, justify="right", vertical="bottom")
+        self._bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=self._console,
+            auto_refresh=False,
+        )
+        first = "exploring with random inputs" if self._models else "learning"
+        self._task = self._bar.add_task(first, total=None)
+        if self._console.is_terminal:
+            self._live = Live(
+                Group(self._table, self._bar), console=self._console, refresh_per_second=_REFRESH_HZ
+            )
+            self._live.start(refresh=True)
+
+    def on_exploration(self, rollout: Rollout) -> None:
+        """Says how much was recorded."""
+        self._say(f"exploration: {len(rollout) * rollout.dt:.1f} s of random inputs")
+
+    def on_trial_start(self, trial: int) -> None:
+        """Starts a new bar."""
+        self._trial = trial
+        # A fresh task, so that the time left is this trial's alone.
+        self._bar.remove_task(self._task)
+        doing = "fitting the models" if self._models else "learning"
+        self._task = self._bar.add_task(f"{self._heading}: {doing}", total=None)
+
+    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
+        """Moves the bar."""
+        cost = values.get("policy/cost")
+        doing = "searching the policy" if self._models else "learning"
+        known = "" if cost is None else f", cost {cost:.2f}"
+        self._bar.update(
+            self._task,
+            completed=step,
+            total=steps,
+            description=f"{self._heading}: {doing}{known}",
+        )
+
+    def on_trial_end(self, result: TrialResult) -> None:
+        """Adds the trial's row."""
+        row = _row(result)
+        self._table.add_row(*row)
+        self._say(", ".join(f"{name} {value}" for name, value in zip(_COLUMNS, row, strict=True)))
+
+    def on_training_end(self) -> None:
+        """Takes the bar away."""
+        self.close()
+
+    def close(self) -> None:
+        """Leaves the table on the screen, without the bar, and gives the terminal back."""
+        if self._live is not None:
+            self._live.update(self._table, refresh=True)
+            self._live.stop()
+            self._live = None
+
+    @property
+    def _heading(self) -> str:
+        return f"trial {self._trial} of {self._trials}"
+
+    def _say(self, line: str) -> None:
+        if not self._console.is_terminal:
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)

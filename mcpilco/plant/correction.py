@@ -1,0 +1,245 @@
+"""What must be changed in a plant so that it does what was measured; kept as a JSON file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcpilco.files import write_bytes
+from mcpilco.plant.effects import CATALOGUE, Symbol
+from mcpilco.plant.effects.learned import Axis, LearnedForce
+from mcpilco.plant.plant import Active, Plant
+from mcpilco.typing import InputError
+
+FORMAT = 1
+"""of the file"""
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An effect to add to a plant.
+
+    Raises:
+        InputError: no effect of the catalogue, or values that are not those of its symbols.
+    """
+
+    name: str
+    """of the effect, as in `coulomb_friction`"""
+    target: str
+    """a joint, body, actuator or state, as the effect's place has it"""
+    parameters: Mapping[str, float]
+    """by symbol, in its unit; what only smooths a formula may be left out"""
+
+    def __post_init__(self) -> None:
+        if self.name not in CATALOGUE:
+            raise InputError(f"there is no effect {self.name!r}; there are {', '.join(CATALOGUE)}.")
+        symbols = {symbol.name: symbol for symbol in CATALOGUE[self.name].symbols}
+        for name, value in self.parameters.items():
+            if name not in symbols:
+                known = ", ".join(symbols)
+                raise InputError(f"{self.name} has no parameter {name!r}; it has {known}.")
+            _require_value(f"{name} of {self.name} ({self.target})", value, symbols[name])
+        missing = [s.name for s in symbols.values() if s.told and s.name not in self.parameters]
+        if missing:
+            raise InputError(
+                f"{self.name} ({self.target}) needs a value of {', '.join(missing)}; add it to its "
+                "parameters."
+            )
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """One for each symbol of the effect, in their order."""
+        symbols = CATALOGUE[self.name].symbols
+        return tuple(float(self.parameters.get(s.name, s.neutral)) for s in symbols)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Parameters and effects that a plant is corrected by."""
+
+    plant: str
+    """name of the plant that it is for"""
+    parameters: Mapping[str, float]
+    """physical parameters that are not nominal, by name"""
+    effects: tuple[Addition, ...]
+    """what the nominal plant lacks"""
+    learned: tuple[LearnedForce, ...] = ()
+    """forces that it lacks and no effect explains"""
+
+
+def correction_of(plant: Plant, nominal: Plant) -> Correction:
+    """What makes `plant` of the nominal plant: parameters that differ, and effects."""
+    before = {parameter.name: parameter.value for parameter in nominal.parameters}
+    changed = {p.name: p.value for p in plant.parameters if p.value != before[p.name]}
+    effects = (
+        Addition(
+            active.effect.name,
+            active.target,
+            dict(zip((s.name for s in active.effect.symbols), values, strict=True)),
+        )
+        for active, values in plant.added
+    )
+    return Correction(plant.name, changed, tuple(effects), plant.learned)
+
+
+def corrected(plant: Plant, correction: Correction) -> Plant:
+    """The plant with its correction.
+
+    Raises:
+        InputError: the correction is for another plant, or names what this one does not have.
+    """
+    if correction.plant != plant.name:
+        raise InputError(
+            f"The correction is for the plant {correction.plant!r}, got {plant.name!r}; if they "
+            'are the same system, change "plant" in the correction.'
+        )
+    named = [(Active(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
+    changed = plant.where(**correction.parameters).having(named)
+    return changed.with_learned(correction.learned)
+
+
+def write_correction(path: str | Path, correction: Correction) -> Path:
+    """Writes a correction as JSON, whole or not at all; null stands for an infinite value.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "plant": correction.plant,
+        "parameters": dict(correction.parameters),
+        "effects": [
+            {
+                "name": effect.name,
+                "target": effect.target,
+                "parameters": {
+                    name: value if math.isfinite(value) else None
+                    for name, value in effect.parameters.items()
+                },
+            }
+            for effect in correction.effects
+        ],
+    }
+    if correction.learned:
+        content["learned"] = [_grid(force) for force in correction.learned]
+    return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
+
+
+def read_correction(path: str | Path) -> Correction:
+    """The correction in a file.
+
+    Raises:
+        InputError: the file is missing, is no JSON, or does not say what a correction must.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"Cannot read {path}: {error.strerror or error}.") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON file: {error}.") from None
+    try:
+        return correction_from(content)
+    except InputError as error:
+        raise InputError(f"{path} is no correction of a plant: {error}") from None
+
+
+def correction_from(content: Any) -> Correction:
+    """The correction that the JSON object of a file describes.
+
+    Raises:
+        InputError: a part is missing, unknown or of another kind.
+    """
+    content = {"learned": [], **_object(content, "it")}
+    content = _object(content, "it", ("format", "plant", "parameters", "effects", "learned"))
+    if content["format"] != FORMAT or isinstance(content["format"], bool):
+        raise InputError(f'"format" must be {FORMAT}, got {_short(content["format"])}.')
+    plant, effects = content["plant"], content["effects"]
+    if not isinstance(plant, str):
+        raise InputError(f'"plant" must be the name of a plant, got {_short(plant)}.')
+    if not isinstance(effects, list):
+        raise InputError(f'"effects" must be a list, got {_short(effects)}.')
+    parameters = _object(content["parameters"], '"parameters"')
+    for name, value in parameters.items():
+        _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
+    if not isinstance(content["learned"], list):
+        raise InputError(f'"learned" must be a list, got {_short(content["learned"])}.')
+    learned = tuple(map(_learned, content["learned"]))
+    return Correction(plant, parameters, tuple(map(_addition, effects)), learned)
+
+
+def _addition(content: Any) -> Addition:
+    content = _object(content, "an effect", ("name", "target", "parameters"))
+    for key in ("name", "target"):
+        if not isinstance(content[key], str):
+            raise InputError(f'"{key}" of an effect must be a word, got {_short(content[key])}.')
+    values = _object(content["parameters"], f'"parameters" of {content["name"]}')
+    infinite = {name: math.inf if value is None else value for name, value in values.items()}
+    return Addition(content["name"], content["target"], infinite)
+
+
+def _grid(force: LearnedForce) -> dict[str, Any]:
+    """A learned force as a file holds it; eight digits of its weights are more than are known."""
+    weights = [float(f"{weight:.8g}") for weight in force.weights]
+    return {"joint": force.joint, "axes": list(map(vars, force.axes)), "weights": weights}
+
+
+def _learned(content: Any) -> LearnedForce:
+    content = _object(content, "a learned force", ("joint", "axes", "weights"))
+    joint, axes, weights = content["joint"], content["axes"], content["weights"]
+    if not isinstance(joint, str):
+        raise InputError(f'"joint" of a learned force must be a word, got {_short(joint)}.')
+    for name, part in (("axes", axes), ("weights", weights)):
+        if not isinstance(part, list):
+            raise InputError(f'"{name}" of a learned force must be a list, got {_short(part)}.')
+    for weight in weights:
+        _require_value(f"a weight of the learned force at {joint}", weight, Symbol("weight", "-"))
+    return LearnedForce(joint, tuple(map(_axis, axes)), tuple(map(float, weights)))
+
+
+def _axis(content: Any) -> Axis:
+    content = {"closed": False} | _object(content, "an axis")
+    content = _object(content, "an axis", ("of", "low", "high", "knots", "slow", "closed"))
+    if not isinstance(content["of"], str):
+        raise InputError(f'"of" of an axis must be a word, got {_short(content["of"])}.')
+    if not isinstance(content["knots"], int) or isinstance(content["knots"], bool):
+        raise InputError(f'"knots" of an axis must be a count, got {_short(content["knots"])}.')
+    for name in ("low", "high", "slow"):
+        _require_value(f"{name} of the axis {content['of']}", content[name], Symbol(name, "-"))
+    if not isinstance(content["closed"], bool):
+        raise InputError(
+            f'"closed" of an axis must be true or false, got {_short(content["closed"])}.'
+        )
+    ends = {name: float(content[name]) for name in ("low", "high", "slow")}
+    return Axis(of=content["of"], knots=content["knots"], closed=content["closed"], **ends)
+
+
+def _object(content: Any, name: str, keys: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """The JSON object that some content must be, with these keys and no others."""
+    if not isinstance(content, dict):
+        raise InputError(f"{name} must be an object {{...}}, got {_short(content)}.")
+    if keys is not None and set(content) != set(keys):
+        expected = ", ".join(f'"{key}"' for key in keys)
+        raise InputError(f"{name} must have {expected} and no more, got {_short(sorted(content))}.")
+    return content
+
+
+def _require_value(name: str, value: Any, symbol: Symbol) -> None:
+    """Raises InputError unless a value is a number that makes sense of its symbol."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    endless = math.isinf(symbol.neutral) and value == symbol.neutral
+    if not number or not (endless or (abs(value) < 1e300 and symbol.low <= value <= symbol.high)):
+        within = [f"at least {symbol.low:g}"] if symbol.low > -math.inf else []
+        within += [f"at most {symbol.high:g}"] if symbol.high < math.inf else []
+        expected = " ".join(["a finite number", " and ".join(within)]).strip()
+        raise InputError(f"{name} must be {expected}, got {_short(value)}.")
+
+
+def _short(value: Any) -> str:
+    """A value for a sentence."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

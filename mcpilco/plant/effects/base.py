@@ -1,0 +1,147 @@
+"""What a physical effect is, and how it enters a simulation."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mcpilco.plant.simulation import Layout, Tables
+
+Place = Literal["actuator", "joint", "body", "sensor"]
+
+MOST = 30.0
+"""times what is usual that may be missing; beyond that a joint would stand as if held fast"""
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A parameter of an effect."""
+
+    name: str
+    """as reports and files write it"""
+    unit: str
+    """{q} stands for the unit of the position at its joint, {f} for that of the force"""
+    neutral: float = 0.0
+    """value at which the effect changes nothing"""
+    low: float = -np.inf
+    """least value that makes physical sense"""
+    high: float = np.inf
+    """largest one"""
+    told: bool = True
+    """whether a report tells it; False for what only smooths the formula"""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What is usual at a target in some recordings, for sizes that make sense."""
+
+    position: float
+    """largest |q| of the joint [m or rad]"""
+    velocity: float
+    """rms of q' [m/s or rad/s]"""
+    force: float
+    """rms of the forces at the joint [N or N m]"""
+    command: float
+    """largest |command| of the actuator; of the first where the target is none [its unit]"""
+    signal: float
+    """rms of the state where the target is one, else of q [its unit]"""
+    inertia: float
+    """of the joint: M_jj [kg or kg m^2]"""
+    mass: float
+    """of the body [kg]"""
+    length: float
+    """from the joint to the center of mass of the body [m]"""
+    dt: float
+    """sampling time [s]"""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Small sizes of an effect, at which a simulation shows its signature."""
+
+    values: Float[np.ndarray, "n symbols"]
+    """n sizes, whose signatures may be mixed"""
+    proportional: bool = True
+    """whether a mix of signatures is that of the mixed values"""
+    bent: bool = False
+    """whether signatures are to be those of endlessly small sizes, which half the sizes tell"""
+    usual: float = 1.0
+    """how many times as large an effect is that should be felt"""
+
+
+class Effect(ABC):
+    """A named physical effect: one formula, and one place where it acts."""
+
+    name: ClassVar[str]
+    """public vocabulary, as in `coulomb_friction`"""
+    place: ClassVar[Place]
+    """what its target is"""
+    symbols: ClassVar[tuple[Symbol, ...]]
+    """its parameters, in the order of their values"""
+    special: ClassVar[tuple[str, ...]] = ()
+    """effects that it becomes for some of its values"""
+    law: ClassVar[int | None] = None
+    """its formula in `mcpilco.plant.simulation.laws`, where it is a force in a joint"""
+
+    @abstractmethod
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        """Where in a plant it can act, by name."""
+
+    @abstractmethod
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        """Adds its action to the tables of one system.
+
+        Args:
+            tables: of a plant's systems.
+            system: which of them.
+            at: its row among the laws, or the number of its body, input or state.
+            values: one for each of its symbols.
+        """
+
+    @abstractmethod
+    def probes(self, scale: Scale) -> list[Probe]:
+        """Sizes that are small but felt, different in kind."""
+
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        """Values beyond which it explains nothing, however well it fits."""
+        return np.full(len(self.symbols), np.inf)
+
+    @property
+    def neutral(self) -> Float[np.ndarray, " symbols"]:
+        """Values at which it changes nothing."""
+        return np.array([symbol.neutral for symbol in self.symbols])
+
+    @property
+    def amplitudes(self) -> Bool[np.ndarray, " symbols"]:
+        """Which of its symbols say how large it is; the others say of what shape."""
+        return (self.neutral == 0.0) | (len(self.symbols) == 1)
+
+    def part(self, values: Sequence[float], share: float) -> tuple[float, ...]:
+        """Values at a share of the way from those that change nothing.
+
+        Args:
+            values: one for each symbol.
+            share: from 0 to 1; what changes nothing at infinity is as far off as 1 / share says.
+        """
+        return tuple(
+            s.neutral + share * (value - s.neutral)
+            if math.isfinite(s.neutral)
+            else (value / share if share > 0.0 else s.neutral)
+            for s, value in zip(self.symbols, values, strict=True)
+        )
+
+    def units(self, layout: Layout, target: str) -> tuple[str, ...]:
+        """Units of its symbols at a target."""
+        position, force = layout.unit_of(target)
+        return tuple(symbol.unit.format(q=position, f=force) for symbol in self.symbols)
+
+
+def sizes(*values: float) -> Probe:
+    """One size of an effect."""
+    return Probe(np.array([values]))

@@ -1,0 +1,195 @@
+"""Equations of motion of an open chain, for numbers of any kind: floats, or those of a tape.
+
+The same as `mcpilco.bodies.compiled`, whose loops take no derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mcpilco.plant.equations.number import Real, cos, larger, sin, sqrt
+
+Vector = Sequence[Any]
+Matrix = Sequence[Sequence[Any]]
+ZERO = (0.0, 0.0, 0.0)
+LEAST_INERTIA = 0.1
+"""part of each pivot of the mass matrix that further inertia leaves [-]"""
+
+
+def inverse_dynamics(
+    chain: Any, q: Sequence[Real], dq: Sequence[Real], ddq: Sequence[Real], gravity: Vector
+) -> list[Any]:
+    """tau = M(q) q'' + bias(q, q'), body by body in the body's frame [N or N m].
+
+    Args:
+        chain: one system of `mcpilco.bodies.Chains`, with numbers of any kind.
+        q: joint positions [m or rad].
+        dq: joint velocities [m/s or rad/s].
+        ddq: joint accelerations [m/s^2 or rad/s^2].
+        gravity: [m/s^2].
+
+    Reference: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
+    """
+    J = len(q)
+    turns: list[Matrix] = []
+    origins: list[Vector] = []
+    spins: list[Vector] = []  # angular velocities
+    turned: list[Vector] = []  # angular accelerations
+    pushes: list[Vector] = []  # accelerations of the frames' origins, less gravity
+    forces: list[tuple[Vector, Vector]] = []
+    for j in range(J):
+        p, axis = chain.parent[j], chain.axis[j]
+        R, o = chain.rotation[j], chain.origin[j]
+        w, b = (spins[p], turned[p]) if p >= 0 else (ZERO, ZERO)
+        a = pushes[p] if p >= 0 else _scale(-1.0, gravity)
+        if chain.slides[j]:
+            o = _add(o, _apply(R, _scale(q[j], axis)))
+        else:
+            R = _product(R, _rotation(axis, q[j]))
+        a = _add(a, _cross(b, o), _cross(w, _cross(w, o)))
+        w, b, a = (_apply_transposed(R, x) for x in (w, b, a))
+        if chain.slides[j]:
+            slid = _scale(dq[j], axis)
+            a = _add(a, _scale(ddq[j], axis), _scale(2.0, _cross(w, slid)))
+        else:
+            b = _add(b, _scale(ddq[j], axis), _cross(w, _scale(dq[j], axis)))
+            w = _add(w, _scale(dq[j], axis))
+        m, c, I = chain.mass[j], chain.center[j], chain.inertia[j]  # noqa: E741  the field's letter
+        force = _scale(m, _add(a, _cross(b, c), _cross(w, _cross(w, c))))
+        moment = _add(_apply(I, b), _cross(w, _apply(I, w)), _cross(c, force))
+        turns.append(R)
+        origins.append(o)
+        spins.append(w)
+        turned.append(b)
+        pushes.append(a)
+        forces.append((force, moment))
+    tau: list[Any] = [0.0] * J
+    for j in range(J - 1, -1, -1):
+        force, moment = forces[j]
+        along = force if chain.slides[j] else moment
+        tau[j] = _dot(chain.axis[j], along) + chain.armature[j] * ddq[j]
+        p = chain.parent[j]
+        if p >= 0:
+            force, moment = _apply(turns[j], force), _apply(turns[j], moment)
+            moment = _add(moment, _cross(origins[j], force))
+            forces[p] = _add(forces[p][0], force), _add(forces[p][1], moment)
+    return tau
+
+
+def mass_matrix(chain: Any, q: Sequence[Real]) -> list[list[Any]]:
+    """M(q) [kg, kg m or kg m^2]: forces that unit accelerations take, without gravity."""
+    J = len(q)
+    rest = [0.0] * J
+    return [
+        inverse_dynamics(chain, q, rest, [float(i == j) for i in range(J)], ZERO) for j in range(J)
+    ]
+
+
+def accelerations(
+    chain: Any, q: Sequence[Real], dq: Sequence[Real], tau: Sequence[Real]
+) -> list[Any]:
+    """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2]; arguments as in `inverse_dynamics`."""
+    J = len(q)
+    L = _cholesky(mass_matrix(chain, q))
+    bias = inverse_dynamics(chain, q, dq, [0.0] * J, chain.gravity)
+    # L y = tau - bias; L^T x = y
+    x: list[Any] = [t - b for t, b in zip(tau, bias, strict=True)]
+    for i in range(J):
+        x[i] = (x[i] - _sum(L[i][k] * x[k] for k in range(i))) / L[i][i]
+    for i in range(J - 1, -1, -1):
+        x[i] = (x[i] - _sum(L[k][i] * x[k] for k in range(i + 1, J))) / L[i][i]
+    return x
+
+
+def accelerations_with(
+    chain: Any, q: Sequence[Real], dq: Sequence[Real], tau: Sequence[Real], R: Matrix
+) -> list[Any]:
+    """q'' = (M(q) + R)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2].
+
+    Elimination without an exchange of rows. All pivots of a positive definite matrix are positive;
+    here each is at least `LEAST_INERTIA` of what it is without R: where R would take more inertia
+    than that from a joint, it takes as much.
+
+    Args:
+        chain: as in `inverse_dynamics`.
+        q: joint positions [m or rad].
+        dq: joint velocities [m/s or rad/s].
+        tau: forces at the joints [N or N m].
+        R: further inertia, which need not be symmetric [kg, kg m or kg m^2].
+    """
+    J = len(q)
+    M = mass_matrix(chain, q)
+    L = _cholesky(M)
+    bias = inverse_dynamics(chain, q, dq, [0.0] * J, chain.gravity)
+    x: list[Any] = [t - b for t, b in zip(tau, bias, strict=True)]
+    A = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(M, R, strict=True)]
+    for k in range(J):
+        A[k][k] = larger(A[k][k], LEAST_INERTIA * (L[k][k] * L[k][k]))
+        for i in range(k + 1, J):
+            factor = A[i][k] / A[k][k]
+            x[i] = x[i] - factor * x[k]
+            A[i][k + 1 :] = [A[i][j] - factor * A[k][j] for j in range(k + 1, J)]
+    for k in range(J - 1, -1, -1):
+        x[k] = (x[k] - _sum(A[k][j] * x[j] for j in range(k + 1, J))) / A[k][k]
+    return x
+
+
+def _cholesky(M: Matrix) -> list[list[Any]]:
+    """L, lower triangular, with M = L L^T."""
+    J = len(M)
+    L: list[list[Any]] = [[0.0] * J for _ in range(J)]
+    for i in range(J):
+        for j in range(i + 1):
+            total = M[j][i] - _sum(L[i][k] * L[j][k] for k in range(j))
+            L[i][j] = sqrt(total) if i == j else total / L[j][j]
+    return L
+
+
+def _sum(terms: Any) -> Any:
+    total: Any = 0.0
+    for term in terms:
+        total = term + total
+    return total
+
+
+def _dot(a: Vector, b: Vector) -> Any:
+    return _sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def _add(*vectors: Vector) -> Vector:
+    return [_sum(parts) for parts in zip(*vectors, strict=True)]
+
+
+def _scale(factor: Any, a: Vector) -> Vector:
+    return [factor * x for x in a]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
+
+
+def _apply(R: Matrix, a: Vector) -> Vector:
+    return [_dot(row, a) for row in R]
+
+
+def _apply_transposed(R: Matrix, a: Vector) -> Vector:
+    return [_dot(column, a) for column in zip(*R, strict=True)]
+
+
+def _product(A: Matrix, B: Matrix) -> Matrix:
+    columns = list(zip(*B, strict=True))
+    return [[_dot(row, column) for column in columns] for row in A]
+
+
+def _rotation(axis: Vector, angle: Real) -> Matrix:
+    """About an axis of length 1: Rodrigues' formula."""
+    s, c = sin(angle), cos(angle)
+    x, y, z = axis
+    outer = [[a * b for b in axis] for a in axis]
+    skew = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+    # c (1 - a a^T) + a a^T + s [a x]
+    return [
+        [c * (float(i == j) - outer[i][j]) + outer[i][j] + s * skew[i][j] for j in range(3)]
+        for i in range(3)
+    ]

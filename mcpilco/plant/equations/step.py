@@ -1,0 +1,315 @@
+"""One sampling interval of a plant as a program: from state and command to the next state.
+
+The plant's numbers that depend on its parameters are inputs of the program beside state and
+command, so that each particle may have parameters of its own. Between two jumps of a command the
+classical Runge-Kutta method takes equal steps; a lag is an exponential. Dry friction turns over no
+faster than these steps can follow (`mcpilco.plant.equations.friction`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.plant.equations import chain as chains
+from mcpilco.plant.equations.friction import followable
+from mcpilco.plant.equations.laws import JOINT_LAWS, limited, shaped
+from mcpilco.plant.equations.number import Real, Tape, exp
+from mcpilco.plant.equations.polynomial_force import PolynomialForces
+from mcpilco.plant.equations.program import Program
+from mcpilco.plant.plant import Plant
+from mcpilco.plant.simulation import Tables
+from mcpilco.plant.simulation.tables import DELAY, LAG, LATENCY, OFFSET, PLAY, SCALE
+from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
+
+FORGOTTEN = 0.05
+"""share of a lagging force that commands may have which are no longer remembered [-]"""
+PERTURBATION = 0.1
+"""relative change of a parameter that shows what depends on it"""
+
+_CHAIN = ("origin", "mass", "center", "inertia", "armature", "gravity")
+_SHARED = ("parent", "slides", "axis", "rotation")
+_FIELDS = (*_CHAIN, "constants", "actuators")
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A number of a plant that depends on its parameters."""
+
+    field: str
+    """of `mcpilco.plant.simulation.Tables` or its chains"""
+    index: tuple[int, ...]
+    """in it, behind the system"""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The next state of a plant, as a program of [state, command, slots, weights]."""
+
+    program: Program
+    """results are the next state, remembered commands included"""
+    slots: tuple[Slot, ...]
+    """its last inputs, but for the weights of forces that the plant's equations lack"""
+
+
+def free_parameters(plant: Plant) -> tuple[int, ...]:
+    """Which parameters are not exactly known, and have a size that they may differ by."""
+    return tuple(i for i, p in enumerate(plant.parameters) if p.uncertain and p.value != 0.0)
+
+
+def numbers_of(
+    plant: Plant, slots: Sequence[Slot], parameters: Float[np.ndarray, "S P"]
+) -> Float[np.ndarray, "S K"]:
+    """What a program's slots hold, for values of the plant's parameters."""
+    tables = plant.tables(np.asarray(parameters, dtype=float))
+    rows = slice(None)
+    at: list[tuple[Any, ...]] = [(rows, *slot.index) for slot in slots]
+    columns = [_field(tables, slot.field)[i] for slot, i in zip(slots, at, strict=True)]
+    return np.stack(columns, 1) if columns else np.zeros((len(parameters), 0))
+
+
+def step_of(
+    plant: Plant,
+    task: TaskSpec,
+    longest: float,
+    memory: int = 0,
+    missing: PolynomialForces | None = None,
+) -> Step:
+    """The program of one sampling interval.
+
+    Args:
+        plant: with the states and inputs of the task, whatever their order.
+        task: names states and inputs; its `dt` is the interval.
+        longest: a step of the Runge-Kutta method takes [s].
+        memory: how many past commands the state holds, behind the plant's own, newest first.
+        missing: forces that the plant's equations lack; their weights are given behind the slots.
+
+    Raises:
+        InputError: names differ, or the plant has what such a program cannot say.
+    """
+    tables = plant.tables(plant.nominal[None])
+    require_expressible(plant, task, tables, memory)
+    slots = _slots(plant)
+    X, U = len(task.state_names), len(task.input_names)
+    width = X + memory * U + U
+    behind = width + len(slots)
+    tape = Tape(behind + (missing.count if missing else 0))
+    system = system_of(tables, dict(zip(slots, tape.inputs[width:behind], strict=True)))
+    if missing:
+        system.missing = partial(missing, weights=tape.inputs[behind:])
+        system.most = missing.most
+    followable(system_of(tables, {}), system, min(longest, task.dt))
+    state, commands = tape.inputs[:X], commands_of(tape.inputs[X:width], U, memory)
+    following = _advance(system, order_of(plant, task), state, commands, task.dt, longest)
+    remembered = [command for past in commands[:memory] for command in past]
+    return Step(Program.of(tape, [*following, *remembered]), slots)
+
+
+def require_expressible(plant: Plant, task: TaskSpec, tables: Tables, memory: int) -> None:
+    """Raises InputError where a plant does not fit a task, or a step needs what is not known."""
+    layout = plant.layout
+    if set(layout.states) != set(task.state_names) or set(layout.inputs) != set(task.input_names):
+        raise InputError(
+            f"The plant {plant.name} must have the states {', '.join(task.state_names)} and the "
+            f"inputs {', '.join(task.input_names)} of the task, it has "
+            f"{', '.join(layout.states)} and {', '.join(layout.inputs)}; name another plant."
+        )
+    actuators, sensors = tables.actuators[0], tables.sensors[0]
+    faults = {
+        "learned forces": bool(len(tables.learned.joint)),
+        "backlash": bool((actuators[:, PLAY] > 0).any()),
+        "delays of sensors": bool((sensors[:, LATENCY] > 0).any()),
+    }
+    found = [name for name, there in faults.items() if there]
+    if found:
+        raise InputError(
+            f"The equations of {plant.name} as a model's mean cannot have {', '.join(found)}; "
+            "leave them out of the correction, the Gaussian processes will learn the rest."
+        )
+    needed = max((_commands_needed(actuator, task.dt) for actuator in actuators), default=0)
+    if needed > memory:
+        raise InputError(
+            f"The actuator of {plant.name} answers to the last {needed} commands beside the "
+            f"present one; set model.memory to {needed} (on the command line --memory {needed}), "
+            f"got {memory}."
+        )
+
+
+def _commands_needed(actuator: Float[np.ndarray, " 7"], dt: float) -> int:
+    """How many past commands an actuator's force depends on."""
+    whole, part = _whole_steps(actuator[DELAY], dt)
+    needed = whole + (part > 0.0)
+    if actuator[LAG] > 0.0:
+        needed += math.ceil(-math.log(FORGOTTEN) * actuator[LAG] / dt)
+    return needed
+
+
+def _whole_steps(delay: float, dt: float) -> tuple[int, float]:
+    """A delay as whole steps, and the rest [s]."""
+    whole = math.floor(delay / dt + 1e-9)
+    rest = delay - whole * dt
+    return whole, rest if rest > 1e-9 * dt else 0.0
+
+
+def _field(tables: Tables, name: str) -> np.ndarray:
+    return getattr(tables.chains if name in _CHAIN else tables, name)
+
+
+def _slots(plant: Plant) -> tuple[Slot, ...]:
+    """The numbers that change with an uncertain parameter."""
+    free = free_parameters(plant)
+    rows = np.tile(plant.nominal, (1 + len(free), 1))
+    for row, i in enumerate(free, 1):
+        rows[row, i] *= 1.0 + PERTURBATION
+    tables = plant.tables(rows)
+    slots = []
+    for name in _FIELDS:
+        values = _field(tables, name)
+        changed = (values != values[:1]).any(0)
+        slots += [Slot(name, tuple(map(int, index))) for index in np.argwhere(changed)]
+    return tuple(slots)
+
+
+def system_of(tables: Tables, given: dict[Slot, Real]) -> SimpleNamespace:
+    """The first system of some tables, with numbers of a tape in its slots."""
+    arrays: dict[str, Any] = {name: getattr(tables.chains, name).tolist() for name in _SHARED}
+    for name in _FIELDS:
+        array = _field(tables, name)[0].astype(object)
+        for slot, number in given.items():
+            if slot.field == name:
+                array[slot.index] = number
+        arrays[name] = array.tolist()
+    laws = zip(tables.law.tolist(), tables.joint.tolist(), arrays["constants"], strict=True)
+    sensors = tables.sensors[0].tolist()
+    return SimpleNamespace(
+        **arrays, laws=list(laws), drives=tables.drives.tolist(), sensors=sensors, missing=None
+    )
+
+
+def order_of(plant: Plant, task: TaskSpec) -> tuple[list[int], list[int]]:
+    """Where the plant's states and inputs are among those of the task."""
+    states = [task.state_names.index(name) for name in plant.layout.states]
+    return states, [task.input_names.index(name) for name in plant.layout.inputs]
+
+
+def commands_of(inputs: Sequence[Real], U: int, memory: int) -> list[list[Real]]:
+    """The commands of now, one step ago, ...: of inputs [past, newest first, then now]."""
+    now = list(inputs[memory * U :])
+    return [now, *(list(inputs[k * U : (k + 1) * U]) for k in range(memory))]
+
+
+def true_state(system: Any, order: Any, state: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Positions and velocities, of measured states in the order of the task."""
+    true = [
+        (state[i] - sensor[OFFSET]) / sensor[SCALE]
+        for i, sensor in zip(order[0], system.sensors, strict=True)
+    ]
+    return true[0::2], true[1::2]
+
+
+def _advance(
+    system: Any, order: Any, state: Sequence[Real], commands: Any, dt: float, longest: float
+) -> list[Any]:
+    """The measured state at the end of an interval."""
+    q, v = true_state(system, order, state)
+    tracks = [
+        segments(system, u, [now[order[1][u]] for now in commands], dt)
+        for u in range(len(system.drives))
+    ]
+    jumps = sorted({segment.until for track in tracks for segment in track})
+    begun = 0.0
+    for until in jumps:
+        steps = math.ceil((until - begun) / longest - 1e-9)
+        h = (until - begun) / steps
+        for n in range(steps):
+            q, v = _runge_kutta(system, q, v, tracks, begun + n * h, h)
+        begun = until
+    following: list[Any] = [0.0] * len(state)
+    true = [x for pair in zip(q, v, strict=True) for x in pair]
+    for i, x, sensor in zip(order[0], true, system.sensors, strict=True):
+        following[i] = sensor[OFFSET] + sensor[SCALE] * x
+    return following
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """The force of an actuator between two jumps: constant, or on its way to a value."""
+
+    since: float
+    until: float
+    at_first: Real
+    goal: Real
+    lag: float
+
+    def force_at(self, time: float) -> Real:
+        """The force [N or N m] at a time within it [s]."""
+        if self.lag == 0.0:
+            return self.goal
+        return self.goal + (self.at_first - self.goal) * exp((self.since - time) / self.lag)
+
+
+def segments(system: Any, u: int, commands: Sequence[Real], dt: float) -> list[_Segment]:
+    """What an actuator does in the interval, by the commands of now, one step ago, ..."""
+    actuator = system.actuators[u]
+    goals = [shaped(actuator, command) for command in commands]
+    lag = actuator[LAG]
+    whole, part = _whole_steps(actuator[DELAY], dt)
+    force, oldest = goals[-1], len(goals) - 1  # the oldest that is known was held for ever
+    if lag > 0.0:
+        for k in range(oldest - 1, whole, -1):
+            acted = dt - part if k == whole + 1 else dt
+            force = goals[k] + (force - goals[k]) * math.exp(-acted / lag)
+    track = []
+    if part > 0.0:
+        track.append(_Segment(0.0, part, force, goals[whole + 1], lag))
+        force = track[-1].force_at(part)
+    return [*track, _Segment(part, dt, force, goals[whole], lag)]
+
+
+def _runge_kutta(
+    system: Any, q: list[Any], v: list[Any], tracks: Any, time: float, h: float
+) -> tuple[list[Any], list[Any]]:
+    """One step of the classical method of fourth order."""
+
+    def slope(q: list[Any], v: list[Any], at: float) -> list[Any]:
+        forces = [next(s for s in t if time + h / 2 < s.until).force_at(at) for t in tracks]
+        return accelerations(system, q, v, forces)
+
+    def moved(x: list[Any], dx: list[Any], by: float) -> list[Any]:
+        return [a + by * b for a, b in zip(x, dx, strict=True)]
+
+    v1, a1 = v, slope(q, v, time)
+    v2 = moved(v, a1, h / 2)
+    a2 = slope(moved(q, v1, h / 2), v2, time + h / 2)
+    v3 = moved(v, a2, h / 2)
+    a3 = slope(moved(q, v2, h / 2), v3, time + h / 2)
+    v4 = moved(v, a3, h)
+    a4 = slope(moved(q, v3, h), v4, time + h)
+
+    def mean(*slopes: list[Any]) -> list[Any]:
+        return [a + 2.0 * (b + c) + d for a, b, c, d in zip(*slopes, strict=True)]
+
+    return moved(q, mean(v1, v2, v3, v4), h / 6), moved(v, mean(a1, a2, a3, a4), h / 6)
+
+
+def accelerations(system: Any, q: list[Any], v: list[Any], forces: Sequence[Real]) -> list[Any]:
+    """q'' under the forces of the actuators, those in the joints, and those that are missing."""
+    tau: list[Any] = [0.0] * len(q)
+    for drive, force in zip(system.drives, forces, strict=True):
+        tau[drive] = force + tau[drive]
+    for law, j, constants in system.laws:
+        tau[j] = JOINT_LAWS[law](q[j], v[j], *constants) + tau[j]
+    if system.missing is None:
+        return chains.accelerations(system, q, v, tau)
+    R, s = system.missing(q, v)
+    left = [t - x for t, x in zip(tau, s, strict=True)]
+    found = chains.accelerations_with(system, q, v, left, R)
+    return [limited(a, most) for a, most in zip(found, system.most, strict=True)]

@@ -1,0 +1,314 @@
+"""A MuJoCo model as a plant: the same equations, with names for recordings and nominal effects.
+
+Contacts and the limits of joints are not simulated: a recording in which the machine touches
+something, or runs into an end stop, is compared with a machine that does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mcpilco.bodies import HINGE, SLIDE, Body, Chain
+from mcpilco.bodies.chain import Matrix, Vector
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.effects.actuator import CommandRange
+from mcpilco.plant.plant import Active, Base, Parameter, Plant
+from mcpilco.plant.simulation import Layout
+from mcpilco.typing import InputError
+
+TURN_OVER = 2e-3
+"""velocity over which the model's dry friction turns over [m/s or rad/s]"""
+SWITCHES = sum(
+    int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0))
+    for name in ("GRAVITY", "SPRING", "DAMPER", "PASSIVE", "FRICTIONLOSS", "CLAMPCTRL", "ACTUATION")
+)
+"""options of a model that switch off what a plant has"""
+
+
+def plant_of(path: str | Path) -> Plant:
+    """The plant of an MJCF file: an open chain of hinges and slides that motors move.
+
+    Columns of its recordings are `<joint>_position`, `<joint>_velocity` and `<actuator>`. Its
+    parameters are `<body>_mass`, `<joint>_damping`, `<joint>_friction`, `<actuator>_gain` and
+    `gravity`.
+
+    Raises:
+        InputError: the file is missing or no MJCF, or holds what such a chain cannot say: loops,
+            tendons, free and ball joints, actuators that are no motors, a fluid, limits that are
+            not symmetric about 0, one name for several things; the message names it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"--plant must be the id of an env or an MJCF file, got {str(path)!r}.")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
+    _require(str(path), _faults(model) | _faults_of_actuators(model))
+    if model.nv == 0 or model.nu == 0:
+        raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")
+    chain = _chain(model)
+    layout = _layout(model, chain)
+    _require_names(layout, path)
+    parameters, base = _nominal(model, layout)
+    masses = {body.name: body.mass for body in chain.bodies}
+
+    def build(p: Mapping[str, float]) -> Chain:
+        bodies = []
+        for body in chain.bodies:
+            mass = p.get(f"{body.name}_mass", body.mass)
+            factor = mass / masses[body.name] if masses[body.name] > 0.0 else 1.0
+            inertia = _rows(factor * np.array(body.inertia))
+            bodies.append(replace(body, mass=mass, inertia=inertia))
+        down = np.array(model.opt.gravity)
+        size = np.linalg.norm(down)
+        gravity = p["gravity"] * down / size if size > 0.0 else down
+        return Chain(tuple(bodies), _vector(gravity))
+
+    return Plant(
+        name=path.stem,
+        layout=layout,
+        parameters=parameters,
+        build=build,
+        base=base,
+        masses={body: f"{body}_mass" for body in layout.bodies if masses[body] > 0.0},
+        angles=tuple(2 * j for j, slides in enumerate(layout.slides) if not slides),
+    )
+
+
+def chain_of(model: mujoco.MjModel) -> Chain:
+    """The bodies of a MuJoCo model, those without a joint joined to their parents.
+
+    Actuators, friction, springs and contacts are no part of it.
+
+    Raises:
+        InputError: the model has what such a chain cannot say: loops, tendons, free and ball
+            joints, a fluid; the message names it.
+    """
+    _require("the model", _faults(model))
+    if model.nv == 0:
+        raise InputError("the model must have joints, got none.")
+    return _chain(model)
+
+
+def _require(what: str, faults: Mapping[str, int]) -> None:
+    found = [f"{count} {name}" for name, count in faults.items() if count]
+    if found:
+        raise InputError(
+            f"{what} must be an open chain of hinges and slides that motors move, got "
+            f"{', '.join(found)}; take these out of the model."
+        )
+
+
+def _count(model: mujoco.MjModel, name: str, usual: int = 0) -> int:
+    """Rows of an array in which something is not as usual; older models lack some arrays."""
+    array = np.asarray(getattr(model, name, [])) != usual
+    return int(array.any(axis=tuple(range(1, array.ndim))).sum())
+
+
+def _faults(model: mujoco.MjModel) -> dict[str, int]:
+    """How often the model has what a chain has not."""
+    fluid = model.opt.density or model.opt.viscosity
+    return {
+        "equality constraints": model.neq,
+        "tendons": model.ntendon,
+        "flexible bodies": getattr(model, "nflex", 0),
+        "plugins": getattr(model, "nplugin", 0),
+        "free or ball joints": int((model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).sum()),
+        "joints with polynomial damping": _count(model, "dof_dampingpoly"),
+        "joints with polynomial stiffness": _count(model, "jnt_stiffnesspoly"),
+        "bodies without their weight (gravcomp)": _count(model, "body_gravcomp"),
+        "fluids": int(bool(fluid)),
+        "options that switch forces off": (model.opt.disableflags & SWITCHES).bit_count(),
+    }
+
+
+def _faults_of_actuators(model: mujoco.MjModel) -> dict[str, int]:
+    """How often the model has what a plant's motors have not."""
+
+    def count(name: str, usual: int = 0) -> int:
+        return _count(model, name, usual)
+
+    return {
+        "actuators without a joint": count("actuator_trntype", int(mujoco.mjtTrn.mjTRN_JOINT)),
+        "servo actuators": count("actuator_biastype", int(mujoco.mjtBias.mjBIAS_NONE)),
+        "actuators with states": count("actuator_dyntype", int(mujoco.mjtDyn.mjDYN_NONE)),
+        "actuators with a gain that varies": count(
+            "actuator_gaintype", int(mujoco.mjtGain.mjGAIN_FIXED)
+        ),
+        "actuators with damping": count("actuator_damping"),
+        "actuators with armature": count("actuator_armature"),
+        "actuators with a delay": count("actuator_delay"),
+        "ranges of actuators that are not symmetric about 0": sum(
+            int(abs(low + high) > 1e-9 * abs(high - low)) for _, (low, high) in _ranges(model)
+        ),
+        "joints that limit what several motors do together": sum(
+            int(model.jnt_actfrclimited[j] and (model.actuator_trnid[:, 0] == j).sum() > 1)
+            for j in range(model.njnt)
+        ),
+    }
+
+
+def _ranges(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
+    """The actuators that have limits, with each of these: of command, force, and joint's force."""
+    for u in range(model.nu):
+        if model.actuator_ctrllimited[u]:
+            yield u, model.actuator_ctrlrange[u]
+        if model.actuator_forcelimited[u]:
+            yield u, model.actuator_forcerange[u]
+        if model.jnt_actfrclimited[model.actuator_trnid[u, 0]]:
+            yield u, model.jnt_actfrcrange[model.actuator_trnid[u, 0]]
+
+
+def _chain(model: mujoco.MjModel) -> Chain:
+    """Its bodies, those without a joint joined to their parents."""
+    bodies: list[Body] = []
+    frames: list[tuple[int, np.ndarray, np.ndarray]] = [(-1, np.zeros(3), np.eye(3))]
+    """of each body: what it moves with, and where its frame is in that one's"""
+    loads: dict[int, list[tuple[float, np.ndarray, np.ndarray]]] = {}
+    for b in range(1, model.nbody):
+        parent, p0, R0 = frames[model.body_parentid[b]]
+        origin = p0 + R0 @ model.body_pos[b]
+        R = R0 @ _matrix(model.body_quat[b])
+        name = model.body(b).name or f"body{b}"
+        joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+        for count, j in enumerate(joints):
+            anchor = np.array(model.jnt_pos[j])
+            slides = model.jnt_type[j] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+            joint = model.joint(j).name or f"joint{j}"
+            last = count == len(joints) - 1
+            bodies.append(
+                Body(
+                    name=name if last else f"{name}_{joint}",
+                    joint=joint,
+                    kind=SLIDE if slides else HINGE,
+                    axis=_vector(model.jnt_axis[j]),
+                    mass=0.0,
+                    parent=parent,
+                    origin=_vector(origin + R @ anchor),
+                    rotation=_rows(R),
+                    armature=float(model.dof_armature[model.jnt_dofadr[j]]),
+                )
+            )
+            parent, origin, R = len(bodies) - 1, -anchor, np.eye(3)
+        frames.append((parent, origin, R))
+        Ri = _matrix(model.body_iquat[b])
+        inertia = R @ Ri @ np.diag(model.body_inertia[b]) @ Ri.T @ R.T
+        load = (float(model.body_mass[b]), origin + R @ model.body_ipos[b], inertia)
+        loads.setdefault(parent, []).append(load)
+    loaded = tuple(_loaded(body, loads.get(n, [])) for n, body in enumerate(bodies))
+    return Chain(loaded, _vector(model.opt.gravity))
+
+
+def _loaded(body: Body, loads: list[tuple[float, np.ndarray, np.ndarray]]) -> Body:
+    """A body with the masses that move with it."""
+    mass = sum(m for m, _, _ in loads)
+    if mass == 0.0:
+        return body
+    center = np.sum([m * c for m, c, _ in loads], axis=0) / mass
+    inertia = np.sum([own + m * _about(c - center) for m, c, own in loads], axis=0)
+    return replace(body, mass=mass, center=_vector(center), inertia=_rows(inertia))
+
+
+def _about(d: np.ndarray) -> np.ndarray:
+    """Inertia of a unit of mass at d, about the origin [m^2]: Steiner's theorem."""
+    return d @ d * np.eye(3) - np.outer(d, d)
+
+
+def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
+    joints = chain.joints
+    return Layout(
+        joints=joints,
+        slides=tuple(body.kind == SLIDE for body in chain.bodies),
+        bodies=tuple(body.name for body in chain.bodies),
+        states=tuple(f"{joint}_{what}" for joint in joints for what in ("position", "velocity")),
+        inputs=tuple(model.actuator(u).name or f"actuator{u}" for u in range(model.nu)),
+        drives=tuple(int(model.actuator_trnid[u, 0]) for u in range(model.nu)),
+    )
+
+
+def _require_names(layout: Layout, path: Path) -> None:
+    """Raises InputError where a name stands for things at several joints, or for two columns."""
+    joints = range(len(layout.joints))
+    owners = [
+        *zip(layout.joints, joints, strict=True),
+        *zip(layout.bodies, joints, strict=True),
+        *zip(layout.actuators, layout.drives, strict=True),
+        *((state, x // 2) for x, state in enumerate(layout.states)),
+    ]
+    names = sorted({name for name, _ in owners})
+    doubtful = [name for name in names if len({at for own, at in owners if own == name}) > 1]
+    doubtful += [name for name in layout.inputs if name in layout.states]
+    if doubtful:
+        raise InputError(
+            f"{path} must give a body, its joint and its motor names that no other joint's have, "
+            f"got {', '.join(doubtful)} at several; rename them."
+        )
+
+
+def _nominal(
+    model: mujoco.MjModel, layout: Layout
+) -> tuple[tuple[Parameter, ...], tuple[Base, ...]]:
+    """Its parameters, and the effects that the model has already."""
+    parameters = [
+        Parameter(f"{body.name}_mass", body.mass, "kg", low=1e-9)
+        for body in _chain(model).bodies
+        if body.mass > 0.0
+    ]
+    base = []
+    for j, joint in enumerate(layout.joints):
+        dof = model.jnt_dofadr[j]
+        position, force = layout.unit_of(joint)
+        damping, dry = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
+        if damping > 0.0:
+            parameters.append(Parameter(f"{joint}_damping", damping, f"{force} s/{position}"))
+            base.append(Base(Active(CATALOGUE["viscous_friction"], joint), (f"{joint}_damping",)))
+        if dry > 0.0:
+            parameters.append(Parameter(f"{joint}_friction", dry, force))
+            names = (f"{joint}_friction", TURN_OVER)
+            base.append(Base(Active(CATALOGUE["coulomb_friction"], joint), names))
+        stiffness = float(model.jnt_stiffness[j])
+        if stiffness > 0.0:
+            rest = float(model.qpos_spring[model.jnt_qposadr[j]])
+            base.append(Base(Active(CATALOGUE["spring"], joint), (stiffness,)))
+            if rest:
+                push = (stiffness * rest,)
+                base.append(Base(Active(CATALOGUE["constant_force"], joint), push))
+    for u, name in enumerate(layout.inputs):
+        target = layout.actuator(u)
+        gain = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
+        parameters.append(Parameter(f"{name}_gain", gain, "-", low=-np.inf))
+        if model.actuator_ctrllimited[u]:
+            most = float(model.actuator_ctrlrange[u, 1])
+            base.append(Base(Active(CommandRange(), target), (most,)))
+        if model.actuator_forcelimited[u]:
+            most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
+            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
+        if model.jnt_actfrclimited[layout.drives[u]]:
+            most = float(model.jnt_actfrcrange[layout.drives[u], 1])
+            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
+        base.append(Base(Active(CATALOGUE["actuator_gain"], target), (f"{name}_gain",)))
+    size = float(np.linalg.norm(model.opt.gravity))
+    parameters.append(Parameter("gravity", size, "m/s^2", uncertain=False))
+    return tuple(parameters), tuple(base)
+
+
+def _vector(array: np.ndarray) -> Vector:
+    x, y, z = map(float, array)
+    return x, y, z
+
+
+def _rows(array: np.ndarray) -> Matrix:
+    x, y, z = map(_vector, array)
+    return x, y, z
+
+
+def _matrix(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,268 @@
+"""A plant: what an env simulates, and what recordings are compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.bodies import Chain, stack
+from mcpilco.plant.effects import CATALOGUE, Effect
+from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
+from mcpilco.plant.simulation import Layout, Stepper, Tables, simulate
+from mcpilco.plant.simulation.tables import IDEAL_ACTUATOR, IDEAL_SENSOR
+from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of a plant."""
+
+    name: str
+    """as `--set name=value` takes it"""
+    value: float
+    """nominal, in its unit"""
+    unit: str
+    """for example kg"""
+    uncertain: bool = True
+    """whether a nominal value is never exact: masses, lengths, friction, gains; not gravity"""
+    low: float = 0.0
+    """least value that makes sense"""
+
+
+@dataclass(frozen=True)
+class Active:
+    """An effect at its target."""
+
+    effect: Effect
+    target: str
+    """a joint, body, actuator or state, as the effect's place has it"""
+
+    def __str__(self) -> str:
+        return f"{self.effect.name} ({self.target})"
+
+    def holds(self, other: Active) -> bool:
+        """Whether the other is a special case of this."""
+        return self.target == other.target and other.effect.name in self.effect.special
+
+
+@dataclass(frozen=True)
+class Base:
+    """An effect that belongs to the nominal plant; its values may be named parameters."""
+
+    active: Active
+    values: tuple[float | str, ...]
+    """one for each symbol: a number, or the name of a parameter"""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Bodies on joints, behind actuators and in front of sensors, with what is known of them."""
+
+    name: str
+    """as reports call it"""
+    layout: Layout
+    """names of what moves"""
+    parameters: tuple[Parameter, ...]
+    """physical parameters"""
+    build: Callable[[Mapping[str, float]], Chain]
+    """the bodies, of values of the parameters"""
+    base: tuple[Base, ...] = ()
+    """effects of the nominal plant"""
+    added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
+    """effects that were found, with their values"""
+    learned: tuple[LearnedForce, ...] = ()
+    """forces that were learned, where no effect explains what is missing"""
+    angles: tuple[int, ...] = ()
+    """which states are angles [rad]"""
+    masses: Mapping[str, str] = field(default_factory=dict)
+    """the parameter that is a body's mass, by body"""
+
+    def where(self, **values: float) -> Plant:
+        """This plant with other values of some parameters.
+
+        Raises:
+            InputError: a name that it does not have, or a value that makes no sense.
+        """
+        for name, value in values.items():
+            low = self.parameters[self._column(name)].low
+            if not (np.isfinite(value) and value >= low):
+                raise InputError(f"{name} must be finite and at least {low:g}, got {value:g}.")
+        changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
+        return replace(self, parameters=tuple(changed))
+
+    def having(self, effects: Sequence[tuple[Active, Sequence[float]]]) -> Plant:
+        """This plant with some effects more, each with a value for each of its symbols.
+
+        Raises:
+            InputError: an effect where it cannot act, or another number of values.
+        """
+        for active, numbers in effects:
+            targets, symbols = active.effect.targets(self.layout), active.effect.symbols
+            if active.target not in targets:
+                raise InputError(
+                    f"{active.effect.name} cannot act at {active.target!r} of {self.name}; "
+                    f"its targets are {', '.join(targets)}."
+                )
+            if len(numbers) != len(symbols):
+                raise InputError(
+                    f"{active} must have values for {', '.join(s.name for s in symbols)}, "
+                    f"got {len(numbers)}."
+                )
+        more = tuple((active, tuple(map(float, values))) for active, values in effects)
+        return replace(self, added=self.added + more)
+
+    def weakened(self, share: float) -> Plant:
+        """This plant with the effects that were added on their way from nothing to what they are.
+
+        Args:
+            share: of the way; 0: they change nothing, 1: this plant.
+        """
+        added = tuple((a, a.effect.part(values, share)) for a, values in self.added)
+        return replace(self, added=added)
+
+    def with_learned(self, forces: Sequence[LearnedForce]) -> Plant:
+        """This plant with some learned forces more.
+
+        Raises:
+            InputError: a force at a joint, or over a state or input, that it does not have.
+        """
+        for force in forces:
+            force.require(self.layout)
+        return replace(self, learned=(*self.learned, *forces))
+
+    @property
+    def nominal(self) -> Float[np.ndarray, " P"]:
+        """Values of the parameters, each in its unit."""
+        return np.array([parameter.value for parameter in self.parameters])
+
+    @property
+    def chain(self) -> Chain:
+        """The bodies, with the nominal values."""
+        return self.build({parameter.name: parameter.value for parameter in self.parameters})
+
+    def parameter_of(self, active: Active) -> str | None:
+        """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
+        if active.effect.name == "body_mass":
+            return self.masses.get(active.target)
+        named = {base.active: base.values[0] for base in self.base if len(base.values) == 1}
+        parameter = named.get(active)
+        return parameter if isinstance(parameter, str) else None
+
+    def candidates(self) -> list[Active]:
+        """Every effect of the catalogue at every target that it can have here."""
+        return [
+            Active(effect, target)
+            for effect in CATALOGUE.values()
+            for target in effect.targets(self.layout)
+        ]
+
+    def tables(
+        self,
+        parameters: Float[np.ndarray, "S P"],
+        actives: Sequence[Active] = (),
+        values: Sequence[Float[np.ndarray, "S _"]] = (),
+        grids: Sequence[tuple[str, tuple[Axis, ...]]] = (),
+        weights: Sequence[Float[np.ndarray, "S _"]] = (),
+    ) -> Tables:
+        """S systems, for a simulation.
+
+        Args:
+            parameters: of each system, in the order of `Plant.parameters`.
+            actives: further effects.
+            values: for each of them, its values in each system.
+            grids: further learned forces: joint and grid of each.
+            weights: for each of them, its weights in each system.
+        """
+        S, layout = len(parameters), self.layout
+        names = [parameter.name for parameter in self.parameters]
+        everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
+        forces = [active for active in everything if active.effect.law is not None]
+        tables = Tables(
+            chains=stack([self.build(dict(zip(names, row, strict=True))) for row in parameters]),
+            law=np.array([active.effect.law for active in forces], dtype=np.int64),
+            joint=np.array([layout.joints.index(a.target) for a in forces], dtype=np.int64),
+            constants=np.zeros((S, len(forces), 4)),
+            drives=np.array(layout.drives),
+            actuators=np.tile(np.array(IDEAL_ACTUATOR), (S, len(layout.drives), 1)),
+            sensors=np.tile(np.array(IDEAL_SENSOR), (S, len(layout.states), 1)),
+            learned=tabulate(
+                layout,
+                [*((force.joint, force.axes) for force in self.learned), *grids],
+                [*(np.tile(force.weights, (S, 1)) for force in self.learned), *weights],
+                S,
+            ),
+        )
+        rows = iter(range(len(forces)))
+        places = [self._at(active, rows) for active in everything]
+        for s, row in enumerate(parameters):
+            known = dict(zip(names, row, strict=True))
+            told = [
+                *(
+                    [known[v] if isinstance(v, str) else v for v in base.values]
+                    for base in self.base
+                ),
+                *(added for _, added in self.added),
+                *(value[s] for value in values),
+            ]
+            for active, at, numbers in zip(everything, places, told, strict=True):
+                active.effect.install(tables, s, at, numbers)
+        return tables
+
+    def _at(self, active: Active, rows: Iterator[int]) -> int:
+        """Where an effect writes: its row among the forces, or the number of its target."""
+        if active.effect.law is not None:
+            return next(rows)
+        layout = self.layout
+        names = {
+            "joint": layout.joints,
+            "body": layout.bodies,
+            "actuator": layout.actuators,
+            "sensor": layout.states,
+        }[active.effect.place]
+        return names.index(active.target)
+
+    def simulate(
+        self,
+        start: Float[np.ndarray, "B X"],
+        inputs: Float[np.ndarray, "B T U"],
+        dt: float,
+        parameters: Mapping[str, Float[np.ndarray, " B"]] | None = None,
+    ) -> Float[np.ndarray, "B T_plus_1 X"]:
+        """What is measured of B motions, NaN from where one runs away.
+
+        Args:
+            start: states, in the order of `layout.states`.
+            inputs: commands, each held for dt.
+            dt: sampling time [s].
+            parameters: values that differ from the nominal ones, for each motion.
+
+        Raises:
+            InputError: a name of a parameter that it does not have.
+        """
+        rows = np.tile(self.nominal, (len(start), 1))
+        for name, values in (parameters or {}).items():
+            rows[:, self._column(name)] = values
+        each = np.arange(len(start))
+        commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
+        y = simulate(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
+        return y.transpose(0, 2, 1)
+
+    def stepper(self, dt: float, batch: int, samples: int = 1) -> Stepper:
+        """As many motions, all in the state 0, to be moved by one command after another.
+
+        Args:
+            dt: time for which a command is held [s].
+            batch: how many motions.
+            samples: how many states are told of one step.
+        """
+        return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
+
+    def _column(self, name: str) -> int:
+        """Which parameter has a name."""
+        names = [parameter.name for parameter in self.parameters]
+        if name not in names:
+            raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")
+        return names.index(name)

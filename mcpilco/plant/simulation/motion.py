@@ -1,0 +1,367 @@
+"""Motion of many systems under recorded commands, compiled: command, actuator, bodies, sensor.
+
+Between two jumps of its input a motion is smooth. It is followed by the pair of Runge-Kutta
+formulas of Dormand and Prince, with steps that keep their error estimate below a tolerance; where
+dry friction turns over, they become small by themselves. The jumps themselves are met exactly, a
+lag between them is an exponential.
+
+Reference: Dormand & Prince, A family of embedded Runge-Kutta formulae, Journal of Computational and
+    Applied Mathematics 6 (1980).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+from numba import njit
+
+from mcpilco.bodies.compiled import INLINED, factorise, linearise, scratch, solve
+from mcpilco.bodies.planar import linearise_in_plane
+from mcpilco.compiling import digest
+from mcpilco.plant.simulation.laws import joint_force, turn_over
+from mcpilco.plant.simulation.learned import learned_force, place_on
+from mcpilco.plant.simulation.tables import (
+    DEAD_ZONE,
+    DELAY,
+    GAIN,
+    LAG,
+    LATENCY,
+    LIMIT,
+    OFFSET,
+    PLAY,
+    RANGE,
+    SCALE,
+    Tables,
+)
+
+POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
+"""of a step [m or rad, m/s or rad/s]"""
+SHORTEST = 1e-6
+"""step that is taken whatever its error [s]"""
+RUNAWAY = 1e4
+"""velocity beyond which a motion is given up [m/s or rad/s]"""
+MOST_STEPS = 20000.0
+"""in a second, beyond which a motion is given up: it is stiff beyond use"""
+
+A = np.array(
+    [
+        [1 / 5, 0, 0, 0, 0, 0],
+        [3 / 40, 9 / 40, 0, 0, 0, 0],
+        [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0, 0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0],
+        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+C = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
+ERROR = np.array(
+    [
+        71 / 57600,
+        0.0,
+        -71 / 16695,
+        71 / 1920,
+        -17253 / 339200,
+        22 / 525,
+        -1 / 40,
+    ]
+)
+"""fifth-order solution minus the fourth-order one"""
+
+
+@njit(**INLINED)
+def shaped(actuators, s, u, command, previous):
+    """The command of input u behind range, gain, dead zone, limit and play.
+
+    `previous` is the last one.
+    """
+    most = actuators[s, u, RANGE]
+    x = actuators[s, u, GAIN] * min(max(command, -most), most)
+    dead, limit, play = actuators[s, u, DEAD_ZONE], actuators[s, u, LIMIT], actuators[s, u, PLAY]
+    if dead > 0.0:
+        x = max(x - dead, 0.0) + min(x + dead, 0.0)
+    x = min(max(x, -limit), limit)
+    if play > 0.0:
+        x = min(max(previous, x - play), x + play)
+    return x
+
+
+@njit(**INLINED)
+def drive(tables, s, u, actuated, since):
+    """Force that input u is at, `since` seconds into a segment."""
+    lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
+    if lag > 0.0:
+        x += (actuated[u, 0] - x) * math.exp(-since / lag)
+    return x
+
+
+@njit(**INLINED)
+def grid_place(tables, s, k, a, q, v, actuated, since):
+    """Where a motion is on axis a of the grid of learned force k; 0 where there is no such axis."""
+    axis, J = tables.learned.axis[k, a], len(q)
+    if axis < 0:
+        return 0.0
+    if axis >= 2 * J:
+        x = drive(tables, s, axis - 2 * J, actuated, since)
+    else:
+        x = v[axis // 2] if axis % 2 else q[axis // 2]
+    return place_on(tables.learned, k, a, x)
+
+
+@njit(**INLINED)
+def derivative(tables, s, q, v, actuated, since, w, kv, row):
+    """Accelerations at positions q and velocities v, `since` seconds into a segment, into kv[row].
+
+    actuated[u] holds the force that input u is at, and the one that it lags behind.
+    """
+    J = len(q)
+    if tables.chains.planar[0]:
+        linearise_in_plane(tables.chains, s, q, v, w)
+    else:
+        linearise(tables.chains, s, q, v, w)
+    factorise(w)
+    for j in range(J):
+        w.x[j] = -w.bias[j]
+    for u in range(len(tables.drives)):
+        w.x[tables.drives[u]] += drive(tables, s, u, actuated, since)
+    for i in range(len(tables.law)):
+        j = tables.joint[i]
+        a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
+        c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
+        w.x[j] += joint_force(tables.law[i], q[j], v[j], a, b, c, d)
+    for k in range(len(tables.learned.joint)):
+        x = grid_place(tables, s, k, 0, q, v, actuated, since)
+        y = grid_place(tables, s, k, 1, q, v, actuated, since)
+        w.x[tables.learned.joint[k]] += learned_force(tables.learned, s, k, x, y)
+    solve(w, w.x)
+    for j in range(J):
+        kv[row, j] = w.x[j]
+
+
+@njit(**INLINED)
+def turning(tables, s, v, tv, kv, h):
+    """The part of a step h that ends where dry friction begins to turn over; 1 if it may be whole.
+
+    Between two stages friction can turn over unseen: the estimate of the error is then a hundred
+    times too small.
+    """
+    part = 1.0
+    for i in range(len(tables.law)):
+        j = tables.joint[i]
+        a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
+        c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
+        width = turn_over(tables.law[i], a, b, c, d)
+        change = abs(tv[j] - v[j])
+        felt = h * abs(kv[6, j] - kv[0, j]) > VELOCITY_TOLERANCE
+        if width > 0.0 and v[j] * tv[j] < 0.0 and change > width and felt:
+            part = min(part, max(abs(v[j]) - width, width) / change)
+    return part
+
+
+@njit(**INLINED)
+def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv, taken):
+    """Follows a motion through a segment; returns the step that suits its end, or -1 if lost.
+
+    q and v are replaced by those at the end. kq, kv (7, J) and tq, tv (J,) are work space;
+    taken (1,) counts the steps.
+    """
+    J = len(q)
+    done = 0.0
+    derivative(tables, s, q, v, actuated, done, w, kv, 0)
+    for j in range(J):
+        kq[0, j] = v[j]
+    tried = 0
+    while duration - done > 1e-12:
+        tried += 1
+        taken[0] += 1
+        if tried > 100.0 + MOST_STEPS * duration:
+            return -1.0
+        h = min(step, duration - done)
+        for i in range(6):
+            for j in range(J):
+                dq = dv = 0.0
+                for k in range(i + 1):
+                    dq += A[i, k] * kq[k, j]
+                    dv += A[i, k] * kv[k, j]
+                tq[j] = q[j] + h * dq
+                tv[j] = kq[i + 1, j] = v[j] + h * dv
+            derivative(tables, s, tq, tv, actuated, done + C[i] * h, w, kv, i + 1)
+        worst = 0.0
+        for j in range(J):
+            eq = ev = 0.0
+            for k in range(7):
+                eq += ERROR[k] * kq[k, j]
+                ev += ERROR[k] * kv[k, j]
+            worst = max(worst, h * abs(eq) / POSITION_TOLERANCE, h * abs(ev) / VELOCITY_TOLERANCE)
+        if not worst < 1e30:  # NaN or infinite
+            worst = 1e30
+        part = turning(tables, s, v, tv, kv, h)
+        if (worst <= 1.0 and part == 1.0) or h <= SHORTEST:
+            done += h
+            for j in range(J):  # the last stage is at the end of the step
+                q[j], v[j] = tq[j], tv[j]
+                kq[0, j], kv[0, j] = kq[6, j], kv[6, j]
+                if not abs(v[j]) < RUNAWAY:
+                    return -1.0
+        factor = min(max(0.9 * (worst + 1e-10) ** -0.2, 0.1), 5.0)
+        suits = max(h * (factor if part == 1.0 else min(factor, part)), SHORTEST)
+        if h == step or suits < step:  # a step that the end cut short tells little
+            step = suits
+    return step
+
+
+@njit(**INLINED)
+def next_event(tables, s, now, dt):
+    """When an input jumps or a sensor looks next after `now`, in an interval of dt; dt if never."""
+    event = dt
+    for u in range(len(tables.drives)):
+        at = tables.actuators[s, u, DELAY] % dt
+        if now < at < event:
+            event = at
+    for x in range(tables.sensors.shape[1]):
+        at = -tables.sensors[s, x, LATENCY] % dt
+        if now < at < event:
+            event = at
+    return event
+
+
+@njit(**INLINED)
+def look(tables, s, q, v, k, now, dt, y):
+    """Enters what the sensors see `now` seconds after sample k, for those that look now."""
+    for x in range(y.shape[0]):
+        latency = tables.sensors[s, x, LATENCY]
+        if -latency % dt == now:
+            row = k + round((now + latency) / dt)
+            if row < y.shape[1]:
+                truth = v[x // 2] if x % 2 else q[x // 2]
+                y[x, row] = tables.sensors[s, x, OFFSET] + tables.sensors[s, x, SCALE] * truth
+
+
+@njit(**INLINED)
+def prepare(tables, s, commands, n, lead, dt, forces, actuated):
+    """The shaped commands of window n, and where the actuators are at sample `lead`."""
+    for u in range(len(tables.drives)):
+        last = tables.actuators[s, u, GAIN] * commands[n, 0, u]
+        for i in range(commands.shape[1]):
+            last = shaped(tables.actuators, s, u, commands[n, i, u], last)
+            forces[i, u] = last
+        actuated[u, 0] = actuated[u, 1] = forces[0, u]
+    for i in range(lead):
+        now = 0.0
+        while now < dt:
+            switch(tables, s, forces, i, now, dt, actuated)
+            event = next_event(tables, s, now, dt)
+            settle(tables, s, event - now, actuated)
+            now = event
+
+
+@njit(**INLINED)
+def switch(tables, s, forces, i, now, dt, actuated):
+    """What the actuators are driven to, `now` seconds after sample i."""
+    for u in range(len(tables.drives)):
+        delay = tables.actuators[s, u, DELAY]
+        late = int(delay // dt)
+        if now < delay % dt:
+            late += 1
+        actuated[u, 1] = forces[max(i - late, 0), u]
+
+
+@njit(**INLINED)
+def settle(tables, s, duration, actuated):
+    """Where the actuators are after so long a time."""
+    for u in range(len(tables.drives)):
+        lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
+        actuated[u, 0] = x + (actuated[u, 0] - x) * math.exp(-duration / lag) if lag > 0.0 else x
+
+
+def _compiled(source: str):
+    """`follow`, compiled anew when the digest of the source code changes."""
+
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+    def follow(tables, system, start, window, commands, lead, dt, y, w, taken):
+        """Fills y (B, X, T) with what is measured of B motions, NaN from where one is lost.
+
+        Args:
+            tables: of S systems.
+            system: (B,), which of them moves.
+            start: (B, X), state at sample `lead` of its window.
+            window: (B,), whose commands it gets.
+            commands: (W, lead + T, U), held for dt each; the first `lead` are only the past of the
+                actuators.
+            lead: samples before the start.
+            dt: sampling time [s].
+            y: the result.
+            w: work space of `mcpilco.bodies.compiled.scratch`.
+            taken: (1,), the steps of the integrator are added to it.
+        """
+        source  # noqa: B018  closed over
+        J, U, T = start.shape[1] // 2, len(tables.drives), y.shape[2]
+        q, v, tq, tv = np.empty(J), np.empty(J), np.empty(J), np.empty(J)
+        kq, kv = np.empty((7, J)), np.empty((7, J))
+        forces = np.empty((commands.shape[1], U))
+        actuated = np.empty((U, 2))
+        for b in range(len(start)):
+            s, n = system[b], window[b]
+            for j in range(J):
+                q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
+            prepare(tables, s, commands, n, lead, dt, forces, actuated)
+            y[b] = np.nan
+            for x in range(2 * J):  # before the first look of a sensor that lags behind
+                offset, scale = tables.sensors[s, x, OFFSET], tables.sensors[s, x, SCALE]
+                for k in range(min(T, math.ceil(tables.sensors[s, x, LATENCY] / dt) + 1)):
+                    y[b, x, k] = offset + scale * start[b, x]
+            step = dt
+            for k in range(T):
+                now = 0.0
+                switch(tables, s, forces, lead + k, now, dt, actuated)
+                look(tables, s, q, v, k, now, dt, y[b])
+                if k == T - 1:
+                    break
+                while now < dt and step > 0.0:
+                    event = next_event(tables, s, now, dt)
+                    step = travel(
+                        tables, s, q, v, actuated, event - now, step, w, kq, kv, tq, tv, taken
+                    )
+                    settle(tables, s, event - now, actuated)
+                    now = event
+                    if now < dt and step > 0.0:
+                        switch(tables, s, forces, lead + k, now, dt, actuated)
+                        look(tables, s, q, v, k, now, dt, y[b])
+                if step < 0.0:
+                    break
+
+    return follow
+
+
+_follow = _compiled(digest("bodies", "plant/simulation"))
+
+
+def simulate(
+    tables: Tables,
+    system: Int[np.ndarray, " B"],
+    start: Float[np.ndarray, "B X"],
+    window: Int[np.ndarray, " B"],
+    commands: Float[np.ndarray, "W T_all U"],
+    lead: int,
+    dt: float,
+    taken: Int[np.ndarray, " 1"] | None = None,
+) -> Float[np.ndarray, "B X T"]:
+    """What is measured of B motions, at T samples; NaN from where a motion runs away.
+
+    Args:
+        tables: of S systems.
+        system: which of them moves.
+        start: [q1, q1', q2, q2', ...] at sample `lead` of the motion's window.
+        window: whose commands it gets.
+        commands: of W windows, each held for dt; the first `lead` samples are only the past of the
+            actuators, and T = T_all - lead.
+        lead: how many these are.
+        dt: sampling time [s].
+        taken: the steps of the integrator are added to it.
+    """
+    y = np.empty((*start.shape, commands.shape[1] - lead))
+    w = scratch(start.shape[1] // 2)
+    taken = np.zeros(1, dtype=np.int64) if taken is None else taken
+    _follow(tables, system, start, window, commands, lead, dt, y, w, taken)
+    return y

@@ -1,0 +1,130 @@
+"""Motions that go on from command to command: what an env needs, where `simulate` has them all."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numba import njit
+
+from mcpilco.bodies.compiled import scratch
+from mcpilco.compiling import digest
+from mcpilco.plant.simulation.motion import look, next_event, settle, shaped, switch, travel
+from mcpilco.plant.simulation.tables import DELAY, LATENCY, OFFSET, SCALE, Tables
+
+
+def _compiled(source: str):
+    """`advance`, compiled anew when the digest of the source code changes."""
+
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+    def advance(tables, commands, dt, states, forces, actuated, seen, path, w):
+        """Holds commands (B, U) for dt; fills path (T, B, X) with the states on the way.
+
+        Args:
+            tables: of one system, that all motions share.
+            commands: one for each motion and input.
+            dt: how long [s].
+            states: (B, X), replaced by those at the end.
+            forces: (B, past, U), the last shaped commands, the newest at the end.
+            actuated: (B, U, 2), the force that each input is at, and the one that it lags behind.
+            seen: (B, X, future), what the sensors see now and at the next samples.
+            path: the states at T equally spaced times, the last one at the end; NaN where lost.
+            w: work space of `mcpilco.bodies.compiled.scratch`.
+        """
+        source  # noqa: B018  closed over
+        T, J, U = len(path), states.shape[1] // 2, len(tables.drives)
+        q, v, tq, tv = np.empty(J), np.empty(J), np.empty(J), np.empty(J)
+        kq, kv = np.empty((7, J)), np.empty((7, J))
+        taken = np.zeros(1, np.int64)
+        newest = forces.shape[1] - 1
+        for b in range(len(states)):
+            q[:], v[:] = states[b, 0::2], states[b, 1::2]
+            for u in range(U):
+                last = forces[b, newest, u]
+                forces[b, :-1, u] = forces[b, 1:, u].copy()
+                forces[b, newest, u] = shaped(tables.actuators, 0, u, commands[b, u], last)
+            switch(tables, 0, forces[b], newest, 0.0, dt, actuated[b])
+            now, step = 0.0, dt
+            for k in range(T):
+                until = dt if k == T - 1 else (k + 1) * dt / T
+                while now < until and step > 0.0:
+                    event = min(next_event(tables, 0, now, dt), until)
+                    step = travel(
+                        tables, 0, q, v, actuated[b], event - now, step, w, kq, kv, tq, tv, taken
+                    )
+                    settle(tables, 0, event - now, actuated[b])
+                    now = event
+                    if now < dt and step > 0.0:
+                        switch(tables, 0, forces[b], newest, now, dt, actuated[b])
+                        look(tables, 0, q, v, 0, now, dt, seen[b])
+                for j in range(J):
+                    path[k, b, 2 * j] = q[j] if step > 0.0 else np.nan
+                    path[k, b, 2 * j + 1] = v[j] if step > 0.0 else np.nan
+            states[b] = path[T - 1, b]
+            seen[b, :, :-1] = seen[b, :, 1:].copy()
+            look(tables, 0, q, v, 0, 0.0, dt, seen[b])
+
+    return advance
+
+
+_advance = _compiled(digest("bodies", "plant/simulation"))
+
+
+class Stepper:
+    """B motions of one system under commands that are not known ahead.
+
+    What a delay, a lag or a play remembers is kept from step to step. Before its start a motion
+    was in its first state for ever, and its commands were 0.
+    """
+
+    def __init__(self, tables: Tables, dt: float, batch: int, samples: int = 1) -> None:
+        """Motions that start in the state 0.
+
+        Args:
+            tables: of one system.
+            dt: time for which a command is held [s].
+            batch: B, how many motions.
+            samples: T, how many states `advance` tells of one step.
+        """
+        self._tables, self._dt = tables, dt
+        actuators, sensors = tables.actuators[0], tables.sensors[0]
+        X, U = len(sensors), len(actuators)
+        past = int(actuators[:, DELAY].max(initial=0.0) // dt) + 2
+        future = math.ceil(sensors[:, LATENCY].max() / dt) + 2
+        self.states: Float[np.ndarray, "B X"] = np.zeros((batch, X))
+        """true states now"""
+        self._forces = np.zeros((batch, past, U))
+        self._actuated = np.zeros((batch, U, 2))
+        self._seen = np.zeros((batch, X, future))
+        self._path = np.empty((samples, batch, X))
+        self._work = scratch(X // 2)
+        self.restart(np.ones(batch, dtype=bool), self.states)
+
+    def restart(self, which: Bool[np.ndarray, " B"], states: Float[np.ndarray, "b X"]) -> None:
+        """Starts the motions marked anew, in the states given, with nothing commanded before."""
+        sensors = self._tables.sensors[0]
+        self.states[which] = states
+        self._forces[which] = 0.0
+        self._actuated[which] = 0.0
+        self._seen[which] = (sensors[:, OFFSET] + sensors[:, SCALE] * states)[..., None]
+
+    def advance(self, commands: Float[np.ndarray, "B U"]) -> Float[np.ndarray, "T B X"]:
+        """Holds commands for dt: the true states on the way, NaN where a motion runs away."""
+        _advance(
+            self._tables,
+            np.ascontiguousarray(commands, dtype=float),
+            self._dt,
+            self.states,
+            self._forces,
+            self._actuated,
+            self._seen,
+            self._path,
+            self._work,
+        )
+        return self._path.copy()
+
+    @property
+    def measured(self) -> Float[np.ndarray, "B X"]:
+        """What the sensors say now."""
+        return self._seen[:, :, 0].copy()

@@ -1,0 +1,185 @@
+"""Policies: from observed states to bounded inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from mcpilco.config import PolicyConfig
+from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.policies.dropout import Dropout
+from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
+
+Bounds = Sequence[float] | Float[np.ndarray, " U"]
+"""one number for each input, in the env's unit"""
+
+
+class Squash(nn.Module):
+    """u = centre + half_range tanh(a / scale): any number becomes an input within its bounds."""
+
+    centre: Tensor
+    half_range: Tensor
+
+    def __init__(self, low: Bounds, high: Bounds, scale: float) -> None:
+        super().__init__()
+        smallest = torch.as_tensor(low, dtype=torch.float64)
+        largest = torch.as_tensor(high, dtype=torch.float64)
+        ordered = smallest.shape == largest.shape and bool((smallest < largest).all())
+        if not (ordered and bool((smallest.isfinite() & largest.isfinite()).all())):
+            raise InputError(
+                "A policy needs finite bounds low < high for each input, "
+                f"got low {list(low)}, high {list(high)}; bound the env's action space."
+            )
+        self.register_buffer("centre", (smallest + largest) / 2)
+        self.register_buffer("half_range", (largest - smallest) / 2)
+        self.scale = scale
+
+    def forward(self, a: Float[Tensor, "*b U"]) -> Float[Tensor, "*b U"]:
+        """Inputs in the env's unit."""
+        return self.centre + self.half_range * torch.tanh(a / self.scale)
+
+
+class SumOfGaussians(nn.Module):
+    """A network of Gaussian bases on the augmented state z, squashed into the input's bounds.
+
+        phi_b(z) = exp(-sum_d ((z_d - c_bd) / l_d)^2),    u = squash(sum_b w_b phi_b)
+
+    Centres, lengthscales and weights are all trained. With dropout, each particle, step and basis
+    has its own mask.
+
+    Reference: thesis section 5.5.1.
+    """
+
+    def __init__(
+        self,
+        augmentation: AngleAugmentation,
+        low: Bounds,
+        high: Bounds,
+        bases: int = 100,
+        squash: float = 10.0,
+    ) -> None:
+        """A policy with all weights zero; `randomise` gives it a start.
+
+        Args:
+            augmentation: from the state to z.
+            low: smallest input, in the env's unit.
+            high: largest input, in the env's unit.
+            bases: B, the number of Gaussians.
+            squash: scale of the tanh's argument [-].
+
+        Raises:
+            InputError: the bounds are not finite or not ordered.
+        """
+        super().__init__()
+        self.augmentation = augmentation
+        self.squash = Squash(low, high, squash)
+        self.centres = nn.Parameter(torch.zeros(bases, augmentation.width, dtype=torch.float64))
+        self.log_lengthscale = nn.Parameter(torch.zeros(augmentation.width, dtype=torch.float64))
+        self.weights = nn.Parameter(torch.zeros(bases, len(low), dtype=torch.float64))
+
+    @property
+    def lengthscale(self) -> Float[Tensor, " Z"]:
+        """l, one for each component of z, in its unit."""
+        return self.log_lengthscale.exp()
+
+    @property
+    def bases(self) -> int:
+        """B."""
+        return len(self.centres)
+
+    @property
+    def input_dim(self) -> int:
+        """U."""
+        return self.weights.shape[1]
+
+    def randomise(
+        self,
+        span: Float[Tensor, " plain"],
+        lengthscale: Float[Tensor, " plain"],
+        angle_lengthscale: float,
+        weight: float,
+        generator: torch.Generator,
+    ) -> None:
+        """Draw a new start in place: centres over the state space, weights around zero.
+
+        Args:
+            span: half range of the centres for the components that are no angle, in their units.
+            lengthscale: for the same components.
+            angle_lengthscale: for cosines and sines [-].
+            weight: half range of the weights [-].
+            generator: source of the numbers.
+        """
+
+        def uniform(*shape: int) -> Tensor:
+            return 2 * torch.rand(*shape, generator=generator, dtype=torch.float64) - 1
+
+        angles = torch.pi * uniform(self.bases, len(self.augmentation.angles))
+        plain = uniform(self.bases, len(span)) * span
+        with torch.no_grad():
+            self.centres.copy_(torch.cat([plain, angles.cos(), angles.sin()], -1))
+            circular = lengthscale.new_full((2 * angles.shape[1],), angle_lengthscale)
+            scales = torch.cat([lengthscale, circular])
+            self.log_lengthscale.copy_(scales.log())
+            self.weights.copy_(weight * uniform(self.bases, self.input_dim))
+
+    def activations(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b B"]:
+        """phi, in (0, 1]."""
+        z = self.augmentation(states) / self.lengthscale
+        c = self.centres / self.lengthscale
+        squared_distance = (z**2).sum(-1, keepdim=True) + (c**2).sum(-1) - 2 * z @ c.T
+        return torch.exp(-squared_distance.clamp_min(0.0))
+
+    def forward(
+        self, states: Float[Tensor, "*b X"], dropout: Dropout | None = None, step: int = 0
+    ) -> Float[Tensor, "*b U"]:
+        """The inputs for a set of states, in the env's unit."""
+        phi = self.activations(states)
+        if dropout is not None:
+            phi = phi * dropout.factors(step, *cast(tuple[int, int], phi.shape))
+        return self.squash(phi @ self.weights)
+
+
+def blank_policy(config: PolicyConfig, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
+    """A policy for this task that always answers the middle of its bounds."""
+    augmentation = AngleAugmentation(len(task.state_names), task.angles)
+    return SumOfGaussians(augmentation, low, high, config.bases, config.squash)
+
+
+def random_policy(
+    config: PolicyConfig,
+    task: TaskSpec,
+    low: Bounds,
+    high: Bounds,
+    states: Float[np.ndarray, "N X"],
+    generator: torch.Generator,
+) -> SumOfGaussians:
+    """A random start for a search, its centres spread over the states seen so far.
+
+    Args:
+        config: how many bases, and how they start.
+        task: names the states, and says which of them are angles.
+        low: smallest input, in the env's unit.
+        high: largest input, in the env's unit.
+        states: what has been recorded, in the env's unit.
+        generator: source of the numbers.
+    """
+    policy = blank_policy(config, task, low, high)
+    plain = list(policy.augmentation.plain)
+    if config.span == "data":
+        largest = torch.from_numpy(states).abs().amax(0)
+        span = torch.maximum(largest, largest.new_tensor(task.start_std))[plain]
+        span[span == 0] = 1.0  # a state that never moved needs a lengthscale all the same
+    else:
+        span = torch.full((len(plain),), config.span, dtype=torch.float64)
+    if config.lengthscale == "span":
+        lengthscale = span
+    else:
+        lengthscale = torch.full_like(span, config.lengthscale)
+    policy.randomise(span, lengthscale, config.angle_lengthscale, config.weight, generator)
+    return policy

@@ -1,0 +1,171 @@
+"""The compiled rollout as one differentiable operation of torch."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.dynamics.dynamics import GPDynamics
+from mcpilco.dynamics.physics_dynamics import PhysicsDraw
+from mcpilco.policies.dropout import Dropout
+from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.search.canonical import canonical_features
+from mcpilco.search.fused import layout
+from mcpilco.search.fused.backward import backward
+from mcpilco.search.fused.forward import forward
+from mcpilco.search.fused.policy import differentiate, prepare
+from mcpilco.search.fused.seeing import SeeingArrays, seeing_arrays, seeing_memory
+from mcpilco.search.rollout import Particles, Sensing
+from mcpilco.sensing.estimator import LinearObserver
+from mcpilco.sensing.foresight import Foresight
+
+
+def rollout(
+    dynamics: GPDynamics | PhysicsDraw,
+    policy: SumOfGaussians,
+    start: Float[Tensor, "P X"],
+    noise: Float[Tensor, "T P E"],
+    dropout: Dropout | None = None,
+    sensing: Sensing | None = None,
+    single: bool = False,
+) -> Particles:
+    """The particles' trajectories; equal to `mcpilco.search.rollout.rollout`, gradients included.
+
+    Args:
+        dynamics: the model.
+        policy: the policy.
+        start: states at time 0.
+        noise: standard normal numbers.
+        dropout: mask of the policy's bases; None keeps them all.
+        sensing: what the policy acts behind, of a linear estimator; None: it sees the states.
+        single: compute in float32; states, inputs and gradients are float64 all the same.
+    """
+    dtype = np.float32 if single else np.float64
+    learned = policy.centres, policy.log_lengthscale, policy.weights
+    arguments = dynamics, policy, dropout, sensing, dtype, start, noise
+    return Particles(*_Rollout.apply(*arguments, *learned))
+
+
+_model_arrays = functools.lru_cache(maxsize=4)(layout.model_arrays)
+_features = functools.lru_cache(maxsize=4)(canonical_features)
+
+
+def _physics(
+    dynamics: GPDynamics | PhysicsDraw, dtype: np.dtype, padded: int
+) -> layout.PhysicsArrays:
+    """What physics adds to a model, for particles that are padded with copies of the first."""
+    model = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
+    program = _features(model)
+    features = None if program is None else layout.program_arrays(program, None, dtype)
+    if not isinstance(dynamics, PhysicsDraw):
+        C = model.increment.C
+        remembered = np.ascontiguousarray(C, dtype=dtype) if bool((C != 0).any()) else None
+        none: np.ndarray = np.zeros((len(model.predicted), 0, padded), dtype)
+        return layout.PhysicsArrays(None, features, none, remembered)
+    numbers, weights = (_padded(a.numpy(), padded) for a in (dynamics.numbers.mT, dynamics.weights))
+    drift = layout.program_arrays(dynamics.program, numbers, dtype)
+    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype), None)
+
+
+def _padded(array: np.ndarray, padded: int) -> np.ndarray:
+    """The array with its first particle repeated behind the last."""
+    missing = np.repeat(array[..., :1], padded - array.shape[-1], axis=-1)
+    return np.concatenate([array, missing], axis=-1)
+
+
+def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layout.Mask:
+    if dropout is None:
+        return layout.Mask(np.zeros(steps, dtype=np.uint32), 0, np.ones(1, dtype=dtype))
+    scale = np.array([dropout.scale], dtype=dtype)
+    return layout.Mask(dropout.keys(steps), dropout.threshold, scale)
+
+
+def _seeing(sensing: Sensing | None, padded: int, dtype: type[np.floating]) -> SeeingArrays:
+    if sensing is None:
+        return seeing_arrays(None, None)
+    assert isinstance(sensing.observer, LinearObserver | Foresight), (
+        "mcpilco.search.engine has made sure"
+    )
+    return seeing_arrays(sensing.observer, _particles_last(sensing.noise, padded, dtype))
+
+
+def _particles_last(
+    array: Float[Tensor, "*b P C"], padded: int, dtype: type, rows: int | None = None
+) -> np.ndarray:
+    """(*b, rows, padded) of (*b, P, C), zeros behind the last particle and behind C rows."""
+    *batch, particles, components = array.shape
+    out: np.ndarray = np.zeros((*batch, rows or components, padded), dtype=dtype)
+    out[..., :components, :particles] = array.mT.numpy()
+    return out
+
+
+class _Rollout(torch.autograd.Function):
+    """(policy parameters) -> (states, inputs)."""
+
+    @staticmethod
+    def forward(
+        ctx, dynamics, policy, dropout, sensing, dtype, start, noise, centres, log_scale, weights
+    ):
+        known = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
+        model, controller = _model_arrays(known, dtype), layout.policy_arrays(policy, dtype)
+        prepare(centres.numpy(), log_scale.numpy(), weights.numpy(), controller)
+        steps, particles, outputs = noise.shape
+        _, count = weights.shape
+        z_width = centres.shape[1]
+        padded = layout.padded(particles, dtype)
+        seeing = _seeing(sensing, padded, dtype)
+        physics = _physics(dynamics, dtype, padded)
+        regressors = len(model.middle)
+        moved, width_x = seeing.moved, start.shape[1]
+        path = np.empty((steps + 1, seeing.kept * width_x, padded), dtype)
+        trace = layout.Trace(
+            states=path,
+            inputs=np.empty((steps, count, padded), dtype),
+            delta_jacobians=np.empty((steps, moved * outputs, regressors, padded), dtype),
+            input_jacobians=np.empty((steps, count, z_width, padded), dtype),
+            frozen=np.empty((steps, moved, padded), dtype=np.uint8),
+            seen=path if sensing is None else np.empty_like(path[1:, :width_x]),
+        )
+        trace.states[0] = np.tile(_particles_last(start, padded, dtype), (seeing.kept, 1))
+        noise = _particles_last(noise, padded, dtype, moved * outputs)
+        mask = _mask(dropout, steps, dtype)
+        for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
+            memory = (
+                layout.policy_memory(controller, width),
+                layout.model_memory(model, width),
+                *layout.physics_memory(physics, width),
+                *seeing_memory(seeing, z_width, width),
+            )
+            forward(first, last, noise, mask, controller, model, *physics, *seeing, trace, *memory)
+        ctx.arrays = mask, controller, model, physics, seeing, trace
+        ctx.particles = particles
+        ctx.save_for_backward(centres, log_scale, weights)
+        states, inputs = (
+            torch.from_numpy(a[..., :particles].astype(np.float64, copy=dtype != np.float64)).mT
+            for a in (trace.states[:, :width_x], trace.inputs)
+        )
+        return states, inputs
+
+    @staticmethod
+    def backward(ctx, gradient_states, gradient_inputs):
+        mask, controller, model, physics, seeing, trace = ctx.arrays
+        arrays = mask, controller, model, *physics, *seeing, trace
+        dtype, padded = trace.states.dtype, trace.states.shape[-1]
+        count, z_width = trace.input_jacobians.shape[1:3]
+        columns = layout.padded(count * (1 + 2 * z_width), dtype)
+        moments = np.zeros((layout.rows_of(controller.centres), columns), dtype)
+        gradients = [_particles_last(g, padded, dtype) for g in (gradient_states, gradient_inputs)]
+        for first, last, width in layout.blocks(ctx.particles, layout.BACKWARD_STRIPS, dtype):
+            memory = layout.policy_memory(controller, width)
+            adjoint = layout.adjoint_memory(model, controller, width)
+            further = layout.physics_memory(physics, width)
+            memories = memory, adjoint, *further, *seeing_memory(seeing, z_width, width)
+            backward(first, last, *gradients, *arrays, *memories, moments)
+        learned = [parameter.numpy() for parameter in ctx.saved_tensors]
+        slopes = [np.empty_like(parameter) for parameter in learned]
+        differentiate(*learned, moments, *slopes)
+        return *[None] * 7, *map(torch.from_numpy, slopes)

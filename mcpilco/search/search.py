@@ -1,0 +1,332 @@
+"""Policy search: gradient steps on the expected cost of particles in the model."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+import statistics
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.config import Phase, SearchConfig
+from mcpilco.data import Prediction
+from mcpilco.policies.dropout import Dropout
+from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.search.rollout import Particles, Problem
+from mcpilco.search.schedule import Schedule
+from mcpilco.search.stopwatch import Spent, Stopwatch
+
+logger = logging.getLogger(__name__)
+
+MOST_SKIPPED = 20
+"""a start is given up after this many steps in a row without a finite cost and gradient"""
+
+STEPS_OF_MARK = 10
+"""a start is screened by its mean cost over so many steps, for a single one's is noisy"""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A policy that one start of the search arrived at, and what the model says of it."""
+
+    policy: SumOfGaussians
+    """its parameters are finite"""
+    particles: Particles
+    """what the model expects of it"""
+    costs: Float[Tensor, "T P"]
+    """of these particles at the end of each step [-]"""
+    steps: int
+    """optimisation steps spent on it"""
+
+    @property
+    def cost(self) -> float:
+        """Sum over steps of the mean over particles [-].
+
+        Reference: thesis eq. (5.8).
+        """
+        return float(self.costs.mean(1).sum())
+
+    @property
+    def cost_std(self) -> float:
+        """Standard deviation over particles of a particle's summed cost [-]."""
+        return float(self.costs.sum(0).std())
+
+    @property
+    def final_cost(self) -> float:
+        """Mean cost over the last third of the horizon [-]."""
+        return float(self.costs[-math.ceil(len(self.costs) / 3) :].mean())
+
+    def fails(self, config: SearchConfig, reference_cost: float) -> bool:
+        """Whether the model predicts failure, see `Starts`."""
+        return not self.final_cost <= config.failing * reference_cost
+
+    @property
+    def rank(self) -> float:
+        """The cost, or infinity where the model has no finite answer [-]."""
+        return self.cost if math.isfinite(self.cost) else math.inf
+
+    def prediction(self, particles: int) -> Prediction:
+        """The first particles, as arrays."""
+        shown = slice(particles)
+        return Prediction(
+            states=self.particles.states[:, shown].numpy(),
+            inputs=self.particles.inputs[:, shown].numpy(),
+            costs=self.costs[:, shown].numpy(),
+        )
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The best candidate, and what was spent."""
+
+    best: Candidate
+    """the candidate of lowest cost"""
+    starts: int
+    """how many candidates there were"""
+    steps: int
+    """optimisation steps of all of them"""
+    spent: Spent
+    """the time that this search took, or its share of several"""
+
+
+class Starts:
+    """The starts of one search: which comes next, whether one is wanted, the best so far.
+
+    A further start from a fresh random policy is wanted while the model predicts failure: while the
+    best candidate's mean cost over the last third of the horizon exceeds the share `failing` of the
+    cost of a step without a policy. The rule needs no knowledge of the task beyond its cost.
+    """
+
+    def __init__(
+        self,
+        config: SearchConfig,
+        reference_cost: float,
+        policy: SumOfGaussians,
+        fresh: Callable[[], SumOfGaussians],
+        trial: int,
+    ) -> None:
+        self._most = config.starts_of(trial)
+        self._fails = partial(Candidate.fails, config=config, reference_cost=reference_cost)
+        self._policy = policy
+        self._fresh = fresh
+        self.unimproved: Candidate | None = None
+        """the first policy as it is, where that counts"""
+        self.tried: list[Candidate] = []
+        """what came of each start"""
+        self._marks: list[float] = []
+
+    @property
+    def wanted(self) -> bool:
+        """Whether to try one more."""
+        return not self.tried or (len(self.tried) < self._most and self._fails(self.best))
+
+    @property
+    def half_way(self) -> bool:
+        """Whether the next start enters the schedule half-way, for its policy needs polish only."""
+        return not self.tried and self.unimproved is not None and not self._fails(self.unimproved)
+
+    def next(self) -> SumOfGaussians:
+        """The policy to start from; random numbers are drawn for all but the first."""
+        return self._fresh() if self.tried else self._policy
+
+    def add(self, candidate: Candidate, descent: Descent) -> None:
+        """Take note of what came of a start, and of how it came there."""
+        self.tried.append(candidate)
+        self._marks.append(descent.mark)
+
+    @property
+    def bar(self) -> float:
+        """What half of the starts cost where they are screened, which the next must not exceed."""
+        return statistics.median_low(self._marks) if self._marks else math.inf
+
+    @property
+    def best(self) -> Candidate:
+        """The candidate of lowest predicted cost."""
+        first = [] if self.unimproved is None else [self.unimproved]
+        return min(first + self.tried, key=lambda candidate: candidate.rank)
+
+    @property
+    def steps(self) -> int:
+        """Optimisation steps spent so far."""
+        return sum(candidate.steps for candidate in self.tried)
+
+    def result(self, spent: Spent) -> SearchResult:
+        """What has come of them, in this time."""
+        return SearchResult(self.best, len(self.tried), self.steps, spent)
+
+
+class Descent:
+    """One start on its way: what its next step is told, and whether there is one."""
+
+    def __init__(self, search: PolicySearch, trial: int, starts: Starts) -> None:
+        """A descent before its first step.
+
+        Args:
+            search: what it is part of.
+            trial: 1, 2, ..., for the schedules.
+            starts: those before it, and how this one begins.
+        """
+        self.step = 0
+        """steps done"""
+        self.over = False
+        """no more steps are to be done"""
+        self.mark = math.inf
+        """mean cost of the steps before the start was screened [-]; infinite where it was not"""
+        self._report = search.report
+        steps = search.config.steps_of(trial)
+        self._entered = steps // 2 if starts.half_way else 0
+        self._steps = steps - self._entered
+        self._rate = search.config.rate_of(trial)
+        self._schedule = Schedule(search.config, steps, self._entered)
+        self._start = len(starts.tried)
+        self._before = starts.steps
+        self._skipped = 0
+        share = search.config.screening
+        self._screened_at = round(share * steps) if share < 1 and not starts.half_way else 0
+        self._bar = starts.bar
+        self._last: deque[float] = deque(maxlen=STEPS_OF_MARK)
+
+    @property
+    def phase(self) -> Phase:
+        """The present phase."""
+        return self._schedule.phase
+
+    @property
+    def learning_rate(self) -> float:
+        """Adam's step size in the next step [-]."""
+        return self._rate * self.phase.learning_rate
+
+    @property
+    def widening(self) -> float:
+        """How many times as wide the cost is in the next step [-]."""
+        return self._schedule.widening(self._entered + self.step)
+
+    def note(self, cost: float, norm: float) -> None:
+        """Take note of a step that was done, by its cost and its gradient's norm [-]."""
+        self.step += 1
+        finite = math.isfinite(cost) and math.isfinite(norm)
+        self._skipped = 0 if finite else self._skipped + 1
+        if self._skipped == MOST_SKIPPED:
+            logger.warning("Start %d given up: its costs are not finite.", self._start + 1)
+            self.over = True
+            return
+        values = {
+            "policy/cost": cost,
+            "policy/gradient_norm": norm,
+            "policy/learning_rate": self.learning_rate,
+            "policy/dropout": self.phase.dropout,
+            "policy/start": float(self._start + 1),
+        }
+        self._report(self._before + self.step, self._before + self._steps, values)
+        self.over = not self._schedule.advance(self._entered + self.step, cost)
+        self._last.append(cost)
+        if self.step == self._screened_at:
+            self.mark = sum(self._last) / len(self._last)
+            self.over |= self.mark > self._bar
+
+
+def adam(policy: SumOfGaussians, learning_rate: float = 1e-3) -> torch.optim.Adam:
+    """What takes the steps of a search."""
+    return torch.optim.Adam(policy.parameters(), learning_rate, fused=True)
+
+
+class PolicySearch:
+    """Improves a policy in a model, from one or several starts."""
+
+    def __init__(
+        self,
+        config: SearchConfig,
+        generator: torch.Generator,
+        report: Callable[[int, int, dict[str, float]], None] = lambda step, steps, values: None,
+    ) -> None:
+        """A search.
+
+        Args:
+            config: its numbers.
+            generator: source of particles and masks.
+            report: called after each step with (steps done, present upper bound, values by name).
+        """
+        self.config = config
+        self.generator = generator
+        self.report = report
+
+    def run(
+        self,
+        problem: Problem,
+        policy: SumOfGaussians,
+        fresh: Callable[[], SumOfGaussians],
+        trial: int,
+    ) -> SearchResult:
+        """The policy of lowest predicted cost among the first one and what came of the starts.
+
+        `Starts` says which are tried. A start that meets costs or gradients that are not finite is
+        given up after `MOST_SKIPPED` of them; where all are, the first one's policy is returned.
+
+        Args:
+            problem: what is minimised.
+            policy: the first start; it is not changed.
+            fresh: makes a random policy.
+            trial: 1, 2, ..., for the schedules.
+        """
+        watch = Stopwatch()
+        starts = Starts(self.config, problem.reference_cost, policy, fresh, trial)
+        if self.config.polish:
+            starts.unimproved = self._judge(problem, copy.deepcopy(policy), steps=0)
+        while starts.wanted:
+            descent = Descent(self, trial, starts)
+            starts.add(self._improve(problem, starts.next(), descent), descent)
+        return starts.result(watch.read())
+
+    def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:
+        """One start: gradient steps until the schedule ends."""
+        policy = copy.deepcopy(policy)
+        optimiser = adam(policy)
+        while not descent.over:
+            optimiser.param_groups[0]["lr"] = descent.learning_rate
+            numbers = descent.phase.dropout, descent.widening
+            descent.note(*self.step(problem, policy, optimiser, *numbers))
+        return self._judge(problem, policy, descent.step)
+
+    def step(
+        self,
+        problem: Problem,
+        policy: SumOfGaussians,
+        optimiser: torch.optim.Optimizer,
+        dropout: float = 0.0,
+        widening: float = 1.0,
+    ) -> tuple[float, float]:
+        """One gradient step; returns the cost and the gradient's norm before clipping [-].
+
+        The gradient is that of the cost made `widening` times as wide; the cost returned is the
+        task's own. Where one of them is not finite, the policy stays as it is.
+        """
+        mask = None
+        if dropout > 0:
+            mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
+        particles = problem.particles(policy, self.config.particles, self.generator, mask)
+        felt = problem.widened(widening).costs(particles).mean(1).sum()
+        learned = list(policy.parameters())
+        slopes = torch.autograd.grad(felt, learned)
+        for parameter, slope in zip(learned, slopes, strict=True):
+            parameter.grad = slope.contiguous()  # the fused Adam reads memory, not strides
+        norm = torch.nn.utils.get_total_norm(slopes)
+        if self.config.clip_norm is not None:
+            torch.nn.utils.clip_grads_with_norm_(learned, self.config.clip_norm, norm)
+        with torch.no_grad():
+            value = float(felt if widening == 1.0 else problem.costs(particles).mean(1).sum())
+        if math.isfinite(value) and norm.isfinite():
+            optimiser.step()
+        return value, float(norm)
+
+    def _judge(self, problem: Problem, policy: SumOfGaussians, steps: int) -> Candidate:
+        """What the model says of a policy, without dropout."""
+        with torch.no_grad():
+            particles = problem.particles(policy, self.config.evaluation_particles, self.generator)
+            return Candidate(policy, particles, problem.costs(particles), steps)

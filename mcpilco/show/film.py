@@ -1,0 +1,233 @@
+"""The trials of a run one after another, as one Rerun recording; of two runs, one over the other.
+
+The timeline is that of a single recording, `sim_time`, on which each trial begins where the one
+before has ended, after a pause.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from mcpilco.data import Rollout
+from mcpilco.logbook.history import History, PastTrial
+from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, TIMELINE, build_blueprint
+from mcpilco.show.entities import (
+    FILM_IN_WORDS,
+    OVERLAID,
+    OVERLAID_IN_WORDS,
+    RGB,
+    Colors,
+    Track,
+    log_curves,
+    log_particles,
+    log_scene,
+)
+from mcpilco.show.recording import extent_of, write_file
+from mcpilco.show.scene import Scene
+from mcpilco.typing import InputError
+
+_PAUSE_S = 0.5
+"""between two trials, to see how the first one ended [s]"""
+
+
+@dataclass(frozen=True)
+class Reel:
+    """A run to be shown."""
+
+    history: History
+    """its trials"""
+    scene: Scene | None = None
+    """how to draw a state in 3D; None leaves the curves alone"""
+
+
+class Film:
+    """Trials that follow one another in a recording; it may be watched while it grows."""
+
+    def __init__(self, rec: rr.RecordingStream, reels: Sequence[Reel], live: bool = False) -> None:
+        """An empty film.
+
+        Args:
+            rec: where it is written to.
+            reels: one run, or two of one system to be overlaid.
+            live: trials are to come; follow them.
+
+        Raises:
+            InputError: the runs are not of one system.
+        """
+        self.rec = rec
+        self.end_s = 0.0
+        """when the last trial ends [s]"""
+        self._reels = reels
+        self._live = live
+        self._start_s, self._first = 0.0, 0
+        alone = (Colors(observed=None, estimated=None),)
+        self._colors: Sequence[Colors] = alone if len(reels) == 1 else OVERLAID
+        _require_one_system(reels)
+
+    def add(self, trials: Sequence[PastTrial | None]) -> None:
+        """Show a trial after those shown so far.
+
+        Args:
+            trials: of each run the trial of one number; None where a run has it not.
+        """
+        shown = [trial for trial in trials if trial is not None]
+        dt = shown[0].rollout.dt
+        steps = max(len(trial.rollout) for trial in shown)
+        for i, trial in enumerate(trials):
+            if trial is not None:
+                self._add(i, trial)
+        self._note(_notes(self._reels, trials))
+        pause = max(round(_PAUSE_S / dt), 2)
+        self.end_s = self._start_s + dt * steps
+        self._start_s += dt * (steps + pause)
+        self._first += steps + pause
+
+    def show_search(self, trial: int, costs: Sequence[float]) -> None:
+        """Show how the policy search of a trial goes: the cost after each of its steps."""
+        self.rec.log(
+            SEARCH, rr.BarChart(np.nan_to_num(costs), color=self._colors[0].model), static=True
+        )
+        self._note(
+            f"### trial {trial}: searching the policy\n\n{len(costs)} steps, the models expect a "
+            f"cost of **{costs[-1]:.2f}**\n\n{FILM_IN_WORDS}"
+        )
+
+    def frame(self, trials: Sequence[PastTrial]) -> None:
+        """Lay the views out, so that the camera sees all of these trials."""
+        self.rec.send_blueprint(self.blueprint(trials), make_active=True)
+
+    def blueprint(self, trials: Sequence[PastTrial]) -> rr.blueprint.Blueprint:
+        """The layout; the camera sees all of these trials."""
+        scene = self._reels[0].scene
+        extents = [extent_of(scene, trial.rollout) for trial in trials]
+        points = [extent for extent in extents if extent is not None]
+        extent = np.concatenate(points) if points else None
+        task = self._reels[0].history.task
+        return build_blueprint(task, extent, film=True, live=self._live)
+
+    def _add(self, i: int, trial: PastTrial) -> None:
+        """The trial of one run."""
+        reel, rollout = self._reels[i], trial.rollout
+        track = Track(
+            self.rec,
+            rollout.dt,
+            start_s=self._start_s,
+            first=self._first,
+            colors=self._colors[i],
+            gap=True,
+            group="" if len(self._reels) == 1 else "ab"[i],
+        )
+        if reel.scene is not None:
+            log_scene(track, reel.scene, rollout.shown_states)
+            if trial.prediction is not None:
+                log_particles(track, reel.scene, trial.prediction)
+        log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
+        if trial.number:
+            self._log_cost(track, "predicted", track.colors.model, trial.predicted_cost, rollout)
+            self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
+
+    def _log_cost(self, track: Track, name: str, color: RGB, cost: float, rollout: Rollout) -> None:
+        """What a trial cost, as a level throughout it."""
+        path = track.under(LEARNING, name)
+        track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
+        levels = np.append(np.full(len(rollout) + 1, cost), np.nan)
+        track.moving(path, 0, len(levels), rr.Scalars.columns(scalars=levels))
+
+    def _note(self, text: str) -> None:
+        if self._live:
+            note = rr.TextDocument(text, media_type="text/markdown")
+            self.rec.log(ABOUT, note, static=True)
+            return
+        index = [
+            rr.TimeColumn(TIMELINE, duration=[self._start_s]),
+            rr.TimeColumn("step", sequence=[self._first]),
+        ]
+        columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
+        self.rec.send_columns(ABOUT, index, columns)
+
+
+def write_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
+    """When the film ends [s]; equal runs make equal films.
+
+    Args:
+        path: where the .rrd file goes.
+        reels: one run, or two of one system to be overlaid.
+        trial: show this one alone.
+
+    Raises:
+        InputError: the runs are not of one system, or none of them has the trial.
+        RunFolderError: the file cannot be written.
+    """
+    by_number = [{past.number: past for past in reel.history.trials} for reel in reels]
+    numbers = sorted(set().union(*by_number))
+    if trial is not None:
+        numbers = [number for number in numbers if number == trial]
+    if not numbers:
+        have = sorted(set().union(*by_number))
+        raise InputError(f"--trial must be one of {', '.join(map(str, have))}, got {trial}.")
+    shown = [[trials.get(number) for trials in by_number] for number in numbers]
+    present = [past for row in shown for past in row if past is not None]
+    rec = rr.RecordingStream("mcpilco", recording_id=_identity(present), send_properties=False)
+    content = rr.binary_stream(rec)
+    film = Film(rec, reels)
+    rec.send_blueprint(film.blueprint(present))
+    rec.send_recording_name(" and ".join(_name(reel) for reel in reels))
+    for row in shown:
+        film.add(row)
+    written = content.read()
+    rec.disconnect()
+    write_file(path, written or b"")
+    return film.end_s
+
+
+def _identity(trials: Sequence[PastTrial]) -> str:
+    digest = hashlib.blake2b(digest_size=6)
+    for trial in trials:
+        digest.update(trial.rollout.observations.tobytes() + trial.rollout.inputs.tobytes())
+    return f"film-{digest.hexdigest()}"
+
+
+def _notes(reels: Sequence[Reel], trials: Sequence[PastTrial | None]) -> str:
+    number = next(trial.number for trial in trials if trial is not None)
+    title = f"### trial {number}" if number else "### exploration: random inputs"
+    lines = [
+        (f"{_name(reel)}: " if len(reels) > 1 else "") + _told(trial)
+        for reel, trial in zip(reels, trials, strict=True)
+    ]
+    words = FILM_IN_WORDS if len(reels) == 1 else OVERLAID_IN_WORDS
+    return "\n\n".join([title, *lines, words])
+
+
+def _told(trial: PastTrial | None) -> str:
+    if trial is None:
+        return "no such trial"
+    if not trial.number:
+        return f"{len(trial.rollout) * trial.rollout.dt:g} s"
+    success = {True: ", a **success**", False: ", no success", None: ""}[trial.success]
+    return (
+        f"after {trial.experience_s:g} s of experience: cost predicted "
+        f"**{trial.predicted_cost:.2f}**, real **{trial.real_cost:.2f}**{success}"
+    )
+
+
+def _name(reel: Reel) -> str:
+    return reel.history.run.path.resolve().name
+
+
+def _require_one_system(reels: Sequence[Reel]) -> None:
+    first = reels[0].history.task
+    for reel in reels[1:]:
+        other = reel.history.task
+        for entry in ("state_names", "input_names"):
+            if getattr(first, entry) != getattr(other, entry):
+                raise InputError(
+                    "Two runs can be overlaid where they are of one system; the first has the "
+                    f"{entry} {', '.join(getattr(first, entry))}, "
+                    f"the second {', '.join(getattr(other, entry))}."
+                )

@@ -1,0 +1,286 @@
+"""Plots of where a simulation and recordings disagree, and of what a correction is worth.
+
+The measurement is black, the nominal plant orange, the corrected one blue, what noise alone does
+grey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+
+NOMINAL, REFIT = "tab:orange", "tab:purple"
+_STYLES: dict[str, dict[str, Any]] = {
+    "nominal": {"color": NOMINAL},
+    "refit": {"color": REFIT, "linestyle": "--"},
+    "corrected": {"color": MODEL},
+}
+"""of a plant's line, by its name"""
+_FLOOR = "noise_floor"
+_BINS, _CELLS = 24, 20
+"""of a profile; of a map along each axis"""
+_FEWEST = 5
+"""instants in a bin that is drawn"""
+_BAR: dict[str, Any] = {"pad": 0.03, "fraction": 0.1, "aspect": 25}
+"""where a scale of colours stands beside its map"""
+_ABOVE: dict[str, Any] = {"fontsize": "small", "loc": "right", "pad": 3}
+"""what a picture shows, above it"""
+_EDGE = 0.5
+"""what a picture leaves out at both ends of the values' range [%]"""
+
+
+def plot_growth(
+    times: Float[np.ndarray, " T"],
+    errors: Mapping[str, Float[np.ndarray, " T"]],
+    bands: Mapping[str, Float[np.ndarray, "2 T"]],
+    ax: Axes | None = None,
+) -> Axes:
+    """How the error of free runs grows with the time since their start, with 95 % intervals.
+
+    Args:
+        times: since the start [s].
+        errors: of each plant, by name, and of `noise_floor` [noise std].
+        bands: ends of their intervals.
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    for name, values in errors.items():
+        seen = np.isfinite(values)
+        low, high = bands[name][:, seen]
+        if name == _FLOOR:
+            ax.fill_between(times[seen], 0.0, values[seen], color=PARTICLES, alpha=0.3, linewidth=0)
+            ax.plot(times[seen], values[seen], color=PARTICLES, label="noise alone")
+            continue
+        style = _STYLES[name]
+        ax.fill_between(times[seen], low, high, color=style["color"], alpha=0.2, linewidth=0)
+        ax.plot(times[seen], values[seen], label=name, **style)
+    least = min(float(np.nanmin(values)) for values in errors.values())
+    ax.set(
+        xlabel="time since the start [s]",
+        ylabel="error [noise std]",
+        yscale="log",
+        ylim=(0.7 * least, None),
+        xlim=(0, None),
+    )
+    _plain_ticks(ax.yaxis)
+    add_legend(ax)
+    return ax
+
+
+def plot_shrink(
+    names: Sequence[str],
+    errors: Float[np.ndarray, " S"],
+    ends: Float[np.ndarray, "2 S"],
+    floor: float,
+    ax: Axes | None = None,
+) -> Axes:
+    """The error with one thing more mended at each step, with 95 % intervals.
+
+    Args:
+        names: of the steps, the first one the nominal plant.
+        errors: after each [noise std].
+        ends: of their intervals.
+        floor: what noise alone does [noise std].
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    places = np.arange(len(names))
+    colors = [NOMINAL, *[PARTICLES] * (len(names) - 2), MODEL][: len(names)]
+    reach = np.maximum(np.abs(ends - errors), 0.0)
+    ax.barh(places, errors, 0.42, color=colors, alpha=0.85)
+    ax.errorbar(errors, places, xerr=reach, fmt="none", ecolor=SYSTEM, capsize=2, linewidth=1)
+    ax.axvline(floor, color=SYSTEM, linewidth=1, linestyle=":")
+    least = 0.5 * min(floor, float(errors.min()))
+    ax.text(floor, -0.72, " noise alone", fontsize="small", va="center")
+    for place, (name, error) in enumerate(zip(names, errors, strict=True)):
+        text = name if place == 0 else f"+ {name}"
+        number = f"{error:.0f}" if error >= 1000.0 else f"{error:.3g}"
+        ax.text(1.06 * least, place - 0.35, f"{text}: {number}", fontsize="small", va="center")
+    ax.set(
+        xlabel="error at the end [noise std]",
+        xscale="log",
+        xlim=(least, 1.6 * max(float(ends.max()), 2 * floor)),
+        ylim=(len(names) - 0.6, -1.0),
+        yticks=[],
+    )
+    _plain_ticks(ax.xaxis)
+    return ax
+
+
+def plot_time_map(
+    edges: Float[np.ndarray, " C_plus_1"],
+    names: Sequence[str],
+    misfit: Float[np.ndarray, "R C"],
+    label: str,
+    events: Sequence[tuple[int, float, float]] = (),
+    most: float | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """How far a plant misses one channel, a row for each recording, over its time.
+
+    Args:
+        edges: ends of the cells [s].
+        names: of the recordings.
+        misfit: of each in each cell [noise std]; NaN where there is none.
+        label: what is missed by whom.
+        events: spans that were left out: number of the recording, start and end [s].
+        most: misfit at the end of the scale, to compare maps; by default the largest.
+        ax: where to draw; a new figure without it.
+    """
+    from matplotlib.colors import LogNorm
+
+    ax = new_axes()[0] if ax is None else ax
+    top = max(float(np.nanmax(misfit)) if most is None else most, 3.0)
+    mesh = ax.pcolormesh(
+        edges,
+        np.arange(len(names) + 1) - 0.5,
+        np.ma.masked_invalid(misfit),
+        cmap="OrRd",
+        norm=LogNorm(1.0, top),
+        rasterized=True,
+    )
+    for row, start, end in events:
+        ax.plot([start, end], [row, row], color=SYSTEM, linewidth=2, marker="|", markersize=7)
+    ax.set(xlabel="time [s]", yticks=range(len(names)), ylim=(len(names) - 0.5, -0.5))
+    ax.set_yticklabels([_short(name) for name in names], fontsize="small")
+    ax.set_title(f"{label} [noise std]", **_ABOVE)
+    ax.set_facecolor("0.9")
+    bar = ax.figure.colorbar(mesh, ax=ax, **_BAR)
+    ticks = [tick for tick in (1, 3, 10, 30, 100, 300, 1000) if tick <= top]
+    bar.set_ticks(ticks, labels=[str(tick) for tick in ticks], minor=False)
+    bar.ax.minorticks_off()
+    return ax
+
+
+def plot_profile(
+    profiles: Mapping[str, tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]],
+    labels: tuple[str, str],
+    ax: Axes | None = None,
+) -> Axes:
+    """The force that plants leave over along one quantity: medians, and where half of them lie.
+
+    Args:
+        profiles: of each plant, by name: position, velocity or command, and the force left over.
+        labels: of both axes, with their units.
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    ax.axhline(0.0, color=PARTICLES, linewidth=1)
+    for name, (along, force) in profiles.items():
+        edges = np.linspace(*_range(along), _BINS + 1)
+        places = np.digitize(along, edges) - 1
+        bins = [b for b in range(_BINS) if (places == b).sum() >= _FEWEST]
+        quartiles = np.array([np.percentile(force[places == b], [25, 50, 75]) for b in bins])
+        middles, (low, median, high) = 0.5 * (edges[:-1] + edges[1:])[bins], quartiles.T
+        style = _STYLES[name]
+        ax.fill_between(middles, low, high, color=style["color"], alpha=0.2, linewidth=0)
+        ax.plot(middles, median, marker=".", label=name, **style)
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.locator_params(axis="y", nbins=6)
+    add_legend(ax)
+    return ax
+
+
+def plot_force_map(
+    q: Float[np.ndarray, " N"],
+    v: Float[np.ndarray, " N"],
+    force: Float[np.ndarray, " N"],
+    labels: tuple[str, str, str],
+    ax: Axes | None = None,
+) -> Axes:
+    """The force that a plant leaves over, as medians over position and velocity.
+
+    Args:
+        q: positions at N instants.
+        v: velocities.
+        force: left over.
+        labels: of position, velocity and force, with their units.
+        ax: where to draw; a new figure without it.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    ax = new_axes()[0] if ax is None else ax
+    edges = [np.linspace(*_range(values), _CELLS + 1) for values in (q, v)]
+    column, row = (np.digitize(values, e) - 1 for values, e in zip((q, v), edges, strict=True))
+    cells = np.full((_CELLS, _CELLS), np.nan)
+    for i in range(_CELLS):
+        for k in range(_CELLS):
+            inside = force[(row == i) & (column == k)]
+            if len(inside) >= 2:
+                cells[i, k] = np.median(inside)
+    seen = np.abs(cells[np.isfinite(cells)])
+    most = float(np.percentile(seen, 95)) if len(seen) else 1.0
+    mesh = ax.pcolormesh(
+        *edges,
+        np.ma.masked_invalid(cells),
+        cmap="RdBu_r",
+        vmin=-most,
+        vmax=most,
+        rasterized=True,
+    )
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.set_facecolor("0.9")
+    ax.set_title(labels[2], **_ABOVE)
+    ax.figure.colorbar(mesh, ax=ax, **_BAR).locator = MaxNLocator(5)
+    return ax
+
+
+def plot_window(
+    times: Float[np.ndarray, " T"],
+    measured: Float[np.ndarray, " T"],
+    runs: Mapping[str, Float[np.ndarray, " T"]],
+    label: str,
+    title: str,
+    known_s: float,
+    ax: Axes | None = None,
+) -> Axes:
+    """One window of a recording, and the free runs of plants through it.
+
+    Args:
+        times: since its start [s].
+        measured: NaN where there is no measurement.
+        runs: of each plant, by name.
+        label: of the state, with its unit.
+        title: which window it is.
+        known_s: up to when the runs' starts were fitted [s].
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    ax.axvspan(0.0, known_s, color=PARTICLES, alpha=0.15, linewidth=0)
+    ax.plot(times, measured, ".", color=SYSTEM, markersize=3, label="measured")
+    for name, values in runs.items():
+        ax.plot(times, values, label=name, **_STYLES[name])
+    ax.set(xlabel="time since the start [s]", ylabel=label, xlim=(0, times[-1]))
+    ax.set_title(title, **_ABOVE)
+    add_legend(ax)
+    return ax
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Numbers instead of powers along a logarithmic axis; a page does not set formulas."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    fine = high < 30 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if fine else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+
+
+def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
+    """Between what values lie, but for a few at both ends."""
+    low, high = np.percentile(values, [_EDGE, 100.0 - _EDGE])
+    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 14 else f"{name[:6]}…{name[-7:]}"

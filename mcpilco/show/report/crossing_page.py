@@ -1,0 +1,130 @@
+"""The page of a crossing: what a simulation lacked, and what its policies did on the system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mcpilco.crossing import Crossing, Outcome
+from mcpilco.show.plots.rollouts import plot_promise
+from mcpilco.show.report import document
+from mcpilco.show.report.document import Document, made
+from mcpilco.show.report.parts import Picture, Section, Table, draw
+
+
+def write_crossing_report(
+    path: Path, legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str
+) -> Path:
+    """The path of the page written; it holds its pictures and needs no other file.
+
+    Args:
+        path: where it goes.
+        legs: policies by the simulation that they were trained in.
+        gap: the content of `gap.json`.
+        about: a line below the title.
+
+    Raises:
+        RunFolderError: the page cannot be written.
+        InputError: matplotlib or jinja2 is missing.
+    """
+    document.require_extra()
+    return document.write(path, page_of(legs, gap, about))
+
+
+def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) -> Document:
+    """What the page of a crossing holds."""
+    sections = [
+        made("What the simulation lacked", partial(_lacked, gap)),
+        made("What was promised and what happened", partial(_outcomes, legs)),
+        *(made(f"The {leg} simulation", partial(_episode, leg, legs[leg])) for leg in legs),
+    ]
+    return Document(
+        title="From the simulation to the system",
+        about=about,
+        tiles=_tiles(legs, gap),
+        sections=sections,
+    )
+
+
+def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The numbers that one looks for first: a heading and a value each."""
+    tiles = [("verdict on the simulation", str(gap["verdict"]).replace("_", " "))]
+    error = gap.get("error") or {}
+    closed = (error.get("closed") or {}).get("value")
+    if closed is not None and gap["effects"] and not error.get("hidden"):
+        tiles.append(("of the gap is closed", f"{100 * closed:.1f} %"))
+    for leg, found in legs.items():
+        tiles.append((f"on the system, trained in the {leg} simulation", _short(found.happened)))
+    return tiles
+
+
+def _lacked(gap: Mapping[str, Any]) -> Section:
+    """The effects that were found missing."""
+    rows = [
+        (
+            effect["name"],
+            effect["target"],
+            "; ".join(f"{symbol} = {_interval(e)}" for symbol, e in effect["parameters"].items()),
+        )
+        for effect in gap["effects"]
+    ]
+    if not rows:
+        return Section(
+            "What the simulation lacked",
+            f"No effect was named; the verdict is “{gap['verdict']}”. More is told in "
+            "gap/report.html.",
+        )
+    header = ("effect", "at", "size (95 % interval)")
+    text = "Found in the recordings of the system; more is told in gap/report.html."
+    return Section("What the simulation lacked", text, (), [Table(header, rows)])
+
+
+def _interval(estimate: Mapping[str, Any]) -> str:
+    ends = [estimate[name] for name in ("value", "low", "high")]
+    value, low, high = ("?" if end is None else f"{end:.4g}" for end in ends)
+    return f"{value} {estimate['unit']} ({low} to {high})"
+
+
+def _outcomes(legs: Mapping[str, Crossing]) -> Section:
+    """A table of what became of the policies."""
+    rows = [
+        (
+            f"in the {leg} simulation",
+            str(found.trial),
+            _short(found.promised),
+            _short(found.happened),
+            f"{found.promised.returns:.1f}",
+            f"{found.happened.returns:.1f}",
+        )
+        for leg, found in legs.items()
+    ]
+    episodes = next(iter(legs.values())).happened.episodes
+    header = ("trained", "trial", "promised", "on the system", "return promised", "return there")
+    text = (
+        f"Each over {episodes} fresh episodes. The policy is that of the trial that did best in "
+        "its own simulation; the system had no say in it, and was met for the recordings and for "
+        "this table alone."
+    )
+    return Section("What was promised and what happened", text, (), [Table(header, rows)])
+
+
+def _short(outcome: Outcome) -> str:
+    if outcome.success is None:
+        return f"return {outcome.returns:.1f}"
+    return f"{100 * outcome.success:.0f} % success"
+
+
+def _episode(leg: str, found: Crossing) -> Section:
+    """One episode of a policy, in each place."""
+    text = "One episode: as the simulation promised it, and as it was on the system."
+    pictures = [_picture(found, k) for k in range(len(found.states))]
+    return Section(f"Trained in the {leg} simulation", text, pictures, columns=2)
+
+
+def _picture(found: Crossing, k: int) -> Picture:
+    name, unit = found.states[k]
+    promised, happened = found.promised.states[:, k], found.happened.states[:, k]
+    plot = partial(plot_promise, promised, happened, found.dt, f"{name} [{unit}]")
+    return draw(f"{name} over time, promised and on the system", plot)

@@ -1,0 +1,181 @@
+"""Many seeds in one number, with what chance leaves open: of a run, and of two runs' difference."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import trim_mean
+
+from mcpilco.sweep.comparison.runs import SPENT, Run
+from mcpilco.sweep.summary import bootstrapped, rate
+
+SAME = 1e-3
+"""amounts of experience whose ratio differs less from 1 are the same [-]"""
+
+
+def _interquartile_mean(values: Float[np.ndarray, "*b S"], axis: int = -1) -> Any:
+    """Mean of the middle half: less noisy than the median, as deaf to outliers.
+
+    Reference: Agarwal et al. (2021), Deep reinforcement learning at the edge of the statistical
+    precipice, NeurIPS.
+    """
+    return trim_mean(values, 0.25, axis=axis)
+
+
+STATISTICS: Mapping[str, Callable[..., Any]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "iqm": _interquartile_mean,
+}
+"""what many seeds are told as, by name; iqm: interquartile mean"""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One thing that is compared."""
+
+    key: str
+    """its name in files"""
+    label: str
+    """in tables and pictures"""
+    unit: str
+    digits: int
+    """behind the point"""
+    short: str = ""
+    """label where there is little room; empty: it is not shown there"""
+    statistics: tuple[str, ...] = ("iqm", "median")
+    """that it is told by; curves and differences show the first"""
+    scale: float = 1.0
+    """of what is shown: 100 for shares in percent [-]"""
+    share: bool = False
+    """the seeds say yes or no"""
+
+    @property
+    def title(self) -> str:
+        """Label and unit."""
+        return f"{self.label} [{self.unit}]"
+
+
+MEASURES = (
+    Measure(
+        "success", "success of the test rollout", "%", 1, "success", ("mean",), 100.0, share=True
+    ),
+    Measure("p", "success of fresh rollouts", "%", 1, "p", ("mean", "iqm", "median"), 100.0),
+    Measure("return", "return of the test rollout", "-", 1, "return"),
+    Measure("fresh_return", "return of fresh rollouts", "-", 1),
+    Measure("time_up_s", "time up", "s", 2, "time up"),
+    Measure("mean_abs_cart_m", "mean distance of the cart", "m", 2, "cart"),
+    Measure(SPENT, "processor time so far", "s", 1, "CPU"),
+)
+"""what is compared, in the order of tables"""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A statistic over seeds and its 95 % interval."""
+
+    seeds: int
+    value: float
+    low: float | None
+    """None where there is one seed only"""
+    high: float | None
+
+
+def estimate(values: Sequence[float], measure: Measure, statistic: str) -> Estimate | None:
+    """A statistic of finite values, in the measure's unit; None where there are none.
+
+    The interval is Wilson's where seeds say yes or no, else that of the bootstrap over seeds.
+    """
+    if not len(values):
+        return None
+    scaled = measure.scale * np.asarray(values, dtype=float)
+    if measure.share and (found := rate([bool(value) for value in values])):
+        low, high = measure.scale * found["low"], measure.scale * found["high"]
+        return Estimate(len(values), float(scaled.mean()), low, high)
+    low_, high_ = bootstrapped(scaled, STATISTICS[statistic])
+    return Estimate(len(values), float(STATISTICS[statistic](scaled)), low_, high_)
+
+
+def difference(run: Run, other: Run, measure: Measure, amount: float) -> Estimate | None:
+    """How much more the first has than the other, after the same experience, seed by seed.
+
+    The statistic is that of the differences, whose interval is the bootstrap's: what a seed does
+    to both alike drops out.
+    """
+    here, there = run.at(amount, measure.key), other.at(amount, measure.key)
+    common = sorted(here.keys() & there.keys())
+    if not common:
+        return None
+    gains = measure.scale * np.array([here[seed] - there[seed] for seed in common])
+    statistic = STATISTICS[measure.statistics[0]]
+    return Estimate(len(common), float(statistic(gains)), *bootstrapped(gains, statistic))
+
+
+@dataclass(frozen=True)
+class Row:
+    """An estimate and what it is of."""
+
+    run: str
+    measure: Measure
+    statistic: str
+    experience_s: float
+    """behind the policies [s]"""
+    estimate: Estimate
+    other: str | None = None
+    """of a difference: what is taken away"""
+
+
+def estimates(runs: Sequence[Run]) -> list[Row]:
+    """Every statistic of every measure, after each amount of experience of each run."""
+    return [
+        Row(run.name, measure, statistic, float(amount), found)
+        for measure in MEASURES
+        for run in runs
+        for statistic in measure.statistics
+        for amount in run.amounts
+        if (found := estimate(list(run.at(amount, measure.key).values()), measure, statistic))
+    ]
+
+
+def differences(runs: Sequence[Run]) -> list[Row]:
+    """Every pair of runs with seeds in common, after each amount of experience that both have."""
+    return [
+        Row(run.name, measure, measure.statistics[0], amount, found, other.name)
+        for measure in MEASURES
+        for other, run in itertools.combinations(runs, 2)
+        for amount in common_amounts([other, run])
+        if (found := difference(run, other, measure, amount))
+    ]
+
+
+def common_amounts(runs: Sequence[Run]) -> list[float]:
+    """Amounts of experience that all runs have [s], rising."""
+    return [
+        amount for amount in all_amounts(runs[:1]) if all(_has(run, amount) for run in runs[1:])
+    ]
+
+
+def all_amounts(runs: Sequence[Run]) -> list[float]:
+    """Amounts of experience that any run has [s], rising, those that are the same once."""
+    return list(_distinct(sorted(float(amount) for run in runs for amount in run.amounts)))
+
+
+def _distinct(rising: Sequence[float]) -> Iterator[float]:
+    last = None
+    for amount in rising:
+        if last is None or not same(amount, last):
+            yield (last := amount)
+
+
+def _has(run: Run, amount: float) -> bool:
+    return any(same(float(own), amount) for own in run.amounts)
+
+
+def same(amount: float, other: float) -> bool:
+    """Whether two amounts of experience are the same."""
+    return abs(amount - other) <= SAME * max(abs(amount), abs(other))

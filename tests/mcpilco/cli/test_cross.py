@@ -1,0 +1,128 @@
+"""`mcpilco cross`, from recordings to the story."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import mcpilco.agent.agent
+from mcpilco.cli import cross as command
+from mcpilco.cli import main
+from mcpilco.logbook.run_folder import RunFolder
+from tests.mcpilco.cli.test_cli import refused
+from tests.mcpilco.fakes import FakeAgent
+
+HINDERED = {
+    "format": 1,
+    "plant": "mcpilco/CartPoleSwingUp-v0",
+    "parameters": {},
+    "effects": [{"name": "coulomb_friction", "target": "cart", "parameters": {"f_c": 2.0}}],
+}
+FEW = ["--seconds", "6", "--rollouts", "2", "--trials", "2", "--episodes", "3", "--quiet"]
+
+
+@pytest.fixture
+def hindered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A system with friction, in a folder to work in; an agent that learns nothing."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(mcpilco.agent.agent, "MCPILCO", FakeAgent)
+    (tmp_path / "hidden.json").write_text(json.dumps(HINDERED))
+    return tmp_path
+
+
+class Found(command.Gap):
+    """Finds what is hidden at once."""
+
+    times = 0
+
+    def __call__(self) -> int:
+        Found.times += 1
+        self.out.mkdir(parents=True, exist_ok=True)
+        effect = {
+            "name": "coulomb_friction",
+            "target": "cart",
+            "parameters": {"f_c": {"value": 2.0, "low": 1.9, "high": 2.1, "unit": "N"}},
+        }
+        content = {"verdict": "named", "effects": [effect], "error": {"closed": {"value": 0.99}}}
+        (self.out / "gap.json").write_text(json.dumps(content))
+        (self.out / "corrected.json").write_text(json.dumps(HINDERED))
+        return 0
+
+
+def crossed(*more: str) -> int:
+    return main(["cross", "--out", "out", "--env-kwargs", "effects=hidden.json", *FEW, *more])
+
+
+def test_all_stages_lead_to_the_story(hindered: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(command, "Gap", Found)
+    Found.times = 0
+    assert crossed() == 0
+    told = capsys.readouterr().out
+    assert "Trained in the nominal simulation: it promised" in told
+    assert "Trained in the corrected simulation: it promised" in told
+    assert len(list((hindered / "out" / "recordings").glob("*.csv"))) == 2
+    corrected = RunFolder.open(hindered / "out" / "corrected")
+    assert corrected.config["env_kwargs"]["effects"] == HINDERED
+    assert "effects" not in RunFolder.open(hindered / "out" / "nominal").config["env_kwargs"]
+    page = (hindered / "out" / "report.html").read_text()
+    assert "coulomb_friction" in page
+    assert "2 N (1.9 to 2.1)" in page
+    assert (hindered / "out" / "crossing.rrd").exists()
+
+
+def test_the_same_command_goes_on_where_it_was_stopped(hindered: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(command, "Gap", Found)
+    Found.times = 0
+    assert crossed() == 0
+    out = hindered / "out"
+    kept = {path: path.stat().st_mtime_ns for path in (out / "recordings").glob("*.csv")}
+    before = (out / "corrected.json").read_text()
+    for lost in ("corrected.json", "report.html", "recordings/excitation-seed1-00.csv"):
+        (out / lost).unlink()
+    capsys.readouterr()
+    assert crossed() == 0
+    assert Found.times == 1
+    assert (out / "corrected.json").read_text() == before
+    first = out / "recordings" / "excitation-seed0-00.csv"
+    assert first.stat().st_mtime_ns == kept[first]
+    assert (out / "recordings" / "excitation-seed1-00.csv").exists()
+
+
+def test_a_folder_of_other_settings_is_refused(hindered: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(command, "Gap", Found)
+    assert crossed() == 0
+    capsys.readouterr()
+    sentence = refused(capsys, "cross", "--out", "out", *FEW, "--seed", "1")
+    assert "another env_kwargs, seed" in sentence
+
+
+def test_too_little_data_ends_the_crossing(hindered: Path, monkeypatch, capsys) -> None:
+    class Poor(command.Gap):
+        def __call__(self) -> int:
+            self.out.mkdir(parents=True, exist_ok=True)
+            (self.out / "gap.json").write_text('{"verdict": "too_poor", "effects": []}')
+            return 0
+
+    monkeypatch.setattr(command, "Gap", Poor)
+    assert "record for longer" in refused(capsys, "cross", "--out", "out", *FEW)
+    assert not (hindered / "out" / "nominal").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--sim", "CartPole-v1"], "--sim must be one of mcpilco/CartPoleSwingUp-v0"),
+        (["--sim-kwargs", "effects=hidden.json"], "must leave out effects"),
+        (["--sim-kwargs", "wheel=3"], "Cannot make the env"),
+        (["--env-kwargs", "effects=nowhere.json"], "cannot read nowhere.json"),
+        (["--env-kwargs", "effects"], "--env-kwargs must be NAME=VALUE, got 'effects'"),
+        (["--episodes", "0"], "--episodes must be at least 1"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_a_folder_is_made(
+    hindered: Path, capsys, arguments: list[str], sentence: str
+) -> None:
+    assert sentence in refused(capsys, "cross", "--out", "new", *arguments)
+    assert not (hindered / "new").exists()

@@ -1,0 +1,216 @@
+"""Motions against the envs' integrator, and against scipy's with every part of a system."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from envs.cartpole_dynamics import CartPoleDynamics
+from envs.plants import cart_pole, double_pendulum, pendulum
+from mcpilco.bodies import generalised_forces
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.simulation import simulate
+from tests.mcpilco.plant.simulation.reference import pendulum_motion
+
+DT, T = 0.02, 20
+START = np.array([0.4, 1.0])
+PULSES = np.array([2.0] * 5 + [-1.5] * 5 + [0.3, -0.3, 0.6, 2.5, -2.5, 0.1, 0.0, 1.0, 1.0, 1.0])
+CLOSE = {"rtol": 0.0, "atol": 5e-5}
+"""five times the tolerance of a step in a velocity [rad, rad/s]"""
+
+
+def having(*effects: tuple[str, str, list[float]]) -> Plant:
+    """The pendulum with effects: name, target, values."""
+    return pendulum().having([(Active(CATALOGUE[n], target), v) for n, target, v in effects])
+
+
+def followed(plant: Plant, commands: np.ndarray = PULSES, start: np.ndarray = START) -> np.ndarray:
+    """What is measured of one motion."""
+    return plant.simulate(start[None], commands[None, :, None], DT)[0]
+
+
+def test_a_cart_pole_moves_as_the_env_integrates_it():
+    rng = np.random.default_rng(0)
+    states, commands = rng.normal(0, [1, 1, 2, 3], (3, 4)), rng.uniform(-10, 10, (3, 25, 1))
+    found = cart_pole().simulate(states, commands, DT)
+    for k in range(25):
+        np.testing.assert_allclose(found[:, k], states, **CLOSE)
+        states = CartPoleDynamics().advance(states, commands[:, k, 0], DT)[-1]
+    np.testing.assert_allclose(found[:, 25], states, **CLOSE)
+
+
+LAWS = {
+    "viscous_friction": ([0.2], lambda q, v: -0.2 * v),
+    "coulomb_friction": ([0.3, 4e-3], lambda q, v: -0.3 * np.tanh(v / 4e-3)),
+    "stribeck_friction": (
+        [0.2, 0.15, 0.1, 5e-3],
+        lambda q, v: -(0.2 + 0.15 * np.exp(-((v / 0.1) ** 2))) * np.tanh(v / 5e-3),
+    ),
+    "quadratic_drag": ([0.05], lambda q, v: -0.05 * v * abs(v)),
+    "asymmetric_friction": (
+        [0.3, 0.1, 4e-3],
+        lambda q, v: -(0.3 if v > 0 else 0.1) * np.tanh(v / 4e-3),
+    ),
+    "spring": ([1.5], lambda q, v: -1.5 * q),
+    "hardening_spring": ([2.0], lambda q, v: -2.0 * q**3),
+    "constant_force": ([-0.5], lambda q, v: -0.5),
+    "position_ripple": ([0.3, 0.2, 7.0], lambda q, v: 0.3 * np.sin(7 * q) + 0.2 * np.cos(7 * q)),
+}
+
+
+def test_every_law_of_a_joint_is_tested():
+    assert set(LAWS) == {e.name for e in CATALOGUE.values() if e.law is not None}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_joint_law_moves_a_pendulum_as_scipy_says(name):
+    values, law = LAWS[name]
+    truth = pendulum_motion(START, PULSES, DT, law=law)
+    expected = [truth.at(k * DT) for k in range(T + 1)]
+    np.testing.assert_allclose(followed(having((name, "pendulum", values))), expected, **CLOSE)
+
+
+def play(commands: np.ndarray, width: float) -> np.ndarray:
+    """The nearest force to the last one that is within `width` of the command."""
+    forces = [commands[0]]
+    for command in commands:
+        forces.append(float(np.clip(forces[-1], command - width, command + width)))
+    return np.array(forces[1:])
+
+
+ACTUATORS = {
+    "gain": ([("actuator_gain", 0.7)], 0.7 * PULSES, {}),
+    "dead zone": (
+        [("actuator_dead_zone", 0.4)],
+        np.sign(PULSES) * np.maximum(np.abs(PULSES) - 0.4, 0.0),
+        {},
+    ),
+    "limit": ([("actuator_saturation", 1.2)], np.clip(PULSES, -1.2, 1.2), {}),
+    "play": ([("backlash", 0.35)], play(PULSES, 0.35), {}),
+    "gain, then play": (
+        [("backlash", 0.35), ("actuator_gain", 0.5)],
+        play(0.5 * PULSES, 0.35),
+        {},
+    ),
+    "delay within a sample": ([("actuator_delay", 0.013)], PULSES, {"delay": 0.013}),
+    "delay of 2.35 samples": ([("actuator_delay", 0.047)], PULSES, {"delay": 0.047}),
+    "delay of 3 samples": ([("actuator_delay", 0.06)], PULSES, {"delay": 0.06}),
+    "delay of 5 samples": ([("actuator_delay", 0.1)], PULSES, {"delay": 0.1}),
+    "lag": ([("actuator_lag", 0.03)], PULSES, {"lag": 0.03}),
+    "limit, delay and lag": (
+        [("actuator_lag", 0.05), ("actuator_delay", 0.031), ("actuator_saturation", 1.2)],
+        np.clip(PULSES, -1.2, 1.2),
+        {"lag": 0.05, "delay": 0.031},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ACTUATORS)
+def test_an_actuator_moves_a_pendulum_as_scipy_says(case):
+    effects, forces, memory = ACTUATORS[case]
+    truth = pendulum_motion(START, forces, DT, **memory)
+    expected = [truth.at(k * DT) for k in range(T + 1)]
+    plant = having(*((name, "actuator", [value]) for name, value in effects))
+    np.testing.assert_allclose(followed(plant), expected, **CLOSE)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.004, 0.02, 0.03, 0.04, 0.06, 0.1, 0.07, 0.5])
+def test_a_sensor_tells_the_state_of_before(latency):
+    truth = pendulum_motion(START, PULSES, DT)
+    plant = having(
+        ("sensor_delay", "velocity", [latency]),
+        ("sensor_scale", "velocity", [1.3]),
+        ("sensor_offset", "velocity", [0.2]),
+    )
+    found = followed(plant)
+    expected = [0.2 + 1.3 * truth.at(k * DT - latency)[1] for k in range(T + 1)]
+    np.testing.assert_allclose(found[:, 1], expected, **CLOSE)
+    np.testing.assert_allclose(found[:, 0], [truth.at(k * DT)[0] for k in range(T + 1)], **CLOSE)
+
+
+def test_each_sensor_looks_at_its_own_time():
+    truth = pendulum_motion(START, PULSES, DT)
+    found = followed(
+        having(("sensor_delay", "angle", [0.013]), ("sensor_delay", "velocity", [0.031]))
+    )
+    times = np.arange(T + 1) * DT
+    expected = [[truth.at(t - 0.013)[0], truth.at(t - 0.031)[1]] for t in times]
+    np.testing.assert_allclose(found, expected, **CLOSE)
+
+
+def test_a_double_pendulum_without_friction_keeps_its_energy():
+    plant = double_pendulum().where(shoulder_friction=0.0, elbow_friction=0.0)
+    chain = plant.chain
+    start = np.array([[2.5, 0.0, -1.0, 3.0]])
+    y = plant.simulate(start, np.zeros((1, 100, 2)), DT)[0]
+    q, dq, rest = y[:, 0::2], y[:, 1::2], np.zeros((101, 2))
+    weight = generalised_forces(chain, q, rest, rest)
+    kinetic = 0.5 * np.sum(dq * (generalised_forces(chain, q, rest, dq) - weight), axis=1)
+    heights = -np.stack([np.cos(q[:, 0]), np.cos(q.sum(axis=1))], axis=1)
+    potential = 9.82 * heights @ [0.6 * 0.15 + 0.4 * 0.3, 0.4 * 0.15]
+    energy = kinetic + potential
+    np.testing.assert_allclose(energy, energy[0], atol=2e-5)
+    assert np.ptp(kinetic) > 1.0
+
+
+def test_a_motion_that_runs_away_is_lost_from_there_on_and_alone():
+    plant = pendulum()
+    push = Active(CATALOGUE["constant_force"], "pendulum")
+    forces = np.array([[0.0], [2e4], [0.5]])
+    tables = plant.tables(np.tile(plant.nominal, (3, 1)), [push], [forces])
+    starts, each = np.tile(START, (3, 1)), np.arange(3)
+    y = simulate(tables, each, starts, np.zeros(3, int), PULSES[None, :, None], 0, DT)
+    lost = np.isnan(y[1]).any(axis=0)
+    assert not lost[0]
+    assert lost[-1]
+    assert (np.diff(lost.astype(int)) >= 0).all()
+    assert np.isnan(y[1][:, lost]).all()
+    for s in (0, 2):
+        alone = plant.tables(plant.nominal[None], [push], [forces[s : s + 1]])
+        zero = np.zeros(1, int)
+        one = simulate(alone, zero, starts[:1], zero, PULSES[None, :, None], 0, DT)
+        np.testing.assert_array_equal(y[s], one[0])
+
+
+def test_a_batch_of_systems_equals_a_loop_over_them():
+    rng = np.random.default_rng(0)
+    plant = cart_pole()
+    actives = [
+        Active(CATALOGUE["coulomb_friction"], "cart"),
+        Active(CATALOGUE["actuator_delay"], "actuator"),
+        Active(CATALOGUE["body_mass"], "pole"),
+        Active(CATALOGUE["sensor_delay"], "pole_angle"),
+    ]
+    values = [
+        np.column_stack([rng.uniform(0, 0.5, 3), np.full(3, 1e-2)]),
+        rng.uniform(0, 0.05, (3, 1)),
+        rng.uniform(0, 0.2, (3, 1)),
+        rng.uniform(0, 0.05, (3, 1)),
+    ]
+    parameters = plant.nominal * rng.uniform(0.9, 1.1, (3, len(plant.nominal)))
+    tables = plant.tables(parameters, actives, values)
+    starts, commands = rng.normal(size=(5, 4)), rng.uniform(-5, 5, (2, 13, 1))
+    system, window = np.array([2, 0, 1, 1, 2]), np.array([1, 0, 0, 1, 1])
+    together = simulate(tables, system, starts, window, commands, 3, DT)
+    assert together.shape == (5, 4, 10)
+    for b, (s, n) in enumerate(zip(system, window, strict=True)):
+        alone = plant.tables(parameters[[s]], actives, [value[[s]] for value in values])
+        zero = np.zeros(1, int)
+        y = simulate(alone, zero, starts[[b]], zero, commands[[n]], 3, DT)
+        np.testing.assert_array_equal(together[b], y[0])
+
+
+def test_an_actuator_remembers_what_came_before_the_start():
+    memory = ("actuator_lag", [0.05]), ("actuator_delay", [0.033]), ("backlash", [0.2])
+    plant = having(*((name, "actuator", values) for name, values in memory))
+    tables, zero = plant.tables(plant.nominal[None]), np.zeros(1, int)
+    commands = PULSES[None, :, None]
+    whole = simulate(tables, zero, START[None], zero, commands, 0, DT)
+    for lead in (6, 7, 12):
+        rest = simulate(tables, zero, whole[:, :, lead].copy(), zero, commands, lead, DT)
+        np.testing.assert_allclose(rest, whole[:, :, lead:], **CLOSE)
+        forgotten = simulate(
+            tables, zero, whole[:, :, lead].copy(), zero, commands[:, lead:], 0, DT
+        )
+        assert np.abs(forgotten - rest).max() > 1e-3

@@ -1,0 +1,274 @@
+"""An MJCF file as a plant: its motions are MuJoCo's, and what it cannot be is named."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.mjcf import plant_of
+from mcpilco.plant.plant import Active
+from mcpilco.typing import InputError
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option gravity="0.3 0.5 -9.7"/>
+  <worldbody>
+    <body name="base" pos="0 0 0.4" euler="0.2 0.3 0">
+      <geom type="box" size="0.1 0.1 0.02" mass="5" contype="0" conaffinity="0"/>
+      <body name="upper" pos="0.1 0 0">
+        <joint name="yaw" axis="0 0 1" damping="0.4" armature="0.02"/>
+        <joint name="pitch" axis="0 1 0" pos="0.02 0.01 0.05" damping="0.2" stiffness="3"
+               springref="0.4"/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0.3" size="0.03" mass="1.2" contype="0"
+              conaffinity="0"/>
+        <body name="flange" pos="0.2 0 0.3" quat="0.8 0.1 0.5 0.2">
+          <geom type="box" pos="0.03 0 0" size="0.05 0.03 0.02" mass="0.4" contype="0"
+                conaffinity="0"/>
+          <body name="slider" pos="0 0 0.1">
+            <joint name="reach" type="slide" axis="0 0.6 0.8" pos="0.1 0 0" damping="2"
+                   stiffness="20"/>
+            <geom type="sphere" size="0.05" mass="0.3" contype="0" conaffinity="0"/>
+            <body name="tool" pos="0.05 0 0.1"><geom type="box" size="0.02 0.05 0.01" mass="0.1"
+                  contype="0" conaffinity="0"/></body>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="yaw_motor" joint="yaw" gear="3"/>
+    <motor name="pitch_motor" joint="pitch" gear="-5" ctrlrange="-0.8 0.8" ctrllimited="true"/>
+    <general name="reach_motor" joint="reach" gainprm="2" gear="1.5" forcerange="-1.2 1.2"
+             forcelimited="true"/>
+  </actuator>
+</mujoco>
+"""
+SIMPLE = """<mujoco>{option}<worldbody><body name="b">{joint}<geom name="g" size=".1"/>
+  <body name="c" pos="0 0 1"><joint name="k"/><geom size=".1"/></body></body></worldbody>
+  {more}<actuator>{actuator}</actuator></mujoco>"""
+TWICE = '<motor name="m" joint="j"/><motor name="n" joint="j"/>'
+MOTOR, HINGE = '<motor name="m" joint="j"/>', '<joint name="j"/>'
+
+
+@pytest.fixture
+def plant_from(tmp_path):
+    """Of the text of an MJCF."""
+
+    def make(text: str):
+        path = tmp_path / "robot.xml"
+        path.write_text(text)
+        return plant_of(path)
+
+    return make
+
+
+def commands(steps: int) -> np.ndarray:
+    """(steps, 3) for `ARM`, beyond the limits now and then."""
+    return np.repeat(np.random.default_rng(0).uniform(-1.5, 1.5, (steps // 5, 3)), 5, axis=0)
+
+
+def stepped(text: str, start: np.ndarray, inputs: np.ndarray, dt: float, step: float, how: str):
+    """States (T + 1, X) as MuJoCo itself finds them."""
+    model = mujoco.MjModel.from_xml_string(text)
+    model.opt.timestep = step
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{how}")
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = start[0::2], start[1::2]
+    states = [start]
+    for row in inputs:
+        data.ctrl[:] = row
+        for _ in range(round(dt / step)):
+            mujoco.mj_step(model, data)
+        states.append(np.column_stack([data.qpos, data.qvel]).ravel())
+    return np.array(states)
+
+
+START = np.array([0.3, 1.0, -0.4, 0.5, 0.02, -0.3])
+
+
+def test_an_arm_is_named_as_in_its_file(plant_from):
+    plant = plant_from(ARM)
+    assert plant.name == "robot"
+    assert plant.layout.joints == ("yaw", "pitch", "reach")
+    assert plant.layout.bodies == ("upper_yaw", "upper", "slider")
+    assert plant.layout.states[:2] == ("yaw_position", "yaw_velocity")
+    assert plant.layout.inputs == ("yaw_motor", "pitch_motor", "reach_motor")
+    assert plant.angles == (0, 2)
+    values = {parameter.name: parameter.value for parameter in plant.parameters}
+    assert values == pytest.approx(
+        {
+            "upper_mass": 1.6,  # with the flange, that is welded to it
+            "slider_mass": 0.4,
+            "yaw_damping": 0.4,
+            "pitch_damping": 0.2,
+            "reach_damping": 2.0,
+            "yaw_motor_gain": 3.0,
+            "pitch_motor_gain": -5.0,
+            "reach_motor_gain": 3.0,
+            "gravity": np.sqrt(0.3**2 + 0.5**2 + 9.7**2),
+        }
+    )
+
+
+def test_an_arm_moves_as_mujoco_steps_it_with_high_order(plant_from):
+    inputs = commands(50)
+    found = plant_from(ARM).simulate(START[None], inputs[None], 0.02)[0]
+    expected = stepped(ARM, START, inputs, 0.02, 1e-3, "RK4")
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=3e-5)
+    assert np.abs(expected - START).max() > 0.5
+
+
+def test_mujocos_own_steps_come_closer_in_proportion_to_their_length(plant_from):
+    inputs = commands(25)
+    found = plant_from(ARM).simulate(START[None], inputs[None], 0.02)[0]
+    errors = [
+        np.abs(stepped(ARM, START, inputs, 0.02, step, "EULER") - found).max()
+        for step in (2e-3, 1e-3, 5e-4)
+    ]
+    assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.1)
+
+
+def test_parameters_are_those_of_the_model(plant_from):
+    """Each of them changed in the plant, and in the file."""
+    changed = (
+        ARM.replace('damping="0.4"', 'damping="0.7"')
+        .replace('gear="3"', 'gear="2.5"')
+        .replace('gear="-5"', 'gear="-5.5"')
+        .replace('gravity="0.3 0.5 -9.7"', 'gravity="0.15 0.25 -4.85"')
+        .replace('mass="0.3"', 'mass="0.45"')
+        .replace('mass="0.1"', 'mass="0.15"')
+    )
+    plant = plant_from(ARM)
+    values = {parameter.name: parameter.value for parameter in plant.parameters}
+    other = plant.where(
+        yaw_damping=0.7,
+        yaw_motor_gain=2.5,
+        pitch_motor_gain=-5.5,
+        gravity=0.5 * values["gravity"],
+        slider_mass=0.6,
+    )
+    inputs = commands(20)
+    expected = plant_from(changed).simulate(START[None], inputs[None], 0.02)
+    found = other.simulate(START[None], inputs[None], 0.02)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-5)
+
+
+def test_dry_friction_slows_down_as_in_mujoco(plant_from):
+    text = SIMPLE.format(
+        option='<option gravity="0 0 0"/>',
+        joint='<joint name="j" type="slide" axis="1 0 0" frictionloss="0.5"/>',
+        more="",
+        actuator=MOTOR,
+    )
+    plant = plant_from(text)
+    values = {parameter.name: parameter.value for parameter in plant.parameters}
+    assert values["j_friction"] == 0.5
+    start, inputs = np.array([0.0, 1.0, 0.0, 0.0]), np.zeros((25, 1))
+    found = plant.simulate(start[None], inputs[None], 0.02)[0]
+    expected = stepped(text, start, inputs, 0.02, 1e-3, "EULER")
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-4)
+    assert found[-1, 1] < 0.98
+
+
+@pytest.mark.parametrize("effect", ["body_mass", "center_of_mass"])
+def test_effects_at_a_body_without_mass_are_finite(plant_from, effect):
+    """Between two joints of one body there is nothing; a point mass may be there."""
+    plant = plant_from(ARM).having([(Active(CATALOGUE[effect], "upper_yaw"), [0.1])])
+    assert np.isfinite(plant.simulate(START[None], commands(5)[None], 0.02)).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joint": "<freejoint/>", "actuator": '<motor joint="k"/>'}, "1 free or ball joints"),
+        ({"joint": '<joint name="j" type="ball"/>'}, "1 free or ball joints"),
+        ({"joint": '<joint name="j" damping="1 2"/>'}, "1 joints with polynomial damping"),
+        ({"joint": '<joint name="j" stiffness="1 2"/>'}, "1 joints with polynomial stiffness"),
+        ({"actuator": '<position joint="j" kp="3"/>'}, "1 servo actuators"),
+        ({"actuator": '<velocity joint="j" kv="3"/>'}, "1 servo actuators"),
+        (
+            {"actuator": '<general joint="j" dyntype="filter" dynprm=".1"/>'},
+            "actuators with states",
+        ),
+        ({"actuator": '<motor joint="j" delay="0.01" nsample="5"/>'}, "1 actuators with a delay"),
+        ({"actuator": '<damper joint="j" kv="1" ctrlrange="0 1"/>'}, "with a gain that varies"),
+        ({"actuator": '<motor joint="j" ctrlrange="0 1"/>'}, "not symmetric about 0"),
+        ({"actuator": '<motor joint="j" forcerange="-1 2"/>'}, "not symmetric about 0"),
+        ({"joint": HINGE + '<site name="s"/>', "actuator": '<motor site="s"/>'}, "without a joint"),
+        (
+            {"joint": '<joint name="j" actuatorfrcrange="-1 1"/>', "actuator": TWICE},
+            "several motors",
+        ),
+        (
+            {"more": '<equality><joint joint1="j" joint2="k"/></equality>'},
+            "1 equality constraints",
+        ),
+        (
+            {"more": '<tendon><fixed><joint joint="j" coef="1"/></fixed></tendon>'},
+            "1 tendons",
+        ),
+        ({"option": '<option density="1.2"/>'}, "1 fluids"),
+        ({"option": '<option><flag gravity="disable"/></option>'}, "1 options that switch"),
+        ({"option": '<option><flag damper="disable"/></option>'}, "options that switch"),
+        ({"actuator": ""}, "must have joints and motors, got 2 and 0"),
+    ],
+)
+def test_what_a_plant_cannot_be_is_named(plant_from, change, said):
+    parts = {"option": "", "joint": HINGE, "more": "", "actuator": MOTOR}
+    with pytest.raises(InputError, match=said):
+        plant_from(SIMPLE.format(**parts | change))
+
+
+@pytest.mark.parametrize(
+    ("body", "joint", "motor", "said"),
+    [
+        ("a", "b", "b", None),
+        ("a", "a", "a", None),
+        ("k", "j", "m", "got k at several"),
+        ("b", "c", "m", "got c at several"),
+        ("b", "j", "k_position", "got k_position at several"),
+    ],
+)
+def test_a_name_stands_for_one_joint(plant_from, body, joint, motor, said):
+    text = SIMPLE.format(
+        option="",
+        joint=f'<joint name="{joint}"/>',
+        more="",
+        actuator=f'<motor name="{motor}" joint="{joint}"/>',
+    ).replace('<body name="b">', f'<body name="{body}">')
+    text = text.replace('name="c"', 'name="d"') if body == "k" else text
+    if said is None:
+        assert plant_from(text).layout.joint_of(joint) == 0
+    else:
+        with pytest.raises(InputError, match=said):
+            plant_from(text)
+
+
+def test_contacts_and_limits_of_joints_are_passed_over(plant_from):
+    """As the documentation says: the motion goes on as if nothing were in its way."""
+    slide = '<joint name="j" type="slide" axis="0 0 1" {}/>'
+    free = {"option": "", "joint": slide.format(""), "more": "", "actuator": MOTOR}
+    limited = free | {"joint": slide.format('range="-0.01 1"')}
+    floor = '<worldbody><geom type="plane" size="1 1 1" pos="0 0 -0.1"/>'
+    start, inputs = np.zeros((1, 4)), np.zeros((1, 20, 1))
+    expected = plant_from(SIMPLE.format(**free)).simulate(start, inputs, 0.02)
+    text = SIMPLE.format(**limited).replace("<worldbody>", floor)
+    np.testing.assert_array_equal(plant_from(text).simulate(start, inputs, 0.02), expected)
+    assert expected[0, -1, 0] < -0.5
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(
+        InputError, match="must be the id of an env or an MJCF file, got .*none.xml"
+    ):
+        plant_of(tmp_path / "none.xml")
+
+
+@pytest.mark.parametrize("text", ["", "time,angle\n0,1\n", "<mujoco><worldbody>"])
+def test_a_broken_file_is_named(plant_from, text):
+    with pytest.raises(InputError, match="robot.xml is no model that MuJoCo can load: "):
+        plant_from(text)

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from mcpilco.logbook.history import History, PastTrial
+from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.show.film import Reel, write_film
+from mcpilco.show.viewer import _executable
+from mcpilco.typing import InputError
+from tests.mcpilco.fakes import DT, STEPS, make_prediction, make_rollout
+from tests.mcpilco.logbook.test_run_folder import CONFIG
+
+PAUSE = 5
+"""steps of 0.1 s in half a second"""
+
+
+def past(number: int, seed: int = 0) -> PastTrial:
+    rollout = make_rollout(10 * seed + number)
+    row = {"experience_s": 0.6 * number, "predicted_cost": 4.0, "real_cost": 5.0, "success": True}
+    prediction = make_prediction(STEPS, seed) if number else None
+    return PastTrial(number, rollout, 1 - rollout.rewards, prediction, row if number else {})
+
+
+def reel(task, name="run", numbers=(0, 1, 2), seed=0) -> Reel:
+    trials = tuple(past(number, seed) for number in numbers)
+    return Reel(History(RunFolder(Path(name), CONFIG), task, trials, ()))
+
+
+def rows(path, entity) -> tuple[np.ndarray, list]:
+    """Times [s] and values of the scalars of one entity, in order."""
+    found = []
+    for chunk in RrdReader(path).stream():
+        if chunk.entity_path.lstrip("/") == entity and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            (name,) = [n for n in batch.schema.names if n.endswith("scalars")]
+            times = [time.total_seconds() for time in batch.column("sim_time").to_pylist()]
+            found += zip(times, batch.column(name).to_pylist(), strict=True)
+    found.sort(key=lambda row: row[0])
+    return np.array([time for time, _ in found]), [value for _, value in found]
+
+
+def entities(path) -> set[str]:
+    return {chunk.entity_path.lstrip("/") for chunk in RrdReader(path).stream()}
+
+
+def test_trials_follow_one_another_with_a_pause(tmp_path, task) -> None:
+    end_s = write_film(tmp_path / "film.rrd", [reel(task)])
+    times, values = rows(tmp_path / "film.rrd", "states/pole_angle/system")
+    slot = DT * (STEPS + PAUSE)
+    starts = [0.0, slot, 2 * slot]
+    expected = np.concatenate([start + DT * np.arange(STEPS + 2) for start in starts])
+    np.testing.assert_allclose(times, expected, atol=1e-9)
+    assert end_s == pytest.approx(2 * slot + DT * STEPS)
+    here = np.ravel(values)[STEPS + 2 : 2 * STEPS + 3]
+    np.testing.assert_array_equal(here, past(1).rollout.states[:, 2])
+
+
+def test_curves_are_broken_between_trials(tmp_path, task) -> None:
+    write_film(tmp_path / "film.rrd", [reel(task)])
+    for entity in ("states/pole_angle/system", "states/pole_angle/particles", "cost/system"):
+        _, values = rows(tmp_path / "film.rrd", entity)
+        gaps = [np.isnan(value).all() for value in values]
+        assert sum(gaps) == (2 if "particles" in entity else 3)
+        assert gaps[-1]
+
+
+def test_cost_of_a_trial_is_a_level_throughout_it(tmp_path, task) -> None:
+    write_film(tmp_path / "film.rrd", [reel(task)])
+    for name, cost in (("predicted", 4.0), ("system", 5.0)):
+        times, values = rows(tmp_path / "film.rrd", f"learning/{name}")
+        assert times[0] == pytest.approx(DT * (STEPS + PAUSE))  # the exploration has none
+        assert {value for (value,) in values if not np.isnan(value)} == {cost}
+
+
+def test_one_trial_of_a_run_is_a_film_of_its_own(tmp_path, task) -> None:
+    end_s = write_film(tmp_path / "film.rrd", [reel(task)], trial=2)
+    times, _ = rows(tmp_path / "film.rrd", "states/pole_angle/system")
+    assert len(times) == STEPS + 2
+    assert end_s == pytest.approx(DT * STEPS)
+    with pytest.raises(InputError, match="--trial must be one of 0, 1, 2, got 7"):
+        write_film(tmp_path / "other.rrd", [reel(task)], trial=7)
+    assert [path.name for path in tmp_path.iterdir()] == ["film.rrd"]
+
+
+def test_trials_of_two_runs_begin_together(tmp_path, task) -> None:
+    reels = [reel(task, "a"), reel(task, "b", numbers=(0, 2), seed=1)]
+    write_film(tmp_path / "film.rrd", reels)
+    slot = DT * (STEPS + PAUSE)
+    first, _ = rows(tmp_path / "film.rrd", "states/pole_angle/a/system")
+    second, values = rows(tmp_path / "film.rrd", "states/pole_angle/b/system")
+    assert len(first) == 3 * (STEPS + 2)
+    np.testing.assert_allclose(second[[0, STEPS + 2]], [0.0, 2 * slot], atol=1e-9)
+    here = np.ravel(values)[STEPS + 2 : 2 * STEPS + 3]
+    np.testing.assert_array_equal(here, past(2, seed=1).rollout.states[:, 2])
+
+
+def test_scenes_of_two_runs_are_drawn_apart(tmp_path, task) -> None:
+    import gymnasium as gym
+
+    import envs  # noqa: F401
+
+    scene = gym.make(CONFIG["env"]).unwrapped.scene
+    reels = [
+        dataclasses.replace(reel(task, name, seed=seed), scene=scene)
+        for seed, name in enumerate("ab")
+    ]
+    write_film(tmp_path / "film.rrd", reels)
+    found = entities(tmp_path / "film.rrd")
+    for group in "ab":
+        assert {f"world/{group}/tail", f"world/{group}/particles"} <= found
+    assert not any("observed" in entity for entity in found)
+
+
+def test_runs_of_two_systems_make_no_film(tmp_path, task) -> None:
+    other = dataclasses.replace(task, state_names=("x", "dx", "q", "dq"))
+    with pytest.raises(InputError, match="of one system; the first has the state_names"):
+        write_film(tmp_path / "film.rrd", [reel(task), reel(other)])
+
+
+def content(path) -> list[str]:
+    """What a film holds, but for the rows' own names. `rerun rrd compare` tells NaN from NaN."""
+    found = []
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        kept = [name for name in batch.schema.names if "RowId" not in name]
+        found.append(f"{chunk.entity_path}: {batch.select(kept).to_pydict()}")
+    return sorted(found)
+
+
+def test_equal_runs_make_equal_films(tmp_path, task) -> None:
+    for name, seed in (("a", 0), ("b", 0), ("c", 3)):
+        write_film(tmp_path / f"{name}.rrd", [reel(task, seed=seed)])
+    first, again, other = (content(tmp_path / f"{name}.rrd") for name in "abc")
+    assert first == again
+    assert first != other
+
+
+def test_film_is_verified_by_rerun(tmp_path, task) -> None:
+    path = tmp_path / "film.rrd"
+    write_film(path, [reel(task)])
+    command = [_executable(), "rrd", "verify", str(path)]
+    assert subprocess.run(command, capture_output=True).returncode == 0

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcpilco.gap import Gap
+from mcpilco.show import gap_film as film
+from mcpilco.show.gap_film import write_film
+from mcpilco.show.side_by_side import Clip
+from mcpilco.typing import InputError
+from tests.mcpilco.show.test_recording import chunks, rrd
+
+
+def test_film_holds_measured_nominal_and_corrected_and_rerun_verifies_it(
+    found: Gap, tmp_path: Path
+) -> None:
+    path = write_film(found, tmp_path / "gap.rrd")
+    assert rrd("verify", path) == 0
+    held = set(chunks(path))
+    for name in ("measured", "nominal", "corrected"):
+        assert {f"states/angle/{name}", f"world/{name}/bodies/pendulum"} <= held
+
+
+def test_clips_do_not_overlap_and_the_first_is_missed_most(
+    found: Gap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Clip] = []
+    monkeypatch.setattr(film, "write_side_by_side", lambda path, clips, *rest: shown.extend(clips))
+    write_film(found, tmp_path / "gap.rrd")
+    ends = [np.sqrt(np.nanmean(np.square(c.measured - c.models["nominal"])[-5:])) for c in shown]
+    assert ends == sorted(ends, reverse=True)
+    assert {clip.note.split(",")[0] for clip in shown} == {f"### {n}" for n in found.held_out}
+    assert found.comparison is not None
+    windows = found.comparison.windows
+    samples = sum(len(r) for r in found.recordings if r.name in found.held_out)
+    assert 5 < len(shown) <= samples // windows.y.shape[2]
+
+
+def test_recordings_that_are_too_poor_make_no_film(found: Gap, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="too poor"):
+        write_film(replace(found, comparison=None), tmp_path / "gap.rrd")

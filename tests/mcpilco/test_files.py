@@ -1,0 +1,284 @@
+"""Laws of files: whole or not at all, equal content to equal bytes, nothing executed."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from mcpilco import files as archive
+from mcpilco.files import (
+    leftovers,
+    read_arrays,
+    read_groups,
+    read_text,
+    replacing,
+    write_arrays,
+    write_bytes,
+    write_groups,
+)
+from mcpilco.typing import RunFolderError
+
+same_folder = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None
+)
+names = st.text("abcdefghij_.0123456789", min_size=1, max_size=8).filter(lambda name: name != "..")
+numbers = hnp.arrays(
+    st.sampled_from([np.float64, np.float32, np.int64, np.uint8, np.bool_]),
+    hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4),
+)
+
+
+class Bomb:
+    """Leaves a mark where it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):
+        return (os.mkdir, (str(self.mark),))
+
+
+def assert_equal(first: dict, second: dict) -> None:
+    assert list(first) == list(second)
+    for name, array in first.items():
+        assert array.dtype == second[name].dtype
+        np.testing.assert_array_equal(array, second[name])
+
+
+@same_folder
+@given(arrays=st.dictionaries(names, numbers, max_size=3))
+def test_arrays_come_back_as_they_were(tmp_path: Path, arrays: dict[str, np.ndarray]) -> None:
+    assert_equal(arrays, read_arrays(write_arrays(tmp_path / "a.npz", arrays)))
+
+
+@pytest.mark.parametrize("name", ["file", "allow_pickle", "policy/weights"])
+def test_any_name_may_be_given_to_an_array(tmp_path: Path, name: str) -> None:
+    arrays = {name: np.ones(2)}
+    assert_equal(arrays, read_arrays(write_arrays(tmp_path / "a.npz", arrays)))
+
+
+@same_folder
+@given(
+    about=st.dictionaries(names, st.integers() | st.floats(allow_nan=False) | st.text()),
+    groups=st.dictionaries(names, st.dictionaries(names, numbers, min_size=1), max_size=3),
+)
+def test_groups_come_back_as_they_were(tmp_path: Path, about: dict, groups: dict) -> None:
+    read_about, read = read_groups(write_groups(tmp_path / "a.npz", about, groups))
+    assert read_about == about
+    assert list(read) == list(groups)
+    for name, group in groups.items():
+        assert_equal(group, read[name])
+
+
+def test_equal_arrays_give_equal_bytes(tmp_path: Path) -> None:
+    arrays = {"x": np.arange(5.0), "y": np.eye(3)}
+    first, second = (write_arrays(tmp_path / name, arrays) for name in ("a.npz", "b.npz"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+@same_folder
+@given(content=st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "any.npz"
+    path.write_bytes(content)
+    with pytest.raises(RunFolderError, match="damaged"):
+        read_arrays(path)
+
+
+@same_folder
+@given(data=st.data())
+def test_a_damaged_file_is_read_as_it_was_or_refused(tmp_path: Path, data: st.DataObject) -> None:
+    """A zip checks the sums of its members; a byte that means nothing may change."""
+    arrays = {"x": np.arange(7.0), "y": np.eye(2)}
+    content = bytearray(write_arrays(tmp_path / "a.npz", arrays).read_bytes())
+    place = data.draw(st.integers(0, len(content) - 1))
+    content[place] ^= data.draw(st.integers(1, 255))
+    (tmp_path / "b.npz").write_bytes(content)
+    try:
+        read = read_arrays(tmp_path / "b.npz")
+    except RunFolderError:
+        return
+    for name in set(read) & set(arrays):
+        np.testing.assert_array_equal(read[name], arrays[name])
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.9, 0.999])
+def test_a_truncated_file_is_refused(tmp_path: Path, keep: float) -> None:
+    path = write_arrays(tmp_path / "a.npz", {"x": np.arange(100.0)})
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    with pytest.raises(RunFolderError, match="damaged"):
+        read_arrays(path)
+
+
+def pickled_member(mark: Path) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, x=np.array([Bomb(mark)], dtype=object))
+    return buffer.getvalue()
+
+
+def foreign_member(mark: Path) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as file:
+        file.writestr("x.npy", pickle.dumps(Bomb(mark)))
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [pickled_member, foreign_member, lambda mark: pickle.dumps(Bomb(mark))],
+    ids=["object array", "pickle in a zip", "pickle"],
+)
+def test_nothing_in_a_file_is_executed(tmp_path: Path, content) -> None:
+    mark = tmp_path / "executed"
+    path = tmp_path / "a.npz"
+    path.write_bytes(content(mark))
+    with pytest.raises(RunFolderError, match="plain arrays"):
+        read_arrays(path)
+    assert not mark.exists()
+    pickle.loads(pickle.dumps(Bomb(mark)))  # noqa: S301  this is how it would have gone off
+    assert mark.exists()
+
+
+def test_objects_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="allow_pickle"):
+        write_arrays(tmp_path / "a.npz", {"x": np.array([object()])})
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("about", ["5", "[1, 2]", "{", "[" * 100_000])
+def test_a_file_that_does_not_say_what_it_is_is_refused(tmp_path: Path, about: str) -> None:
+    path = write_arrays(tmp_path / "a.npz", {"about": np.array(about)})
+    with pytest.raises(RunFolderError, match="does not say"):
+        read_groups(path)
+    with pytest.raises(RunFolderError, match="does not say"):
+        read_groups(write_arrays(path, {"x": np.ones(1)}))
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError, match=r"There is no file .*missing.npz"):
+        read_arrays(tmp_path / "missing.npz")
+
+
+@pytest.mark.parametrize("place", ["no/folder/a.npz", "file/a.npz"])
+def test_where_nothing_can_be_written_a_sentence_says_so(tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RunFolderError, match=r"Cannot write .*a.npz: .*; choose another folder."):
+        write_bytes(tmp_path / place, b"x")
+
+
+def test_a_failed_write_leaves_the_old_content_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bytes(tmp_path / "a", b"old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(archive.os, "fsync", full)
+    with pytest.raises(RunFolderError, match="No space left"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def zipped(**members: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name, content)
+    return buffer.getvalue()
+
+
+def npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("name", ["../x.npy", "a/../../x.npy", "/x.npy", "..\\x.npy", "x.py"])
+def test_a_member_that_is_no_array_of_the_file_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "folder" / "a.npz"
+    path.parent.mkdir()
+    path.write_bytes(zipped(**{name: npy(np.ones(3))}))
+    with pytest.raises(RunFolderError, match="more than plain arrays: no array"):
+        read_arrays(path)
+    assert list(tmp_path.rglob("*")) == [path.parent, path]
+
+
+def test_a_name_that_appears_twice_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as file:
+        file.writestr("x.npy", npy(np.ones(3)))
+        with pytest.warns(UserWarning, match="Duplicate name"):
+            file.writestr("x.npy", npy(np.ones(3)))
+    with pytest.raises(RunFolderError, match="twice"):
+        read_arrays(tmp_path / "a.npz")
+
+
+def test_what_would_take_too_much_memory_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(archive, "LARGEST", 5000)
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(300)), "y.npy": npy(np.zeros(300))}))
+    with pytest.raises(RunFolderError, match="5056 bytes unpacked, of at most 5000"):
+        read_arrays(path)
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(300))}))
+    assert len(read_arrays(path)["x"]) == 300
+
+
+@pytest.mark.parametrize("shape", [(10**12,), (2**31, 2**31, 2**31), (9,), (7,), (-8,)])
+def test_an_array_that_claims_another_size_is_refused(tmp_path: Path, shape: tuple) -> None:
+    """Before room is made for it."""
+    content = npy(np.zeros(8))
+    longer = content.replace(b"(8,), }", f"{shape}, }}".encode())
+    head = longer[:10] + longer[10:-64].rstrip(b" \n").ljust(117) + b"\n" + bytes(64)
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": head}))
+    with pytest.raises(RunFolderError, match="plain arrays"):
+        read_arrays(path)
+
+
+def test_records_are_no_plain_arrays(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    path.write_bytes(zipped(**{"x.npy": npy(np.zeros(2, [("a", float)]))}))
+    with pytest.raises(RunFolderError, match="type"):
+        read_arrays(path)
+
+
+@pytest.mark.parametrize("read", [read_arrays, read_text])
+def test_a_device_is_not_read(tmp_path: Path, read) -> None:
+    """It would have no end."""
+    (tmp_path / "a").symlink_to("/dev/zero")
+    with pytest.raises(RunFolderError, match="it is no file"):
+        read(tmp_path / "a")
+
+
+def test_a_text_that_is_too_long_is_refused(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(archive, "LARGEST_TEXT", 10)
+    (tmp_path / "a").write_text("x" * 11)
+    with pytest.raises(RunFolderError, match="11 bytes, of at most 10"):
+        read_text(tmp_path / "a")
+
+
+def test_what_a_killed_writer_leaves_is_known(tmp_path: Path) -> None:
+    path = write_bytes(tmp_path / "a", b"old")
+    mine = tmp_path / ".mine.tmp"
+    mine.touch()
+    with contextlib.suppress(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_bytes(b"ne")
+        assert leftovers(tmp_path) == [temporary]
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"old"
+    assert leftovers(tmp_path) == []
+    assert mine.exists()
