@@ -19,9 +19,8 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.agent.contract import horizon_of, make_env, task_of
-from mcpilco.agent.controller import Act, remembering
-from mcpilco.search.stopwatch import Spent, Stopwatch
+from mcpilco.agent import Act, horizon_of, make_env, remembering, task_of
+from mcpilco.search import Spent, Stopwatch
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
 

@@ -19,9 +19,8 @@ from typing import Any
 import gymnasium as gym
 
 from baselines.evaluate import Judge, Judgement, learning_curve
-from mcpilco.agent.algorithms import find_after_import
-from mcpilco.agent.contract import make_env
-from mcpilco.logbook.run_folder import read_json, versions, write_json
+from mcpilco.agent import find_after_import, make_env
+from mcpilco.logbook import read_json, versions, write_json
 from mcpilco.sweep.job import FORMAT, Settings, machine, one_thread
 from mcpilco.typing import InputError
 

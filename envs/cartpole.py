@@ -17,8 +17,8 @@ from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
 from envs.system import System
-from mcpilco.plant.plant import Plant
-from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.plant import Plant
+from mcpilco.policies import cart_pole_cost
 from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)

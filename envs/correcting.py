@@ -8,8 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
 from envs.equations import EquationsOfMotion
-from mcpilco.plant.correction import Correction, corrected, correction_from, read_correction
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Correction, Plant, corrected, correction_from, read_correction
 from mcpilco.typing import InputError
 
 Effects = str | os.PathLike[str] | Mapping[str, Any] | Correction

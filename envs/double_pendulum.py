@@ -21,8 +21,8 @@ from envs.double_pendulum_views import picture, scene
 from envs.plants import acrobot, pendubot
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
-from mcpilco.plant.plant import Plant
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.plant import Plant
+from mcpilco.policies import SaturatingCost
 from mcpilco.typing import Cost
 
 OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.system import System
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.typing import EnvError
 
 

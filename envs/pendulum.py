@@ -16,7 +16,7 @@ from envs.pendulum_views import picture, scene
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import SwingUpEnv
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 from mcpilco.typing import Cost
 
 COST = SaturatingCost((0,), (math.pi,), (1.0,), (True,))

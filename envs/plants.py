@@ -11,10 +11,7 @@ from envs.double_pendulum_dynamics import (
     PendubotDynamics,
 )
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.plant import known_plants
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Base, Parameter, Plant
-from mcpilco.plant.simulation import Layout
+from mcpilco.plant import CATALOGUE, Active, Base, Layout, Parameter, Plant, known_plants
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""

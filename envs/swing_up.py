@@ -15,7 +15,7 @@ from envs.checks import read_array, require_positive
 from envs.judge import UprightJudge, looks
 from envs.motion import CorrectedMotion, Motion, NominalMotion
 from envs.system import System
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 

@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mcpilco.agent.agent import MCPILCO
+    from mcpilco.agent import MCPILCO
     from mcpilco.config import PRESETS, Config
     from mcpilco.data import Rollout, Transitions
     from mcpilco.task import TaskSpec

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-    from mcpilco.policies.dropout import Dropout
+    from mcpilco.policies import Dropout
 
 
 class McPilcoError(Exception):

@@ -22,8 +22,8 @@ from baselines.moments import Bases, Gaussian
 from baselines.pilco import compiled
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import GaussianDynamics, Problem, predicted
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.policies import cart_pole_cost
 
 STATES, OUTPUTS, CENTRES = 4, 4, 10
 

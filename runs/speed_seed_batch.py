@@ -20,13 +20,10 @@ import torch
 import tyro
 from speed.step import TASK, Size, make_problem
 
-from mcpilco.agent.learning import SearchRequest
-from mcpilco.agent.lockstep import search_together
+from mcpilco.agent import SearchRequest, search_together
 from mcpilco.config import PRESETS, Config, SearchConfig
-from mcpilco.policies.costs import cart_pole_cost
-from mcpilco.search.engine import rollout_of
-from mcpilco.search.rollout import rollout
-from mcpilco.search.search import PolicySearch
+from mcpilco.policies import cart_pole_cost
+from mcpilco.search import PolicySearch, rollout, rollout_of
 from mcpilco.sweep.batch import device_name, usable_device
 from mcpilco.sweep.job import one_thread
 

@@ -29,7 +29,8 @@ from baselines.pilco import PilcoConfig
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
 from envs.plants import PLANTS
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
-from mcpilco.plant.effects import CATALOGUE, Effect
+from mcpilco.plant import CATALOGUE
+from mcpilco.plant.effects import Effect
 from tests.baselines.sb3.small import TINY
 
 ROOT = Path(__file__).parent.parent

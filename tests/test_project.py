@@ -14,7 +14,7 @@ import pytest
 import torch
 
 import mcpilco
-from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.policies import cart_pole_cost
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

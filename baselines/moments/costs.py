@@ -12,7 +12,7 @@ from torch import Tensor
 from baselines.costs import TipDistanceCost
 from baselines.moments.image import Gaussian
 from baselines.moments.sines import through_trig, through_waves
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost, TipCost
+from mcpilco.policies import QuadraticCost, SaturatingCost, TipCost
 from mcpilco.typing import InputError
 
 _LEAST_VARIANCE = 1e-30

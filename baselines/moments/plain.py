@@ -17,7 +17,7 @@ from torch import Tensor
 from baselines.moments.bases import Bases, through_bases
 from baselines.moments.image import Image
 from baselines.moments.sines import through_squash, through_trig
-from mcpilco.gp.evidence import add_to_diagonal, cholesky
+from mcpilco.gp import add_to_diagonal, cholesky
 from mcpilco.typing import InputError
 
 Array: TypeAlias = np.ndarray | Tensor

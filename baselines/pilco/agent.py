@@ -15,12 +15,12 @@ from baselines.pilco.model import PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Predict, Problem, predicted
 from baselines.pilco.search import PilcoRequest
-from mcpilco.agent.model_based import ModelBasedAgent
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.policies.policies import Bounds
-from mcpilco.search.engine import warn_without_numba
-from mcpilco.sensing.perception import Perception
+from mcpilco.agent import ModelBasedAgent
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.logbook import Callback
+from mcpilco.policies import Bounds
+from mcpilco.search import warn_without_numba
+from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
 

@@ -11,10 +11,10 @@ from torch import Tensor
 from baselines.moments.bases import Bases
 from baselines.pilco.config import PilcoConfig
 from baselines.pilco.rollout import GaussianDynamics
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.task import TaskSpec
 

@@ -7,9 +7,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from baselines.moments.bases import Bases
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import Bounds, Squash
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.policies import Bounds, Dropout, Squash
 
 POINT_STD = 0.01
 """noise of the points that the mean goes through, in parts of the prior's standard deviation [-]"""

@@ -17,7 +17,7 @@ from baselines.moments.costs import expected_cost
 from baselines.moments.image import Gaussian, Image
 from baselines.moments.sines import through_squash, through_trig
 from baselines.pilco.policy import GPMean
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation
 from mcpilco.typing import Cost
 
 

@@ -21,7 +21,7 @@ from baselines.pilco.config import PilcoConfig
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Problem
 from mcpilco.data import Prediction
-from mcpilco.search.stopwatch import Spent, Stopwatch
+from mcpilco.search import Spent, Stopwatch
 
 _REMEMBERED = 50
 """steps that L-BFGS remembers: most of a search, so that it is nearly BFGS"""

@@ -16,15 +16,12 @@ from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig
 from baselines.sb3.library import CLASSES, Told, quiet_logger, random_numbers, vector_of
 from baselines.sb3.presets import TunedPreset, shipped
 from baselines.sb3.view import View, ViewedEnv
-from mcpilco.agent.episode import BrokenEpisodeError, run_episode
-from mcpilco.agent.learning import Learning
-from mcpilco.agent.trial_agent import TrialAgent
+from mcpilco.agent import BrokenEpisodeError, Learning, TrialAgent, run_episode
 from mcpilco.data import Rollout, TrialResult
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.policies.costs import held
-from mcpilco.policies.reward_cost import costs_of
-from mcpilco.search.stopwatch import Stopwatch
-from mcpilco.sensing.observing import state_of, state_view
+from mcpilco.logbook import Callback
+from mcpilco.policies import costs_of, held
+from mcpilco.search import Stopwatch
+from mcpilco.sensing import state_of, state_view
 from mcpilco.typing import InputError
 
 

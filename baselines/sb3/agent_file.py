@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from mcpilco.agent.agent_file import Groups, SavedAgent
+from mcpilco.agent import Groups, SavedAgent
 
 if TYPE_CHECKING:
     from baselines.sb3.agent import SB3Agent

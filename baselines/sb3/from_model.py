@@ -17,8 +17,7 @@ from torch import Tensor
 from baselines.sb3.agent import SB3Agent
 from baselines.sb3.imagination import Imagination, Imagined, Perturbed
 from baselines.sb3.library import random_numbers
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.agent.agent_file import difference
+from mcpilco.agent import MCPILCO, difference
 from mcpilco.config import Checked
 from mcpilco.typing import InputError
 

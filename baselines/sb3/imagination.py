@@ -10,9 +10,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.policies.reward_cost import RewardCost
-from mcpilco.search.rollout import Problem, rollout
+from mcpilco.agent import MCPILCO
+from mcpilco.policies import RewardCost
+from mcpilco.search import Problem, rollout
 from mcpilco.typing import InputError
 
 

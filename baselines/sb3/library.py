@@ -12,8 +12,8 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from mcpilco.agent.contract import AbsentEnv
-from mcpilco.logbook.callbacks import Callback
+from mcpilco.agent import AbsentEnv
+from mcpilco.logbook import Callback
 from mcpilco.typing import InputError
 
 try:

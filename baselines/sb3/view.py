@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Float, Float32
 
-from mcpilco.sensing.observing import state_view
+from mcpilco.sensing import state_view
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, InputError, McPilcoError
 

@@ -1,3 +1,5 @@
 """Agents that learn by trials: MC-PILCO, its model, its episodes, its files."""
 
-__all__: list[str] = []
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

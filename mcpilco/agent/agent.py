@@ -13,14 +13,11 @@ from mcpilco.agent.learning import SearchRequest
 from mcpilco.agent.model import Model
 from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
-from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.policies.policies import Bounds, SumOfGaussians, blank_policy, random_policy
-from mcpilco.search.engine import rollout_of
-from mcpilco.search.rollout import Problem
-from mcpilco.search.search import PolicySearch
-from mcpilco.sensing.foresight import Foresight
-from mcpilco.sensing.perception import Perception
+from mcpilco.dynamics import PhysicsDynamics
+from mcpilco.logbook import Callback
+from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
+from mcpilco.search import PolicySearch, Problem, rollout_of
+from mcpilco.sensing import Foresight, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, Observer, UncertainDynamics
 

@@ -22,7 +22,7 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     from mcpilco.agent.controller import Act
     from mcpilco.agent.trial_agent import TrialAgent
-    from mcpilco.logbook.callbacks import Callback
+    from mcpilco.logbook import Callback
 
 _HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
 

@@ -11,8 +11,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mcpilco.sensing.perception import Perception, foreign_state
-from mcpilco.sensing.tracking import StateTracker
+from mcpilco.sensing import Perception, StateTracker, foreign_state
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 """what acts for one episode, or a batch that begins together"""

@@ -11,8 +11,8 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.policies.costs import SaturatingCost, TipCost
-from mcpilco.sensing.observing import TURN, state_of
+from mcpilco.policies import SaturatingCost, TipCost
+from mcpilco.sensing import TURN, state_of
 from mcpilco.task import TaskSpec
 
 RESETS = 50

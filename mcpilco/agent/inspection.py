@@ -17,7 +17,7 @@ from mcpilco.agent.episode import run_episode
 from mcpilco.agent.guess import RESETS, guess_task, start_of
 from mcpilco.agent.predictability import Gain, reward_share, state_gains
 from mcpilco.data import Rollout
-from mcpilco.sensing.observing import TURN, state_of
+from mcpilco.sensing import TURN, state_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, McPilcoError
 

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from mcpilco.data import Prediction
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search.continuation import follow
-from mcpilco.search.rollout import Problem
-from mcpilco.search.search import PolicySearch, SearchResult
-from mcpilco.search.stopwatch import Spent
+from mcpilco.policies import SumOfGaussians
+from mcpilco.search import PolicySearch, Problem, SearchResult, Spent, follow
 
 
 class BestPolicy(Protocol):

@@ -13,24 +13,27 @@ from torch import Tensor
 
 from mcpilco.config import FORCE_PART, LINEAR_PARTS, ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.dynamics.delay import Delay, turning_regressors
-from mcpilco.dynamics.dynamics import GPDynamics, full_state, regressors, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.dynamics.pathwise import PathwisePosterior
-from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
-from mcpilco.gp.gp import GP
-from mcpilco.gp.sparse import subset_of_data
+from mcpilco.dynamics import (
+    AngleAugmentation,
+    Delay,
+    GPDynamics,
+    PathwisePosterior,
+    PhysicsDynamics,
+    full_state,
+    regressors,
+    speed_integration,
+    turning_regressors,
+)
+from mcpilco.gp import GP, subset_of_data
 from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
-from mcpilco.plant.equations.program import Program, Rows, features_of
-from mcpilco.sensing.sensor_noise import sensor_noise
-from mcpilco.sensing.state_predictor import StatePredictor
-from mcpilco.sensing.tracking import StateTracker
+from mcpilco.plant import Program, Rows, features_of
+from mcpilco.sensing import StatePredictor, StateTracker, sensor_noise
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.dynamics.physics import PhysicsMean
-    from mcpilco.plant.plant import Plant
+    from mcpilco.dynamics import PhysicsMean
+    from mcpilco.plant import Plant
 
 INTEGRATIONS = {"speed": speed_integration, "full": full_state}
 """what `ModelConfig.integration` names"""
@@ -135,7 +138,7 @@ class Model:
         if self.delay.part:  # the policy search holds an input for a whole step
             rows.append(lambda given: [0.0] * U)
         if linear:
-            from mcpilco.plant.equations.features import friction_features, physics_features
+            from mcpilco.plant import friction_features, physics_features
 
             make = {
                 "features": lambda: physics_features(self._plant(), task, config.memory),
@@ -147,12 +150,12 @@ class Model:
 
     def _plant(self) -> Plant:
         """The plant that physics is of; plants need numba, which models without them do not."""
-        from mcpilco.plant.known_plants import plant_for
+        from mcpilco.plant import plant_for
 
         return plant_for(self.task, self.config.plant)
 
     def _mean(self) -> PhysicsMean:
-        from mcpilco.dynamics.physics import PhysicsMean
+        from mcpilco.dynamics import PhysicsMean
 
         config = self.config
         return PhysicsMean(

@@ -19,13 +19,10 @@ from mcpilco.agent.model import Model
 from mcpilco.agent.model_based_file import SavedModelBased
 from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Rollout, Transitions, TrialResult
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.policies.costs import held
-from mcpilco.policies.policies import Bounds
-from mcpilco.policies.reward_cost import RewardCost, costs_of, with_cost
-from mcpilco.search.stopwatch import Spent, Stopwatch
-from mcpilco.sensing.observing import state_of, state_view
-from mcpilco.sensing.perception import Perception
+from mcpilco.logbook import Callback
+from mcpilco.policies import Bounds, RewardCost, costs_of, held, with_cost
+from mcpilco.search import Spent, Stopwatch
+from mcpilco.sensing import Perception, state_of, state_view
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError, NotPositiveDefiniteError
 

@@ -15,7 +15,7 @@ from torch import nn
 from mcpilco.agent.agent_file import Groups, SavedAgent
 from mcpilco.agent.guess import guess_task
 from mcpilco.data import Transitions
-from mcpilco.policies.reward_cost import RewardCost
+from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import Cost
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from mcpilco.files import write_arrays
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.sensing.perception import Perception
+from mcpilco.policies import SumOfGaussians
+from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec
 
 

@@ -10,8 +10,8 @@ import torch
 from jaxtyping import Float
 
 from mcpilco.data import Rollout
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.gp.gp import GP
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.task import TaskSpec
 

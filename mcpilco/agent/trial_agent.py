@@ -24,8 +24,8 @@ from mcpilco.agent.model import Model
 from mcpilco.agent.streams import Streams
 from mcpilco.config import Preset
 from mcpilco.data import Transitions, TrialResult
-from mcpilco.logbook.callbacks import Callback, Progress, as_callback
-from mcpilco.sensing.perception import Perception
+from mcpilco.logbook import Callback, Progress, as_callback
+from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 

@@ -44,7 +44,7 @@ class CheckEnv:
             raise InputError(f"--seed must not be negative, got {self.seed}.")
         use_one_thread()
 
-        from mcpilco.agent.inspection import inspect_env
+        from mcpilco.agent import inspect_env
 
         faults = 0
         with contextlib.closing(open_env(self.env, {})) as env:

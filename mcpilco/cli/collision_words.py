@@ -55,7 +55,7 @@ def tell_pushes(found: Detections, push: np.ndarray) -> None:
     """Which of the true pushes were found, and when."""
     import numpy as np
 
-    from mcpilco.recordings.recording import runs
+    from mcpilco.recordings import runs
 
     spans = runs(np.abs(push).max(axis=1) > 0.0)
     hits = 0

@@ -269,7 +269,7 @@ def _read(
 
 
 def _dt(recording: ArmRecording) -> float:
-    from mcpilco.recordings.stamps import sampling_time
+    from mcpilco.recordings import sampling_time
 
     return sampling_time(recording.time)
 

@@ -146,7 +146,7 @@ class Cross:
 
     def _train(self, leg: str) -> int:
         """The rest of a training; 0 where there is none."""
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
 
         path = self.out / leg
         if (path / "config.json").exists():
@@ -168,7 +168,7 @@ class Cross:
 
     def _try(self, leg: str) -> int:
         from mcpilco.crossing import Place, cross, write_crossing
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
 
         if self._crossing_path(leg).exists():
             return 0
@@ -189,7 +189,7 @@ class Cross:
 
     def _tell(self) -> int:
         from mcpilco.crossing import read_crossing
-        from mcpilco.logbook.run_folder import read_json
+        from mcpilco.logbook import read_json
 
         legs = {leg: read_crossing(self._crossing_path(leg)) for leg in LEGS}
         for leg, found in legs.items():
@@ -245,7 +245,7 @@ class Cross:
     @property
     def _verdict(self) -> str | None:
         """Of an investigation that is complete; None where there is none."""
-        from mcpilco.logbook.run_folder import read_json
+        from mcpilco.logbook import read_json
 
         if not (self._gap / "gap.json").exists():
             return None
@@ -268,9 +268,9 @@ class Cross:
 
     def _model(self, leg: str) -> dict[str, Any]:
         """What MC-PILCO knows of a simulation: its equations, and the inputs that it remembers."""
-        from mcpilco.agent.contract import task_of
+        from mcpilco.agent import task_of
         from mcpilco.crossing import as_mean, remembered_inputs
-        from mcpilco.plant.correction import read_correction, write_correction
+        from mcpilco.plant import read_correction, write_correction
 
         if leg == "nominal":
             return {"model": PHYSICS_MODEL}
@@ -306,7 +306,7 @@ class Cross:
         Raises:
             RunFolderError: it is not, or cannot be made.
         """
-        from mcpilco.logbook.run_folder import read_json, write_json
+        from mcpilco.logbook import read_json, write_json
 
         path = self.out / "cross.json"
         settings = {k: v for k, v in asdict(self).items() if k not in ("out", "quiet")}

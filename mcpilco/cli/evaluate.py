@@ -13,7 +13,7 @@ from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_t
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.agent.algorithms import Agent
+    from mcpilco.agent import Agent
 
 _MEASURES = {
     "return": "return [-]",
@@ -53,7 +53,7 @@ class Evaluate:
             raise InputError(f"--horizon must be at least 1, got {self.horizon}.")
         use_one_thread()
 
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)

@@ -30,9 +30,9 @@ class Export:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        from mcpilco.agent.policy_file import write_policy
-        from mcpilco.logbook.run_folder import RunFolder
-        from mcpilco.policies.policies import SumOfGaussians
+        from mcpilco.agent import write_policy
+        from mcpilco.logbook import RunFolder
+        from mcpilco.policies import SumOfGaussians
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)

@@ -18,7 +18,7 @@ from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
-    from mcpilco.plant.plant import Plant
+    from mcpilco.plant import Plant
     from mcpilco.recordings import Recording
 
 
@@ -56,7 +56,7 @@ class Gap:
         use_one_thread()
         from mcpilco.gap import investigate
         from mcpilco.gap.report import summary, write_json
-        from mcpilco.plant.correction import correction_of, write_correction
+        from mcpilco.plant import correction_of, write_correction
 
         plant = self._plant()
         recordings = self._read(plant)
@@ -88,9 +88,7 @@ class Gap:
 
     def _write_mjcf(self, gap: Investigated) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
-        from mcpilco.plant.corrected_mjcf import write_corrected_mjcf
-        from mcpilco.plant.correction import correction_of
-        from mcpilco.plant.mjcf import plant_of
+        from mcpilco.plant import correction_of, plant_of, write_corrected_mjcf
 
         path = self.out / "corrected.xml"
         correction = correction_of(gap.corrected, plant_of(self.plant))
@@ -119,7 +117,7 @@ class Gap:
 
     def _plant(self) -> Plant:
         if Path(self.plant).suffix == ".xml":
-            from mcpilco.plant.mjcf import plant_of
+            from mcpilco.plant import plant_of
 
             plant = plant_of(self.plant)
         else:

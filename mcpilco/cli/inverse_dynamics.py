@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mcpilco.bodies import Chain
     from mcpilco.identification.inverse_dynamics import InverseDynamics as Model
     from mcpilco.identification.inverse_dynamics import JointData
-    from mcpilco.kernels.geometric import Kind
+    from mcpilco.kernels import Kind
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class InverseDynamics:
             return None
         import mujoco
 
-        from mcpilco.plant.mjcf import chain_of
+        from mcpilco.plant import chain_of
 
         if not self.model.is_file():
             raise InputError(f"--model must be an MJCF file, got {str(self.model)!r}.")
@@ -102,11 +102,7 @@ class InverseDynamics:
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
         """What to learn from and what to test on."""
         from mcpilco.identification.inverse_dynamics import check, joined
-        from mcpilco.recordings.inverse_dynamics import (
-            held_out,
-            joint_data,
-            read_joint_recordings,
-        )
+        from mcpilco.recordings import held_out, joint_data, read_joint_recordings
 
         joints, kinds = self._robot(chain)
         columns = dict(pairs("--columns", separated(self.columns)))
@@ -121,7 +117,7 @@ class InverseDynamics:
 
     def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
         """Names and kinds of the joints."""
-        from mcpilco.recordings.inverse_dynamics import joints_in, kinds_of
+        from mcpilco.recordings import joints_in, kinds_of
 
         if chain is not None:
             kinds = tuple(body.kind for body in chain.bodies)

@@ -124,7 +124,7 @@ def _told(report: Report) -> dict[str, Any]:
 
 
 def _print_chain(chain: Chain) -> None:
-    from mcpilco.kernels.kinematic import REVOLUTE
+    from mcpilco.kernels import REVOLUTE
 
     print(f"base  marker {chain.base}")
     for joint in chain.joints:

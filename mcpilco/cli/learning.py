@@ -15,7 +15,7 @@ from mcpilco.config import CART_POLE
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from mcpilco.agent.trial_agent import TrialAgent
+    from mcpilco.agent import TrialAgent
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,7 +77,7 @@ def with_model(
 
 def _described(path: Path) -> dict[str, Any]:
     """What a file says of a plant, after a check that it does."""
-    from mcpilco.plant.correction import read_correction
+    from mcpilco.plant import read_correction
 
     read_correction(path)
     return json.loads(path.read_text(encoding="utf-8"))

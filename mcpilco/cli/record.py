@@ -113,7 +113,7 @@ class Record:
         Raises:
             McPilcoError: the env, the run and the options do not fit; before the first rollout.
         """
-        from mcpilco.agent.contract import input_bounds, task_of
+        from mcpilco.agent import input_bounds, task_of
 
         agent = None if run is None else agent_of(run, finished_trial(run, None))
         shown = getattr(env.unwrapped, "task", None)
@@ -133,9 +133,9 @@ class Record:
     ) -> Iterator[tuple[Path, Any]]:
         import numpy as np
 
-        from mcpilco.agent.episode import run_episode
+        from mcpilco.agent import run_episode
         from mcpilco.recordings import from_rollout
-        from mcpilco.sensing.observing import state_view
+        from mcpilco.sensing import state_view
 
         view, seeds = state_view(env, task), np.random.SeedSequence(self.seed).spawn(len(paths))
         for path, seed in zip(paths, seeds, strict=True):
@@ -146,7 +146,7 @@ class Record:
 
 
 def _run(policy: str) -> Any:
-    from mcpilco.logbook.run_folder import RunFolder
+    from mcpilco.logbook import RunFolder
 
     if not Path(policy).is_dir():
         raise InputError(
@@ -160,7 +160,7 @@ def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, st
     """From random numbers to a policy for one rollout."""
     import numpy as np
 
-    from mcpilco.recordings.excitation import excitation
+    from mcpilco.recordings import excitation
 
     def excite(rng: np.random.Generator) -> Callable[[Any], Any]:
         script = iter(excitation(low, high, steps, task.dt, rng))

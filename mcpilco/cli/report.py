@@ -28,7 +28,7 @@ class Report:
         use_one_thread()
 
         import baselines  # noqa: F401  registers its algorithms
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
         from mcpilco.show.report import write_report
 
         print(write_report(RunFolder.open(self.run), self.out))

@@ -27,7 +27,7 @@ def reopened(path: Path, trials: int | None, task: Path | None = None) -> Iterat
         InputError: it has more trials already, or was begun with a task's file.
         EnvError: its env cannot be made.
     """
-    from mcpilco.logbook.run_folder import READABLE, RunFolder
+    from mcpilco.logbook import READABLE, RunFolder
 
     run = RunFolder.open(path)
     if run.config["format"] != READABLE[-1]:
@@ -88,7 +88,7 @@ def _warm_again(run: Any, agent: Any) -> None:
 
 
 def _warn_of_versions(run: Any) -> None:
-    from mcpilco.logbook.run_folder import versions
+    from mcpilco.logbook import versions
 
     now, then = versions(), run.config["versions"]
     changed = [

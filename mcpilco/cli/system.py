@@ -14,8 +14,8 @@ from mcpilco.typing import InputError, RunFolderError
 if TYPE_CHECKING:
     import gymnasium as gym
 
-    from mcpilco.agent.trial_agent import TrialAgent
-    from mcpilco.logbook.run_folder import RunFolder
+    from mcpilco.agent import TrialAgent
+    from mcpilco.logbook import RunFolder
     from mcpilco.task import TaskSpec
 
 
@@ -39,7 +39,7 @@ def algorithm(name: str) -> type[TrialAgent]:
         InputError: there is none of this name.
     """
     import baselines  # noqa: F401  registers its algorithms
-    from mcpilco.agent.algorithms import find
+    from mcpilco.agent import find
 
     return find(name)
 
@@ -103,7 +103,7 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
         EnvError: no such id or module, or its constructor refuses the keywords.
     """
     import envs  # noqa: F401  registers its ids
-    from mcpilco.agent.contract import make_env
+    from mcpilco.agent import make_env
 
     here = os.getcwd()
     if here not in sys.path:  # the module may lie where the user is, as with `python -m`
@@ -140,7 +140,7 @@ def given_task(path: Path | None) -> TaskSpec | None:
     Raises:
         InputError: the file holds no task.
     """
-    from mcpilco.agent.task_file import load_task
+    from mcpilco.agent import load_task
 
     return None if path is None else load_task(path)
 
@@ -179,7 +179,7 @@ def agent_of(run: RunFolder, trial: int, env: gym.Env | None = None) -> TrialAge
         RunFolderError: a file is missing or damaged, or the files do not belong together.
         EnvError: the env does not fit.
     """
-    from mcpilco.agent.model_based_file import load_policy
+    from mcpilco.agent import load_policy
 
     agent = algorithm_of(run).load(run.agent_path, env)
     name = "policy"

@@ -23,7 +23,7 @@ from mcpilco.cli.system import open_env, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from mcpilco.agent.algorithms import Agent
+    from mcpilco.agent import Agent
 
 _OUT = "runs/out"
 
@@ -70,7 +70,7 @@ class Train(Learning):
         if self.resume is not None:
             return self._go_on()
 
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
 
         config, env_kwargs = self.numbers()
         env = open_env(self.env, env_kwargs)
@@ -129,7 +129,7 @@ class Train(Learning):
                 if rest:
                     agent.learn(agent.timesteps_of(rest), callback=callbacks)
                 else:  # it was stopped after its last trial
-                    from mcpilco.logbook.callbacks import as_callback
+                    from mcpilco.logbook import as_callback
 
                     as_callback(callbacks).on_training_start(agent, 0)
                     as_callback(callbacks).on_training_end()
@@ -190,7 +190,7 @@ class Train(Learning):
     @contextlib.contextmanager
     def _callbacks(self, run: Any) -> Iterator[list[Any]]:
         """What listens to the training; terminal and files are given back whatever happens."""
-        from mcpilco.logbook.callbacks import JsonLines, Progress, TensorBoard
+        from mcpilco.logbook import JsonLines, Progress, TensorBoard
         from mcpilco.show.recorder import Recorder
 
         callbacks = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]

@@ -57,7 +57,7 @@ class View:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        from mcpilco.logbook.run_folder import RunFolder
+        from mcpilco.logbook import RunFolder
 
         for film in (self.run, *(self.run / name for name in FILMS)):
             if film.suffix == ".rrd" and film.is_file():
@@ -119,7 +119,7 @@ class View:
 
 def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
     """A film of the runs; returns its end [s]."""
-    from mcpilco.logbook.history import read_history
+    from mcpilco.logbook import read_history
     from mcpilco.show.film import Reel, write_film
 
     reels = []

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from mcpilco.identification.volterra import VolterraModel
-    from mcpilco.recordings.series import Series
+    from mcpilco.recordings import Series
 
 _SHOWN = 300
 """samples of the test that are drawn"""
@@ -76,7 +76,7 @@ class Volterra:
         return 0
 
     def _data(self) -> tuple[Series, Series]:
-        from mcpilco.recordings.series import read_series
+        from mcpilco.recordings import read_series
 
         if not self.inputs or not self.outputs:
             raise InputError("--inputs and --outputs must name at least one column each.")

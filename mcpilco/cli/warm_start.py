@@ -26,7 +26,7 @@ def teacher(path: Path, agent: Any) -> Any:
     """
     from baselines.sb3 import SB3Agent
     from baselines.sb3.from_model import check_warm_start
-    from mcpilco.logbook.run_folder import RunFolder
+    from mcpilco.logbook import RunFolder
 
     if not isinstance(agent, SB3Agent):
         raise InputError(f"--warm-start is for sac and tqc, got --algo {agent.algo}.")
@@ -46,7 +46,7 @@ def _check_rewards(path: Path, source: Any, rollout: dict[str, Any]) -> None:
     """Raises InputError where the model would be judged by other numbers than the env gives."""
     import numpy as np
 
-    from mcpilco.policies.reward_cost import RewardCost
+    from mcpilco.policies import RewardCost
 
     if isinstance(source.task.cost, RewardCost) or "costs" not in rollout:
         return

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.agent.contract import make_env, task_of
-from mcpilco.agent.episode import run_episode
-from mcpilco.logbook.run_folder import read_json, write_json
+from mcpilco.agent import make_env, run_episode, task_of
+from mcpilco.logbook import read_json, write_json
 from mcpilco.sweep.fresh import Act, FreshEpisodes
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from mcpilco.plant.correction import Correction
+from mcpilco.plant import Correction
 
 LAG_TOLD = 3.0
 """time constants of a lag after which an input no longer matters"""

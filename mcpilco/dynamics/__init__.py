@@ -1,3 +1,5 @@
 """Models of what comes next: Gaussian-process increments, physics as mean, memory, delay."""
 
-__all__: list[str] = []
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

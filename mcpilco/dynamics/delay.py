@@ -10,7 +10,7 @@ from torch import Tensor
 
 from mcpilco.dynamics.dynamics import regressors
 from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.plant.equations import Program
+from mcpilco.plant import Program
 from mcpilco.typing import InputError
 
 MOST = 100

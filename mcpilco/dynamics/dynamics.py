@@ -11,8 +11,8 @@ from torch import Tensor
 
 from mcpilco.data import Transitions
 from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.gp.gp import Posterior
-from mcpilco.plant.equations import Program
+from mcpilco.gp import Posterior
+from mcpilco.plant import Program
 from mcpilco.task import TaskSpec
 
 

@@ -20,15 +20,18 @@ from torch import Tensor
 
 from mcpilco.data import Transitions
 from mcpilco.dynamics.features import JointPolynomials
-from mcpilco.gp.gp import GP
-from mcpilco.kernels import GIP
-from mcpilco.kernels.monomials import Monomials
-from mcpilco.plant.equations.chain import mass_matrix
-from mcpilco.plant.equations.polynomial_force import PolynomialForces
-from mcpilco.plant.equations.step import order_of, system_of, true_state
-from mcpilco.plant.plant import Plant
-from mcpilco.plant.simulation import Tables
-from mcpilco.plant.simulation.tables import SCALE
+from mcpilco.gp import GP
+from mcpilco.kernels import GIP, Monomials
+from mcpilco.plant import (
+    SCALE,
+    Plant,
+    PolynomialForces,
+    Tables,
+    mass_matrix,
+    order_of,
+    system_of,
+    true_state,
+)
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 

@@ -21,9 +21,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.gp.gp import Posterior
-from mcpilco.kernels.base import Term
-from mcpilco.kernels.monomials import Monomials
+from mcpilco.gp import Posterior
+from mcpilco.kernels import Monomials, Term
 from mcpilco.typing import InputError
 
 _MOST_SETS = 8

@@ -28,9 +28,8 @@ from torch import Tensor
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import Increment
 from mcpilco.dynamics.missing_forces import MissingForces
-from mcpilco.gp.gp import Posterior
-from mcpilco.plant.equations.step import Step, free_parameters, numbers_of, step_of
-from mcpilco.plant.plant import Plant
+from mcpilco.gp import Posterior
+from mcpilco.plant import Plant, Step, free_parameters, numbers_of, step_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.plant.equations import Program
+from mcpilco.plant import Program
 
 if TYPE_CHECKING:
     from mcpilco.dynamics.physics import PhysicsMean

@@ -25,7 +25,7 @@ from mcpilco.gap.search import (
 )
 from mcpilco.gap.where import structure
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.plant import Active
+from mcpilco.plant import Active
 
 UNFIT = 50.0
 """whiteness of what a model leaves over beyond which an exchange may help"""

@@ -12,9 +12,8 @@ from mcpilco.gap.fit import Fit, fit, run, settle
 from mcpilco.gap.name import TIED, Rival, rivals
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant.plant import Active
-from mcpilco.recordings import Recording
-from mcpilco.recordings.excitation import PARTS, Part
+from mcpilco.plant import Active
+from mcpilco.recordings import PARTS, Part, Recording
 
 LENGTH_S, REPEATS = 10.0, 4
 """of a recording that is designed [s], and parts in it"""

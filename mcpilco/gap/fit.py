@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from mcpilco.gap.model import Model
 from mcpilco.gap.pushes import learned_columns
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.simulation import simulate
+from mcpilco.plant import simulate
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""

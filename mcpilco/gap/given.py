@@ -13,7 +13,7 @@ from mcpilco.gap.effort import Effort
 from mcpilco.gap.events import Event
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant import Active, Plant
 from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.plant.effects.learned import Axis
+from mcpilco.plant import Axis
 
 
 @dataclass(frozen=True)

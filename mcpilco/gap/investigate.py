@@ -27,7 +27,7 @@ from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.verdict import explains_most, mispredicts, settled, something_else, worth
 from mcpilco.gap.where import Disagreement, locate, located
 from mcpilco.gap.windows import SECONDS, Windows
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 
 ORDINARY = 3.0

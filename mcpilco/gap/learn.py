@@ -21,8 +21,7 @@ from mcpilco.gap.grid_force import GridForce, Prior
 from mcpilco.gap.moves import MOST_TURNED, moves_of
 from mcpilco.gap.residual_force import FOLDS, Response, respond
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects.learned import Axis, LearnedForce
-from mcpilco.plant.simulation import Layout
+from mcpilco.plant import Axis, Layout, LearnedForce
 
 SHORT_S = 0.36
 """length of the windows in which a force is sought [s]"""

@@ -14,11 +14,7 @@ from mcpilco.bodies import generalised_forces, mass_matrix
 from mcpilco.gap.effort import Effort
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import Scale, Symbol
-from mcpilco.plant.effects.joint import TURN, DryFriction
-from mcpilco.plant.plant import Active, Plant
-from mcpilco.plant.simulation import Tables
-from mcpilco.plant.simulation.tables import OFFSET, SCALE
+from mcpilco.plant import OFFSET, SCALE, TURN, Active, DryFriction, Plant, Scale, Symbol, Tables
 
 FREE = 1.0
 """relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""

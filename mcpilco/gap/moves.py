@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.model import Model
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.simulation.tables import GAIN
+from mcpilco.plant import GAIN
 
 MOST_TURNED = 8.0
 """turn of a hinge beyond which its angle and its place in a turn are two things [rad]"""

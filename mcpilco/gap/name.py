@@ -11,7 +11,7 @@ from scipy import stats
 from mcpilco.gap.fit import Fit, linearise
 from mcpilco.gap.search import Found, Yardstick, without
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.plant import Active
+from mcpilco.plant import Active
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.learn import learned_of
 from mcpilco.gap.moves import moves_of
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects.learned import LearnedForce
+from mcpilco.plant import LearnedForce
 
 BINS, SEEN, MOST = 80, 3, 0.85
 """of an axis, samples that one needs to count, and part of the squared force, to tell a region"""

@@ -14,7 +14,7 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.search import MOST, Found, Yardstick
 from mcpilco.gap.validate import fits_roughly, promising
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.plant import Active
+from mcpilco.plant import Active
 
 
 def plainer(found: Found, candidates: Sequence[Active]) -> Found:

@@ -10,9 +10,7 @@ from jaxtyping import Float
 from mcpilco.gap.model import Model
 from mcpilco.gap.moves import moves_of
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects.learned import design
-from mcpilco.plant.simulation import simulate
-from mcpilco.plant.simulation.tables import IDEAL_ACTUATOR, Tables
+from mcpilco.plant import IDEAL_ACTUATOR, Tables, design, simulate
 
 SIZE = 1e-2
 """of a push, in usual forces of its joint"""

@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import Probe
-from mcpilco.plant.plant import Active
+from mcpilco.plant import Active, Probe
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""

@@ -14,8 +14,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.where import correlation_time, residuals
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 
 ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""

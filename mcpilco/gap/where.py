@@ -10,7 +10,7 @@ from jaxtyping import Float
 from mcpilco.gap.fit import Fit, residual, run
 from mcpilco.gap.places import places
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects.learned import Axis
+from mcpilco.plant import Axis
 
 LAGS = 8
 """of the autocorrelation of residuals"""

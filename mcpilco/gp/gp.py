@@ -26,7 +26,7 @@ from mcpilco.gp.evidence import (
     add_to_diagonal,
     cholesky,
 )
-from mcpilco.kernels.base import Kernel, Positive, mean_square
+from mcpilco.kernels import Kernel, Positive, mean_square
 from mcpilco.typing import InputError
 
 logger = logging.getLogger(__name__)

@@ -19,8 +19,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from mcpilco.gp.gp import GP
-from mcpilco.kernels.monomials import MonomialBasis
-from mcpilco.kernels.volterra import VolterraKernel
+from mcpilco.kernels import MonomialBasis, VolterraKernel
 
 
 @dataclass(frozen=True, eq=False)

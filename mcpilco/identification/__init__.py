@@ -39,8 +39,7 @@ from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_file import load_volterra, save_volterra
 from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import fit_percent, third_order, wiener
-from mcpilco.recordings.robot_log import Segment, load_robot, read_robot
-from mcpilco.recordings.series import Series, read_series
+from mcpilco.recordings import Segment, Series, load_robot, read_robot, read_series
 
 __all__ = [
     "ALL_METHODS",

@@ -25,7 +25,7 @@ from mcpilco.identification.joint_motion import JointMotion
 from mcpilco.identification.projection import project
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.identification.rows import Rows, Simulate
-from mcpilco.recordings.robot_log import Segment
+from mcpilco.recordings import Segment
 from mcpilco.typing import InputError
 
 EXPLAINED = 0.5

@@ -13,8 +13,7 @@ from mcpilco.bodies import INERTIAL
 from mcpilco.files import write_bytes
 from mcpilco.identification.consistency import about_center, check
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.plant.corrected_mjcf import FAR, RIGID, SUDDEN, move_assets, put
-from mcpilco.plant.mjcf_inertials import Inertials
+from mcpilco.plant import FAR, RIGID, SUDDEN, Inertials, move_assets, put
 from mcpilco.typing import InputError
 
 

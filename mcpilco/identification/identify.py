@@ -19,7 +19,7 @@ from mcpilco.identification.report import Report
 from mcpilco.identification.rigid_body import TERMS, RigidBody, motions, rigid_body
 from mcpilco.identification.rows import Rows, force_errors
 from mcpilco.identification.segment_rows import joined, rows_of_segment
-from mcpilco.recordings.robot_log import Segment
+from mcpilco.recordings import Segment
 from mcpilco.typing import InputError
 
 BLOCKS = 10

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
-from mcpilco.plant.mjcf import chain_of
+from mcpilco.plant import chain_of
 from mcpilco.typing import InputError
 
 TURN_OVER = 2e-3

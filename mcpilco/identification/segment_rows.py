@@ -18,7 +18,7 @@ from mcpilco.identification.joint_motion import (
 )
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.identification.rows import Rows
-from mcpilco.recordings.robot_log import Segment
+from mcpilco.recordings import Segment
 from mcpilco.typing import InputError
 
 

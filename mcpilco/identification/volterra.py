@@ -12,13 +12,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.gp.evidence import JITTERS
-from mcpilco.gp.gp import GP, Posterior
-from mcpilco.gp.weight_space import WeightPosterior, WeightSpaceGP
+from mcpilco.gp import GP, JITTERS, Posterior, WeightPosterior, WeightSpaceGP
 from mcpilco.identification.report import Report
 from mcpilco.identification.volterra_prior import MANY_ORDERS, VolterraConfig, prior
-from mcpilco.kernels.volterra import VolterraKernel, symmetric
-from mcpilco.recordings.series import Series, lagged, suspicions, usable
+from mcpilco.kernels import VolterraKernel, symmetric
+from mcpilco.recordings import Series, lagged, suspicions, usable
 from mcpilco.typing import InputError
 
 _CHUNK = 1000

@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mcpilco.gp.gp import GP
-from mcpilco.gp.weight_space import WeightSpaceGP
-from mcpilco.kernels.decaying_lags import SEDMPK
-from mcpilco.kernels.monomials import MonomialBasis
-from mcpilco.kernels.volterra import VolterraKernel
-from mcpilco.kernels.weighted_lags import IPK, PK, VolterraMPK
+from mcpilco.gp import GP, WeightSpaceGP
+from mcpilco.kernels import IPK, PK, SEDMPK, MonomialBasis, VolterraKernel, VolterraMPK
 from mcpilco.typing import InputError
 
 KERNELS: Mapping[str, Callable[[int, int, Sequence[int], int], VolterraKernel]] = {

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from mcpilco.recordings.series import lagged
+from mcpilco.recordings import lagged
 
 MEMORY = 6
 """of `third_order` [samples]"""

@@ -1,3 +1,5 @@
 """What a run writes down: its folder, its metrics, its callbacks."""
 
-__all__: list[str] = []
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,8 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.bodies.chain import Matrix, Vector
+from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
 from mcpilco.plant.plant import Active, Base, Parameter, Plant

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from mcpilco.config import PolicyConfig
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies.dropout import Dropout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError

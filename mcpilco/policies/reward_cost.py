@@ -11,9 +11,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.data import Rollout
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.gp.gp import GP, Posterior
-from mcpilco.gp.sparse import subset_of_data
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.gp import GP, Posterior, subset_of_data
 from mcpilco.kernels import RBF
 from mcpilco.policies.costs import costs_along
 from mcpilco.task import TaskSpec

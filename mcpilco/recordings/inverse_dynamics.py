@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mcpilco.kernels.geometric import Kind
+from mcpilco.kernels import Kind
 from mcpilco.recordings import Recording, read_recordings, smoothed
 from mcpilco.recordings.inverse_dynamics_data import JointData
 from mcpilco.recordings.table import read_table

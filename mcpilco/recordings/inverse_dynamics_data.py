@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.kernels.geometric import Kind
+from mcpilco.kernels import Kind
 from mcpilco.typing import InputError
 
 ARRAYS = ("q", "dq", "ddq", "tau")

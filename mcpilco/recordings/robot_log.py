@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.plant.mjcf import chain_of
+from mcpilco.plant import chain_of
 from mcpilco.recordings import Recording, read_recordings
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any
 
-from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.dynamics.physics_dynamics import PhysicsDraw, PhysicsDynamics
-from mcpilco.kernels.base import NoCanonicalFormError
-from mcpilco.plant.equations.number import Real, cos, sin
-from mcpilco.plant.equations.program import Program, features_of
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.dynamics import GPDynamics, PhysicsDraw, PhysicsDynamics
+from mcpilco.kernels import NoCanonicalFormError
+from mcpilco.plant import Program, Real, cos, features_of, sin
+from mcpilco.policies import SumOfGaussians
 from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
 
@@ -25,7 +23,7 @@ def supports(dynamics: Dynamics | UncertainDynamics, policy: Policy) -> bool:
     """Whether `mcpilco.search.batched`, and so `mcpilco.search.fused`, can roll these out.
 
     They know a GP whose kernel is a sum of canonical terms of [z, u], and a sum of Gaussians that
-    sees the state as the GP does; `mcpilco.search.rollout` knows all.
+    sees the state as the GP does; `mcpilco.search.particles` knows all.
     """
     if not isinstance(dynamics, GPDynamics) or dynamics.C.any():
         return False

@@ -13,8 +13,8 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search.rollout import Problem
+from mcpilco.policies import SumOfGaussians
+from mcpilco.search.particles import Problem
 from mcpilco.search.search import Candidate, PolicySearch, SearchResult
 from mcpilco.search.stopwatch import Stopwatch
 

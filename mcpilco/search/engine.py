@@ -8,9 +8,8 @@ from types import ModuleType
 
 from mcpilco.config import Config
 from mcpilco.search import batched
-from mcpilco.search.rollout import RolloutFunction, rollout
-from mcpilco.sensing.estimator import LinearObserver
-from mcpilco.sensing.foresight import Foresight
+from mcpilco.search.particles import RolloutFunction, rollout
+from mcpilco.sensing import Foresight, LinearObserver
 from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)

@@ -17,9 +17,8 @@ from torch import Tensor
 
 from mcpilco.config import Phase, SearchConfig
 from mcpilco.data import Prediction
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search.rollout import Particles, Problem
+from mcpilco.policies import Dropout, SumOfGaussians
+from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.schedule import Schedule
 from mcpilco.search.stopwatch import Spent, Stopwatch
 

@@ -20,8 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.dynamics.delay import Delay
-from mcpilco.dynamics.dynamics import GPDynamics
+from mcpilco.dynamics import Delay, GPDynamics
 from mcpilco.sensing.state_predictor import for_each
 
 

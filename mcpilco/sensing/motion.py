@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from mcpilco.dynamics.dynamics import speed_integration
+from mcpilco.dynamics import speed_integration
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 

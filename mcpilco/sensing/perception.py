@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from mcpilco.config import EstimatorConfig
 from mcpilco.data import Rollout, Transitions
-from mcpilco.dynamics.dynamics import speed_integration
+from mcpilco.dynamics import speed_integration
 from mcpilco.sensing.estimator import LinearEstimator, LinearObserver, differences, kalman
 from mcpilco.sensing.motion import Motion, fit_motion
 from mcpilco.sensing.smoother import smooth

@@ -20,9 +20,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.dynamics.delay import Delay, turning_regressors
-from mcpilco.dynamics.dynamics import GPDynamics, Increment
-from mcpilco.gp.gp import Further, Samples
+from mcpilco.dynamics import Delay, GPDynamics, Increment, turning_regressors
+from mcpilco.gp import Further, Samples
 
 
 class StatePredictor:

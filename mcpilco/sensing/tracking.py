@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mcpilco.gp.gp import Samples
+from mcpilco.gp import Samples
 from mcpilco.sensing.state_predictor import StatePredictor
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mcpilco.crossing.outcomes import Crossing, Outcome
+from mcpilco.crossing import Crossing, Outcome
 from mcpilco.show.scene import Scene
 from mcpilco.show.side_by_side import Clip, Naming, write_side_by_side
 

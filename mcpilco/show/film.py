@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 
 from mcpilco.data import Rollout
-from mcpilco.logbook.history import History, PastTrial
+from mcpilco.logbook import History, PastTrial
 from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, TIMELINE, build_blueprint
 from mcpilco.show.entities import (
     FILM_IN_WORDS,

@@ -6,8 +6,7 @@ import contextlib
 
 import rerun as rr
 
-from mcpilco.logbook.history import History, PastTrial, read_search, read_task, read_trial
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import History, PastTrial, RunFolder, read_search, read_task, read_trial
 from mcpilco.show.film import Film, Reel
 from mcpilco.show.scene import Scene
 from mcpilco.typing import RunFolderError

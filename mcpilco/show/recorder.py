@@ -12,10 +12,8 @@ from typing import Any
 import numpy as np
 
 from mcpilco.data import Prediction, Rollout, Transitions, TrialResult
-from mcpilco.logbook.callbacks.base import Agent, Callback
-from mcpilco.logbook.metrics import values_of
-from mcpilco.logbook.run_folder import RunFolder, write_json
-from mcpilco.policies.reward_cost import costs_of
+from mcpilco.logbook import Agent, Callback, RunFolder, values_of, write_json
+from mcpilco.policies import costs_of
 from mcpilco.task import TaskSpec
 
 

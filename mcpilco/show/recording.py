@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from mcpilco.data import Prediction, Rollout
 from mcpilco.files import write_bytes
-from mcpilco.policies.reward_cost import costs_of
+from mcpilco.policies import costs_of
 from mcpilco.show.blueprint import ABOUT, build_blueprint
 from mcpilco.show.entities import COLORS_IN_WORDS, Track, log_curves, log_particles, log_scene
 from mcpilco.show.scene import Scene

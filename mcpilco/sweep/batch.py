@@ -16,7 +16,7 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     import torch
 
-    from mcpilco.agent.learning import Request
+    from mcpilco.agent import Request
 
 
 class BatchEngine:
@@ -74,7 +74,7 @@ class BatchEngine:
 
     def _answers(self, requests: Sequence[Any]) -> list[Any]:
         """The answer to each request, or why there is none."""
-        from mcpilco.agent.lockstep import search_together
+        from mcpilco.agent import search_together
 
         try:
             return list(search_together(requests, self.device))

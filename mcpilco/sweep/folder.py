@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mcpilco.agent.algorithms import find
+from mcpilco.agent import find
 from mcpilco.config import from_dict
 from mcpilco.files import write_bytes
-from mcpilco.logbook.run_folder import read_json, write_json
+from mcpilco.logbook import read_json, write_json
 from mcpilco.sweep.engines import Failure
 from mcpilco.sweep.job import FORMAT, Settings
 from mcpilco.typing import InputError, RunFolderError

@@ -11,8 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from jaxtyping import Float
 
-from mcpilco.agent.contract import make_env
-from mcpilco.agent.episode import OUTCOMES, run_episode
+from mcpilco.agent import OUTCOMES, make_env, run_episode
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 Outcomes = dict[str, Float[np.ndarray, " M"]]

@@ -13,18 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.agent.algorithms import find_after_import
-from mcpilco.agent.contract import make_env, task_of
-from mcpilco.agent.task_file import load_task
+from mcpilco.agent import find_after_import, load_task, make_env, task_of
 from mcpilco.config import Config
 from mcpilco.data import TrialResult
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.logbook.run_folder import versions
+from mcpilco.logbook import Callback, versions
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.agent.learning import Learning
+    from mcpilco.agent import Learning
 
 FORMAT = 1
 """version of a result"""
@@ -97,7 +94,7 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """
-    from mcpilco.agent.learning import answer_alone
+    from mcpilco.agent import answer_alone
 
     with one_thread():  # other processes have the other cores
         return answer_alone(learn_seed(settings, seed))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.files import write_bytes
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
 from mcpilco.typing import InputError
 

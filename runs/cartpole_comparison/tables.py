@@ -8,7 +8,7 @@ from typing import Any
 
 from cartpole_swingup.run import cells, spreads, table
 
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep.comparison import Run
 from mcpilco.sweep.comparison.statistics import MEASURES, all_amounts, estimate, same
 from mcpilco.sweep.comparison.tables import cell, solved

@@ -10,7 +10,7 @@ import numpy as np
 from collision import pictures
 
 from mcpilco.files import read_arrays
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
 

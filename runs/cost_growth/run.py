@@ -27,16 +27,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
 from mcpilco.files import write_bytes
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
-from mcpilco.policies.costs import SaturatingCost
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search import fused
-from mcpilco.search.rollout import Problem
-from mcpilco.search.search import PolicySearch, adam
+from mcpilco.policies import SaturatingCost, SumOfGaussians
+from mcpilco.search import PolicySearch, Problem, adam, fused
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, write_picture
 from mcpilco.sweep.summary import markdown

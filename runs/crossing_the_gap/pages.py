@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep.page import fill, places, write_picture
 from mcpilco.sweep.summary import markdown
 

@@ -33,9 +33,9 @@ from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
 from mcpilco.crossing import read_crossing, remembered_inputs
 from mcpilco.files import write_bytes
-from mcpilco.logbook.run_folder import read_json
-from mcpilco.plant.correction import read_correction
-from mcpilco.search.stopwatch import Stopwatch
+from mcpilco.logbook import read_json
+from mcpilco.plant import read_correction
+from mcpilco.search import Stopwatch
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent

@@ -24,7 +24,7 @@ from gip import pages
 from gip.experiments import EXPERIMENTS, QUICK, Sizes
 
 from mcpilco.files import write_bytes
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant import CATALOGUE
 from mcpilco.sweep.page import write_picture
 
 OUTSIDE = ("detent", "feed", "patch", "coupling")

@@ -9,10 +9,7 @@ import mujoco
 import numpy as np
 
 from mcpilco.bodies import SLIDE, Chain
-from mcpilco.plant.corrected_mjcf import CorrectedModel
-from mcpilco.plant.correction import Addition
-from mcpilco.plant.effects import CATALOGUE, Scale
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant import CATALOGUE, Active, Addition, CorrectedModel, Plant, Scale
 from mcpilco.typing import InputError
 
 TIMESTEP = 0.005

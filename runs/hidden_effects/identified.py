@@ -26,7 +26,7 @@ from scipy.optimize import lsq_linear
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import scales
 from mcpilco.gap.windows import LATENCY_S, Windows
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, smoothed
 
 FREED, FROZEN = "mujoco.sysid, all freed", "mujoco.sysid, frozen one by one"

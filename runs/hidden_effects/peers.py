@@ -16,7 +16,7 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from mcpilco.bodies import Chain, generalised_forces
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 
 SAMPLES, ORDER = 11, 4

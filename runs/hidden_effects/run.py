@@ -35,11 +35,11 @@ from verdicts import right
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.compiling import digest
 from mcpilco.files import write_bytes
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep import job
 
 if TYPE_CHECKING:
-    from mcpilco.plant.plant import Plant
+    from mcpilco.plant import Plant
     from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent
@@ -189,7 +189,7 @@ def read(case: Case, plant: Plant) -> Sequence[Recording]:
 def nominal(name: str) -> Plant:
     """The plant of an env, or of an MJCF file beside this one."""
     if name.endswith(".xml"):
-        from mcpilco.plant.mjcf import plant_of
+        from mcpilco.plant import plant_of
 
         return plant_of(HERE / name)
     from envs.plants import PLANTS

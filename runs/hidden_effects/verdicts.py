@@ -8,7 +8,7 @@ from typing import Any
 
 from systems import SYSTEMS, Hidden
 
-from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant import CATALOGUE
 
 CONFIDENT = 0.9
 """probability above which a name is meant"""

@@ -16,8 +16,7 @@ from mcpilco.gap.fit import fit, remembered, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.windows import SECONDS
 from mcpilco.identification import RigidBody
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant import CATALOGUE, Active, Plant
 from mcpilco.recordings import Recording
 
 FREE = "upper_mass", "upper_inertia", "lower_mass", "lower_inertia"

@@ -12,8 +12,7 @@ from envs.plants import double_pendulum
 from mcpilco.bodies import INERTIAL, Chain
 from mcpilco.identification import RigidBody
 from mcpilco.identification.consistency import inertia_of
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Base, Plant
+from mcpilco.plant import CATALOGUE, Active, Base, Plant
 
 HORIZON_S, EVERY_S = 0.5, 0.1
 """length of a prediction, and from the start of one to the next [s]"""

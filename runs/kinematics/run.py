@@ -31,7 +31,7 @@ from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm, random_marked
 from envs.arms.motions import RANGES, random_way_points, sinusoids, through
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.files import write_bytes
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.identification.kinematics import (
     ForwardKinematics,
     MarkerRecording,
@@ -49,7 +49,7 @@ from mcpilco.identification.kinematics.forward import (
     samples_of,
 )
 from mcpilco.kernels import RBF
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown

@@ -19,7 +19,7 @@ import tyro
 from envs.plants import double_pendulum
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
 from mcpilco.show.report.gap_tables import effects, errors, events, steps
 from mcpilco.sweep import job

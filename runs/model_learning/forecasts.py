@@ -21,14 +21,12 @@ from baselines.pilco.config import PilcoConfig
 from baselines.pilco.model import PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import predicted
-from mcpilco.agent.contract import input_bounds
-from mcpilco.agent.model import Model
-from mcpilco.agent.model_based_file import load_policy
+from mcpilco.agent import Model, input_bounds, load_policy
 from mcpilco.config import ModelConfig
 from mcpilco.data import Rollout, Transitions
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation
 from mcpilco.files import read_arrays
-from mcpilco.search.rollout import rollout
+from mcpilco.search import rollout
 from mcpilco.task import TaskSpec
 
 PARTICLES = 400

@@ -29,9 +29,7 @@ from model_learning.forecasts import forecaster as fitted
 from model_learning.measures import Measured, averaged, measure, read_measured, write_measured
 
 import envs  # noqa: F401  registers its ids
-from mcpilco.agent.contract import input_bounds, make_env, task_of
-from mcpilco.agent.episode import run_episode
-from mcpilco.agent.streams import Streams
+from mcpilco.agent import Streams, input_bounds, make_env, run_episode, task_of
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.data import Rollout
 from mcpilco.sweep.job import one_thread

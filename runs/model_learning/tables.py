@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from mcpilco.logbook.run_folder import versions
+from mcpilco.logbook import versions
 from mcpilco.sweep.job import machine
 from mcpilco.sweep.summary import bootstrapped, markdown, mean, mean_cell, spread, spread_cell
 

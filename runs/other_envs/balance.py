@@ -1,7 +1,7 @@
 """What MC-PILCO must know of Gymnasium's InvertedPendulum-v5."""
 
 from mcpilco import TaskSpec
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 
 TASK = TaskSpec(
     state_names=("cart_position", "pole_angle", "cart_velocity", "pole_velocity"),

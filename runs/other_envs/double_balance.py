@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import gymnasium as gym
 
-from mcpilco.agent.guess import guess_task
-from mcpilco.policies.costs import TipCost
+from mcpilco.agent import guess_task
+from mcpilco.policies import TipCost
 
 with contextlib.closing(gym.make("InvertedDoublePendulum-v5")) as env:
     guess = guess_task(env)

@@ -21,7 +21,7 @@ import tyro
 
 from mcpilco.cli.sweep import parse_seeds, progress
 from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
 from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell, summarise

@@ -26,7 +26,7 @@ from mcpilco import MCPILCO
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
-from mcpilco.logbook.run_folder import read_json, versions, write_json
+from mcpilco.logbook import read_json, versions, write_json
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.sweep.job import machine
 from mcpilco.sweep.page import fill, places

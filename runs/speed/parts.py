@@ -16,18 +16,20 @@ import numpy as np
 from numba import njit
 from speed.step import Size, cpu_seconds, make_step
 
-from mcpilco.search.fused import engine as engine_module
-from mcpilco.search.fused import policy as of_policy
-from mcpilco.search.fused import posterior as of_posterior
-from mcpilco.search.fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
-from mcpilco.search.fused.tiles import (
+from mcpilco.search import (
+    OUTERMOST,
+    PLAIN,
     TALL,
     multiply,
     multiply_lower,
     multiply_upper,
     pack,
+    set_exponentials,
     strip,
 )
+from mcpilco.search.fused import engine as engine_module
+from mcpilco.search.fused import policy as of_policy
+from mcpilco.search.fused import posterior as of_posterior
 
 PEAK_INNER = (64, 128, 256)
 """inner sizes of the products that are tried for the peak"""

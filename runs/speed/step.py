@@ -11,15 +11,11 @@ import numpy as np
 import torch
 
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.gp.gp import GP
+from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
+from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
-from mcpilco.policies.costs import cart_pole_cost
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search import fused
-from mcpilco.search.rollout import Problem, RolloutFunction, rollout
-from mcpilco.search.search import PolicySearch, adam
+from mcpilco.policies import SumOfGaussians, cart_pole_cost
+from mcpilco.search import PolicySearch, Problem, RolloutFunction, adam, fused, rollout
 from mcpilco.task import TaskSpec
 
 ENGINES = {

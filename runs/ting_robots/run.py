@@ -50,7 +50,7 @@ from mcpilco.identification import (
     zero_phase,
 )
 from mcpilco.identification.closed_loop import Feedback, simulated_regressor
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.recordings import Recording
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places

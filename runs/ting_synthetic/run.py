@@ -29,7 +29,7 @@ from mcpilco import identification
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.files import write_bytes
 from mcpilco.identification.bayesian import middle_reliability
-from mcpilco.logbook.run_folder import read_json
+from mcpilco.logbook import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places, write_picture
 from mcpilco.sweep.summary import markdown

@@ -29,8 +29,7 @@ from matplotlib.axes import Axes
 from threadpoolctl import threadpool_limits
 
 from mcpilco.files import replacing, write_bytes
-from mcpilco.gp.gp import GP
-from mcpilco.gp.weight_space import WeightSpaceGP
+from mcpilco.gp import GP, WeightSpaceGP
 from mcpilco.identification.volterra import VolterraModel, fit_volterra
 from mcpilco.identification.volterra_prior import VolterraConfig
 from mcpilco.identification.volterra_systems import (
@@ -41,8 +40,8 @@ from mcpilco.identification.volterra_systems import (
     wiener,
 )
 from mcpilco.kernels import IPK
-from mcpilco.logbook.run_folder import read_json
-from mcpilco.recordings.series import Series
+from mcpilco.logbook import read_json
+from mcpilco.recordings import Series
 from mcpilco.show.plots.style import MODEL, SYSTEM, new_axes
 from mcpilco.show.plots.volterra import plot_lags
 from mcpilco.sweep import job

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import envs
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost, cart_pole_cost
+from mcpilco.policies import QuadraticCost, SaturatingCost, cart_pole_cost
 from mcpilco.typing import InputError
 
 ID = "mcpilco/CartPoleSwingUp-v0"

@@ -12,8 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import envs
 from envs.plants import PLANTS
-from mcpilco.plant.correction import Addition, Correction, correction_of, write_correction
-from mcpilco.plant.simulation import simulate
+from mcpilco.plant import Addition, Correction, correction_of, simulate, write_correction
 from mcpilco.typing import EnvError, InputError
 from tests.envs.systems import SYSTEMS
 

@@ -10,10 +10,9 @@ import pytest
 
 import envs
 from mcpilco.data import Transitions
-from mcpilco.dynamics.dynamics import speed_integration
-from mcpilco.dynamics.physics import PhysicsMean
-from mcpilco.plant.known_plants import plant_for
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.dynamics import PhysicsMean, speed_integration
+from mcpilco.plant import plant_for
+from mcpilco.policies import SaturatingCost
 from mcpilco.typing import InputError
 
 IDS = ("mcpilco/Pendubot-v0", "mcpilco/Acrobot-v0")

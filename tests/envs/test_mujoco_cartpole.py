@@ -13,7 +13,7 @@ import pytest
 import envs
 from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
 from envs.mujoco_cartpole_model import BUILT_IN
-from mcpilco.policies.costs import QuadraticCost
+from mcpilco.policies import QuadraticCost
 from mcpilco.typing import InputError
 
 ID = "mcpilco/MujocoCartPoleSwingUp-v0"

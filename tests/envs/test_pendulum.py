@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost
+from mcpilco.agent import MCPILCO
+from mcpilco.policies import QuadraticCost, SaturatingCost
 from mcpilco.typing import InputError
 
 ID = "mcpilco/Pendulum-v0"

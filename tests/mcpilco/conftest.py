@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.gp.gp import GP
+from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
+from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF, Kernel
-from mcpilco.policies.costs import cart_pole_cost
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.policies import SumOfGaussians, cart_pole_cost
 from mcpilco.task import TaskSpec
 from tests.mcpilco.gap.pushed import found  # noqa: F401  a fixture
 

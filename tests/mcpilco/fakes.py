@@ -8,13 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.agent.contract import horizon_of, input_bounds, task_of
-from mcpilco.agent.episode import run_episode
+from mcpilco.agent import MCPILCO, horizon_of, input_bounds, run_episode, task_of
 from mcpilco.config import PRESETS, Config
 from mcpilco.data import Prediction, Rollout, TrialResult
 from mcpilco.files import read_arrays, write_arrays
-from mcpilco.logbook.callbacks import as_callback
+from mcpilco.logbook import as_callback
 
 DT = 0.1
 STEPS = 6

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.cli import main
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from mcpilco.typing import McPilcoError
 from tests.mcpilco.survival import resume
 

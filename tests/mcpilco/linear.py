@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from mcpilco.policies.dropout import Dropout
+from mcpilco.policies import Dropout
 
 A = torch.tensor([[1.0, 0.1], [-0.3, 0.9]], dtype=torch.float64)
 B = torch.tensor([[0.0], [0.2]], dtype=torch.float64)

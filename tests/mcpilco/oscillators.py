@@ -8,9 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
-from mcpilco.dynamics.delay import Delay
-from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation, Delay, GPDynamics, speed_integration
 from mcpilco.task import TaskSpec
 
 

@@ -10,7 +10,7 @@ import torch
 from gymnasium.spaces import Box
 
 from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 from mcpilco.task import TaskSpec
 
 DT = 0.2

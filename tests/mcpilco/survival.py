@@ -27,7 +27,7 @@ import mcpilco.show.recorder
 import mcpilco.show.recording  # noqa: F401  loaded once, for all
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from mcpilco.show.viewer import _executable
 from tests.mcpilco.point import STEPS, TINY, PointEnv
 

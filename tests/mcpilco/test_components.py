@@ -10,15 +10,12 @@ import pytest
 import torch
 
 import envs  # noqa: F401  registers the cart-pole
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.files import read_groups, write_groups
-from mcpilco.logbook.callbacks import Callback
-from mcpilco.logbook.history import read_transitions
-from mcpilco.logbook.run_folder import RunFolder
-from mcpilco.sensing.foresight import Foresight
-from mcpilco.sensing.tracking import StateTracker
+from mcpilco.logbook import Callback, RunFolder, read_transitions
+from mcpilco.sensing import Foresight, StateTracker
 from mcpilco.show.recorder import Recorder
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.logbook.test_run_folder import CONFIG

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import PRESETS, Config
-from mcpilco.logbook.run_folder import RunFolder
-from mcpilco.policies.costs import TipCost, held
-from mcpilco.policies.reward_cost import RewardCost
+from mcpilco.logbook import RunFolder
+from mcpilco.policies import RewardCost, TipCost, held
 from mcpilco.typing import EnvError, InputError
 from tests.mcpilco.point import TINY
 from tests.mcpilco.survival import content

@@ -12,13 +12,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.cli import main
 from mcpilco.cli.system import agent_of
 from mcpilco.config import PRESETS
 from mcpilco.files import read_groups, write_groups
-from mcpilco.logbook.history import read_history
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder, read_history
 from mcpilco.show.film import Reel, write_film
 from mcpilco.typing import EnvError, RunFolderError
 from tests.mcpilco.agent.test_policy_file import PAGE, predict_of_the_page

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from tests.mcpilco import point
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.point import TINY

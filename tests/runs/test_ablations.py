@@ -7,7 +7,7 @@ import sys
 import pytest
 import torch
 
-from mcpilco.agent.task_file import load_task
+from mcpilco.agent import load_task
 from mcpilco.sweep.page import BEGIN, END
 from tests.mcpilco.test_sweep import HereEngine
 from tests.runs.test_recipe import differing

@@ -13,8 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.search.rollout import Problem
+from mcpilco.search import Problem
 from mcpilco.typing import Cost
 
 logger = logging.getLogger(__name__)

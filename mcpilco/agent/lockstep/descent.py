@@ -15,12 +15,18 @@ from torch import Tensor
 from mcpilco.agent.learning import SearchRequest
 from mcpilco.agent.lockstep.adam import AdamBatch, clipped
 from mcpilco.agent.lockstep.costs import CostBatch
-from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search.batched import MaskBatch, ModelBatch, PolicyBatch, rollout_batch
-from mcpilco.search.rollout import Particles, Problem
-from mcpilco.search.search import Candidate, Descent
+from mcpilco.dynamics import GPDynamics
+from mcpilco.policies import Dropout, SumOfGaussians
+from mcpilco.search import (
+    Candidate,
+    Descent,
+    MaskBatch,
+    ModelBatch,
+    Particles,
+    PolicyBatch,
+    Problem,
+    rollout_batch,
+)
 
 
 @dataclass(frozen=True)

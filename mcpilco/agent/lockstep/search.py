@@ -9,9 +9,7 @@ import torch
 from mcpilco.agent.learning import SearchRequest
 from mcpilco.agent.lockstep.costs import CostBatch
 from mcpilco.agent.lockstep.descent import Member, Place, descend, judge
-from mcpilco.search import batched
-from mcpilco.search.search import Descent, SearchResult, Starts
-from mcpilco.search.stopwatch import Spent, Stopwatch
+from mcpilco.search import Descent, SearchResult, Spent, Starts, Stopwatch, batched
 from mcpilco.typing import InputError
 
 

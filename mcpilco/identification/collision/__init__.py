@@ -19,14 +19,7 @@ from mcpilco.identification.collision.thresholds import (
     debounced,
     thresholds,
 )
-from mcpilco.recordings.collision_samples import ArmSamples
-from mcpilco.recordings.collisions import (
-    FORCE,
-    ArmRecording,
-    columns_of,
-    read_arm,
-    samples_of,
-)
+from mcpilco.recordings import FORCE, ArmRecording, ArmSamples, columns_of, read_arm, samples_of
 
 __all__ = [
     "FORCE",

@@ -8,7 +8,7 @@ import numpy as np
 
 from mcpilco.identification.base_parameters import base_parameters
 from mcpilco.identification.collision.features import CurrentFeatures
-from mcpilco.recordings.collision_samples import ArmSamples
+from mcpilco.recordings import ArmSamples
 from mcpilco.typing import InputError
 
 FEWEST = 500

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from mcpilco.identification.collision.model import CurrentModel
 from mcpilco.identification.collision.thresholds import Thresholds, debounced
-from mcpilco.recordings.collision_samples import ArmSamples, RunningSlope
+from mcpilco.recordings import ArmSamples, RunningSlope
 from mcpilco.typing import InputError
 
 _LATE = 1.5

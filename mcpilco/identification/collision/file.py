@@ -20,7 +20,7 @@ from mcpilco.identification.collision.model import (
 )
 from mcpilco.identification.collision.thresholds import ThresholdConfig, Thresholds
 from mcpilco.identification.rigid_body import RigidBody
-from mcpilco.recordings.collision_samples import ArmSamples
+from mcpilco.recordings import ArmSamples
 from mcpilco.typing import McPilcoError, RunFolderError
 
 FORMAT = "mcpilco collision model 1"

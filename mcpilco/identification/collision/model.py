@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco.gp.gp import GP, Posterior
+from mcpilco.gp import GP, Posterior
 from mcpilco.identification.collision.checks import (
     about_unidentified,
     check_free,
@@ -27,7 +27,7 @@ from mcpilco.identification.collision.predictor import Predictor
 from mcpilco.identification.report import Report
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear, Rescaled
-from mcpilco.recordings.collision_samples import WINDOW, ArmSamples
+from mcpilco.recordings import WINDOW, ArmSamples
 
 Kind = Literal["PP", "SP", "FC"]
 _BLOCK = 2000

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import qr
 
-from mcpilco.gp.gp import Posterior
+from mcpilco.gp import Posterior
 from mcpilco.kernels import RBF, Linear
 
 _SHUT = 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mcpilco.identification.collision.model import CurrentModel
-from mcpilco.recordings.collision_samples import ArmSamples
+from mcpilco.recordings import ArmSamples
 from mcpilco.typing import InputError
 
 Rule = Literal["current", "deviations"]

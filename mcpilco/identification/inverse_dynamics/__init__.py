@@ -7,7 +7,7 @@ from mcpilco.identification.inverse_dynamics.control import FeedForward
 from mcpilco.identification.inverse_dynamics.estimators import ESTIMATORS, fit, load, save
 from mcpilco.identification.inverse_dynamics.forward import Inertia, accelerations, inertia
 from mcpilco.identification.inverse_dynamics.model import InverseDynamics
-from mcpilco.recordings.inverse_dynamics_data import JointData, check, joined
+from mcpilco.recordings import JointData, check, joined
 
 __all__ = [
     "ESTIMATORS",

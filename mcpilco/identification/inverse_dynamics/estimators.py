@@ -31,8 +31,8 @@ from mcpilco.identification.inverse_dynamics.priors import (
     Prior,
     Semiparametric,
 )
-from mcpilco.kernels.geometric import Kind
-from mcpilco.recordings.inverse_dynamics_data import ARRAYS, JointData, check
+from mcpilco.kernels import Kind
+from mcpilco.recordings import ARRAYS, JointData, check
 from mcpilco.typing import InputError, RunFolderError
 
 Estimator = Literal["gip", "rbf", "pp", "sp", "fe", "nn"]

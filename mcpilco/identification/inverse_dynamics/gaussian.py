@@ -11,13 +11,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.gp.evidence import cholesky
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP, cholesky
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.priors import Prior
 from mcpilco.identification.report import Report
 from mcpilco.kernels import Kernel
-from mcpilco.recordings.inverse_dynamics_data import ARRAYS, JointData
+from mcpilco.recordings import ARRAYS, JointData
 
 logger = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from mcpilco.identification.base_parameters import base_parameters
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
 from mcpilco.identification.report import Report
-from mcpilco.recordings.inverse_dynamics_data import JointData
+from mcpilco.recordings import JointData
 
 
 class LinearInverseDynamics(InverseDynamics):

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.identification.report import Report
-from mcpilco.recordings.inverse_dynamics_data import JointData
+from mcpilco.recordings import JointData
 from mcpilco.typing import InputError
 
 

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
-from mcpilco.recordings.inverse_dynamics_data import JointData
+from mcpilco.recordings import JointData
 
 UNITS = 400
 """of each hidden layer; the thesis takes 600 for six joints"""

@@ -7,9 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.bodies import INERTIAL, Chain
-from mcpilco.bodies.differentiable import torch_regressor
-from mcpilco.dynamics.features import friction
+from mcpilco.bodies import INERTIAL, Chain, torch_regressor
+from mcpilco.dynamics import friction
 from mcpilco.identification.rigid_body import RigidBody
 
 

@@ -11,10 +11,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.bodies import Chain
-from mcpilco.dynamics.features import JointPolynomials, friction
+from mcpilco.dynamics import JointPolynomials, friction
 from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
-from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear
-from mcpilco.kernels.geometric import GIP, Kind
+from mcpilco.kernels import GIP, RBF, ActiveDims, Kernel, Kind, Linear
 
 
 class Prior(ABC):

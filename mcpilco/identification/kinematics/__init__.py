@@ -4,8 +4,7 @@ from mcpilco.identification.kinematics.chain import Chain, Joint, Tolerance, fin
 from mcpilco.identification.kinematics.controller import Path, Reach, reach
 from mcpilco.identification.kinematics.forward import ForwardKinematics, fit_forward
 from mcpilco.identification.kinematics.triplets import TripletTests, triplet_tests
-from mcpilco.recordings.marker_reader import read_markers, write_markers
-from mcpilco.recordings.markers import MarkerRecording, marker_recording
+from mcpilco.recordings import MarkerRecording, marker_recording, read_markers, write_markers
 
 __all__ = [
     "Chain",

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from mcpilco.identification.kinematics.checks import check_recording
 from mcpilco.identification.kinematics.triplets import TripletTests, standstill, triplet_tests
 from mcpilco.identification.report import Report
-from mcpilco.recordings.markers import MarkerRecording
+from mcpilco.recordings import MarkerRecording
 from mcpilco.typing import InputError
 
 Kind = Literal["revolute", "prismatic"]

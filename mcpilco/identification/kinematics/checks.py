@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcpilco.recordings.markers import MarkerRecording
+from mcpilco.recordings import MarkerRecording
 from mcpilco.typing import InputError
 
 _TURNS = 50.0

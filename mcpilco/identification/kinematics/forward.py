@@ -14,12 +14,11 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
-from mcpilco.gp.evidence import cholesky
-from mcpilco.gp.gp import GP, FitReport, Posterior
+from mcpilco.gp import GP, FitReport, Posterior, cholesky
 from mcpilco.identification.kinematics.chain import Chain
 from mcpilco.identification.report import Report
 from mcpilco.kernels import Kernel, Kinematic, NestedKinematic
-from mcpilco.recordings.markers import MarkerRecording, rotation
+from mcpilco.recordings import MarkerRecording, rotation
 from mcpilco.typing import InputError
 
 logger = logging.getLogger(__name__)

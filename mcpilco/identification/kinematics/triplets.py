@@ -36,7 +36,7 @@ from mcpilco.identification.kinematics.residuals import (
     weighted_mean,
 )
 from mcpilco.identification.kinematics.robust import trimmed
-from mcpilco.recordings.markers import MarkerRecording
+from mcpilco.recordings import MarkerRecording
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 
 from mcpilco.identification.kinematics.forward import ForwardKinematics
-from mcpilco.recordings.markers import MarkerRecording, rotation
+from mcpilco.recordings import MarkerRecording, rotation
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from mcpilco.bodies.compiled import INLINED
+from mcpilco.bodies import INLINED
 
 VISCOUS, COULOMB, STRIBECK, QUADRATIC, ASYMMETRIC, SPRING, HARDENING, CONSTANT, RIPPLE = range(9)
 """effects of `mcpilco.plant.effects.joint`; their symbols, in order, are the constants a to d"""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numba import njit
 
-from mcpilco.bodies.compiled import INLINED
+from mcpilco.bodies import INLINED
 
 NONE = -1
 """in the place of the second axis of a grid that has one only"""

@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from mcpilco.bodies.compiled import INLINED, factorise, linearise, scratch, solve
-from mcpilco.bodies.planar import linearise_in_plane
+from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from mcpilco.compiling import digest
 from mcpilco.plant.simulation.laws import joint_force, turn_over
 from mcpilco.plant.simulation.learned import learned_force, place_on

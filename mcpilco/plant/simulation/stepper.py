@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numba import njit
 
-from mcpilco.bodies.compiled import scratch
+from mcpilco.bodies import scratch
 from mcpilco.compiling import digest
 from mcpilco.plant.simulation.motion import look, next_event, settle, shaped, switch, travel
 from mcpilco.plant.simulation.tables import DELAY, LATENCY, OFFSET, SCALE, Tables

@@ -8,14 +8,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.dynamics import GPDynamics
+from mcpilco.policies import Dropout, SumOfGaussians
 from mcpilco.search.batched.masks import MaskBatch
 from mcpilco.search.batched.model import ModelBatch
 from mcpilco.search.batched.policy import PolicyBatch, parameter_gradients
 from mcpilco.search.batched.sweeps import Trace, backward, forward
-from mcpilco.search.rollout import Particles
+from mcpilco.search.particles import Particles
 
 
 def rollout(
@@ -26,7 +25,7 @@ def rollout(
     dropout: Dropout | None = None,
     single: bool = False,
 ) -> Particles:
-    """The particles' trajectories; equal to `mcpilco.search.rollout.rollout`, gradients included.
+    """The particles' trajectories; equal to `mcpilco.search.particles.rollout`, gradients included.
 
     Args:
         dynamics: the model.

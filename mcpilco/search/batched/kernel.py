@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Term
+from mcpilco.kernels import Kernel, Term
 from mcpilco.search.batched.powers import powers
 from mcpilco.search.batched.transfer import Movable
 

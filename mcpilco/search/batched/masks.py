@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.policies.dropout import BASES_PER_HASH, GOLDEN, Dropout
+from mcpilco.policies import BASES_PER_HASH, GOLDEN, Dropout
 from mcpilco.search.batched.transfer import Movable
 
 _ALL_BITS = 0xFFFFFFFF

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from mcpilco.dynamics.dynamics import GPDynamics
+from mcpilco.dynamics import GPDynamics
 from mcpilco.search.batched.kernel import KernelBatch, kernel_batch
 from mcpilco.search.batched.transfer import Movable
 

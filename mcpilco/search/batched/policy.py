@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.policies import SumOfGaussians
 from mcpilco.search.batched.powers import powers
 from mcpilco.search.batched.transfer import Movable
 

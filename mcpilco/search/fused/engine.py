@@ -9,19 +9,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.dynamics.physics_dynamics import PhysicsDraw
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.dynamics import GPDynamics, PhysicsDraw
+from mcpilco.policies import Dropout, SumOfGaussians
 from mcpilco.search.canonical import canonical_features
 from mcpilco.search.fused import layout
 from mcpilco.search.fused.backward import backward
 from mcpilco.search.fused.forward import forward
 from mcpilco.search.fused.policy import differentiate, prepare
 from mcpilco.search.fused.seeing import SeeingArrays, seeing_arrays, seeing_memory
-from mcpilco.search.rollout import Particles, Sensing
-from mcpilco.sensing.estimator import LinearObserver
-from mcpilco.sensing.foresight import Foresight
+from mcpilco.search.particles import Particles, Sensing
+from mcpilco.sensing import Foresight, LinearObserver
 
 
 def rollout(
@@ -33,7 +30,7 @@ def rollout(
     sensing: Sensing | None = None,
     single: bool = False,
 ) -> Particles:
-    """The particles' trajectories; equal to `mcpilco.search.rollout.rollout`, gradients included.
+    """The particles' trajectories; equal to `mcpilco.search.particles.rollout`, gradients included.
 
     Args:
         dynamics: the model.

@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mcpilco.dynamics.dynamics import GPDynamics
-from mcpilco.kernels.base import Term
-from mcpilco.plant.equations import Program
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.dynamics import GPDynamics
+from mcpilco.kernels import Term
+from mcpilco.plant import Program
+from mcpilco.policies import SumOfGaussians
 from mcpilco.search.fused.program import live_registers
 from mcpilco.search.fused.tiles import TALL, pack, strip
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from mcpilco.plant.equations.number import (
+from mcpilco.plant import (
     ABS,
     ADD,
     COSINE,

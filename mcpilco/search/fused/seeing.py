@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mcpilco.sensing.estimator import LinearObserver
-from mcpilco.sensing.foresight import Foresight
+from mcpilco.sensing import Foresight, LinearObserver
 
 
 class ObserverArrays(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 
 from mcpilco.identification.kinematics.chain import Chain, Tolerance, scores
 from mcpilco.identification.kinematics.validation import Errors
-from mcpilco.recordings.markers import MarkerRecording
+from mcpilco.recordings import MarkerRecording
 from mcpilco.show.plots.style import MODEL, SYSTEM, add_legend, new_axes
 
 if TYPE_CHECKING:

@@ -13,14 +13,14 @@ import torch
 from jaxtyping import Float
 from scipy.stats import norm
 
-from mcpilco.agent.algorithms import find
+from mcpilco.agent import find
 from mcpilco.config import from_dict
 from mcpilco.data import Prediction
-from mcpilco.logbook.history import History, PastTrial, read_transitions
+from mcpilco.logbook import History, PastTrial, read_transitions
 from mcpilco.typing import InputError, RunFolderError
 
 if TYPE_CHECKING:
-    from mcpilco.agent.model_based import ModelBasedAgent
+    from mcpilco.agent import ModelBasedAgent
 
 LEVELS = np.concatenate([np.linspace(0.05, 0.95, 19), [0.99]])
 """nominal levels of the intervals"""

@@ -14,8 +14,7 @@ from mcpilco.gap.maps import SPAN_S, Leftover, TimeMap, leftover, time_map
 from mcpilco.gap.name import Estimate
 from mcpilco.gap.search import Found
 from mcpilco.gap.show import KNOWN_S, Comparison, Models, at_end, error
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import CATALOGUE, Plant
 from mcpilco.recordings import Recording
 from mcpilco.show.plots.gap import (
     plot_force_map,

@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mcpilco.logbook.history import History, read_history
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import History, RunFolder, read_history
 from mcpilco.show.report import document, sections
 from mcpilco.show.report.document import Document, made
 from mcpilco.show.report.parts import Section

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco.logbook.history import History, PastTrial
+from mcpilco.logbook import History, PastTrial
 from mcpilco.show.plots.models import PolicyMap
 from mcpilco.show.report.calibration import read_agent
 from mcpilco.task import TaskSpec

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.agent.algorithms import find
-from mcpilco.logbook.history import History, PastTrial, read_search
+from mcpilco.agent import find
+from mcpilco.logbook import History, PastTrial, read_search
 from mcpilco.show.plots.models import plot_coverage, plot_errors, plot_policy
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
 from mcpilco.show.plots.training import plot_learning, plot_search, plot_times

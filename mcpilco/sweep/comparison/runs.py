@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.logbook.run_folder import RunFolder, read_json
+from mcpilco.logbook import RunFolder, read_json
 from mcpilco.sweep.job import FORMAT
 from mcpilco.typing import RunFolderError
 

@@ -9,7 +9,7 @@ import torch
 from mpmath import mp
 
 from baselines.moments import Bases, gaussian_through_gp, through_bases
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from tests.baselines.differences import slope_along
 from tests.baselines.moments.random_gps import Case, kernel, random_case

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from baselines.costs import TipDistanceCost
 from baselines.moments import Gaussian, expected_cost
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost
+from mcpilco.policies import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost
 from mcpilco.typing import InputError
 from tests.baselines.differences import slope_along
 

@@ -9,7 +9,7 @@ from baselines.moments import Bases, Gaussian
 from baselines.pilco import PilcoConfig
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import GaussianDynamics
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation
 
 TINY = PilcoConfig(centres=4, line_searches=2, evaluations=4, engine="eager")
 """a search that takes no time, with nothing to compile"""

@@ -16,7 +16,7 @@ from baselines.pilco.search import PilcoRequest
 from mcpilco import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import Preset
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 from mcpilco.typing import InputError, RunFolderError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.point import STEPS, TASK, PointEnv

@@ -9,7 +9,7 @@ import torch
 from baselines.pilco import PilcoConfig
 from baselines.pilco.model import CurbedGP, PilcoModel, input_std
 from mcpilco.data import Transitions
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from tests.mcpilco.point import TASK
 

@@ -10,7 +10,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from baselines.moments import Gaussian
 from baselines.pilco import compiled
 from baselines.pilco.rollout import Problem, predicted
-from mcpilco.policies.costs import cart_pole_cost
+from mcpilco.policies import cart_pole_cost
 from tests.baselines.differences import slope_along
 from tests.baselines.pilco.models import narrow_start, random_dynamics, random_policy
 

@@ -13,7 +13,7 @@ import torch
 from baselines.moments import Gaussian
 from baselines.pilco.rollout import Problem, predicted
 from baselines.pilco.search import PilcoRequest
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
 
 COST = SaturatingCost((1,), (1.0,), (1.0,), (False,))

@@ -13,7 +13,7 @@ import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.sb3 import SACAgent, SACConfig, SB3Agent, make_learner
 from mcpilco import MCPILCO
-from mcpilco.logbook.callbacks import Callback
+from mcpilco.logbook import Callback
 from mcpilco.typing import EnvError, InputError, RunFolderError
 from tests.baselines.sb3.small import TINY
 from tests.mcpilco.point import STEPS, PointEnv

@@ -12,7 +12,7 @@ import pytest
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent
 from mcpilco.cli import main
 from mcpilco.files import read_arrays
-from mcpilco.logbook.callbacks import Progress
+from mcpilco.logbook import Progress
 from mcpilco.show.recorder import Recorder
 from tests.baselines.sb3.small import TINY
 

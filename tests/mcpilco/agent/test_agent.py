@@ -22,10 +22,8 @@ from mcpilco.agent import trial_agent
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.agent.episode import run_episode
 from mcpilco.config import PRESETS, Config
-from mcpilco.logbook.callbacks import Callback, Progress
-from mcpilco.search import engine
-from mcpilco.search.rollout import Problem
-from mcpilco.search.search import PolicySearch
+from mcpilco.logbook import Callback, Progress
+from mcpilco.search import PolicySearch, Problem, engine
 from mcpilco.typing import EnvError, InputError, NotPositiveDefiniteError
 from tests.mcpilco.point import DT, STEPS, TASK, TINY, PointEnv
 

@@ -12,8 +12,8 @@ from gymnasium.spaces import Box
 
 from mcpilco.agent.contract import make_env, task_of
 from mcpilco.agent.guess import guess_task, start_of, states_named, velocities_named
-from mcpilco.policies.costs import TipCost
-from mcpilco.sensing.observing import state_of
+from mcpilco.policies import TipCost
+from mcpilco.sensing import state_of
 from tests.mcpilco.swinging import Swinging
 
 needs_mujoco_envs = pytest.mark.skipif(

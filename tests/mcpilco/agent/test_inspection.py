@@ -11,7 +11,7 @@ import pytest
 from gymnasium.spaces import Box, Dict, Discrete
 
 from mcpilco.agent.inspection import inspect_env
-from mcpilco.policies.costs import SaturatingCost
+from mcpilco.policies import SaturatingCost
 from tests.mcpilco.swinging import CIRCLE, TASK, Swinging
 
 COST = SaturatingCost((0,), (0.0,), (1.0,), (False,))

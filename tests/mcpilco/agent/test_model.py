@@ -13,7 +13,7 @@ import torch
 from mcpilco.agent.model import Model, make_kernel
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.task import TaskSpec
 from mcpilco.typing import NotPositiveDefiniteError
 

@@ -14,7 +14,7 @@ import torch
 from mcpilco.agent.policy_file import write_policy
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.policies import SumOfGaussians
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.conftest import make_policy
 from tests.mcpilco.point import STEPS, TASK, TINY, PointEnv

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.bodies import regressor
 from mcpilco.bodies.differentiable import torch_regressor
-from mcpilco.plant.mjcf import chain_of
+from mcpilco.bodies.regressors import regressor
+from mcpilco.plant import chain_of
 from tests.mcpilco.random_chains import random_mjcf
 
 

@@ -13,8 +13,7 @@ from envs.cartpole_dynamics import CartPoleDynamics
 from envs.pendulum_dynamics import PendulumDynamics
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import Chain, accelerations, generalised_forces, stack
-from mcpilco.plant.mjcf import plant_of
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant, plant_of
 from tests.mcpilco.random_chains import random_mjcf, random_planar_chain
 
 

@@ -14,7 +14,7 @@ from mcpilco.cli import main
 from mcpilco.cli.options import Algo, PresetName
 from mcpilco.cli.system import algorithm
 from mcpilco.config import CART_POLE, PRESETS
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from tests.mcpilco.fakes import FakeAgent
 
 STRANGE_ENVS = """

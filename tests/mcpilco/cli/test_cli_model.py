@@ -7,7 +7,7 @@ import pytest
 from baselines.pilco.config import PilcoConfig
 from mcpilco.cli.model import suitable_preset, with_model
 from mcpilco.config import Config, ModelConfig
-from mcpilco.plant.correction import Correction, write_correction
+from mcpilco.plant import Correction, write_correction
 from mcpilco.typing import InputError
 
 

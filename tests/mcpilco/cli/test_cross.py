@@ -10,7 +10,7 @@ import pytest
 import mcpilco.agent.agent
 from mcpilco.cli import cross as command
 from mcpilco.cli import main
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent
 

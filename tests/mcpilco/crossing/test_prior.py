@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mcpilco.crossing import as_mean, remembered_inputs
-from mcpilco.plant.correction import Correction, correction_from
+from mcpilco.plant import Correction, correction_from
 
 
 def as_file(effects=(), learned=()) -> dict[str, Any]:

@@ -9,15 +9,15 @@ import pytest
 import torch
 
 from envs.plants import cart_pole, double_pendulum
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import speed_integration
 from mcpilco.dynamics.missing_forces import MissingForces
 from mcpilco.dynamics.physics import PhysicsMean
+from mcpilco.plant import system_of
 from mcpilco.plant.equations.chain import inverse_dynamics
 from mcpilco.plant.equations.laws import JOINT_LAWS
-from mcpilco.plant.equations.step import system_of
 from mcpilco.typing import InputError
 from tests.mcpilco.dynamics.test_physics import NOISE, PLANT, simulated
 from tests.mcpilco.plant.equations.test_step import task_of

@@ -13,14 +13,13 @@ import torch
 from torch import Tensor
 from torch.utils.flop_counter import FlopCounterMode
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.config import ModelConfig
 from mcpilco.dynamics.dynamics import GPDynamics
 from mcpilco.dynamics.pathwise import Paths, PathSampler, PathwiseDynamics, PathwisePosterior
-from mcpilco.gp.gp import GP, Posterior
+from mcpilco.gp import GP, Posterior
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, NoCanonicalFormError
-from mcpilco.search import fused
-from mcpilco.search.rollout import Problem, rollout
+from mcpilco.search import Problem, fused, rollout
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
 from tests.mcpilco.conftest import make_dynamics, make_policy

@@ -10,14 +10,14 @@ import torch
 
 import envs  # noqa: F401  registers its plants
 from envs.plants import cart_pole
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import GPDynamics, full_state, speed_integration
 from mcpilco.dynamics.features import AngleAugmentation
 from mcpilco.dynamics.physics import PhysicsMean
 from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.typing import InputError
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import envs
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import DT, STD
 

@@ -13,8 +13,7 @@ from mcpilco.gap.fit import fit, run
 from mcpilco.gap.given import Given
 from mcpilco.gap.search import search
 from mcpilco.gap.validate import ROUGH, most_predictive
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from tests.mcpilco.gap.pendulum import record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()

@@ -22,9 +22,7 @@ from mcpilco.gap.places import places
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.show import shrunk
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant.correction import correction_of, read_correction, write_correction
-from mcpilco.plant.effects.learned import Axis
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Axis, Plant, correction_of, read_correction, write_correction
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, record

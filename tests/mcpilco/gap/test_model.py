@@ -11,9 +11,7 @@ import envs
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import FARTHEST, Model
 from mcpilco.gap.model import FREE as FREE_STD
-from mcpilco.plant.correction import correction_of, read_correction, write_correction
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active, correction_of, read_correction, write_correction
 from tests.mcpilco.gap.test_search import recorded
 
 FREE = "mass", "length"

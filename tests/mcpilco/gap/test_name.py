@@ -14,8 +14,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.name import certain
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from tests.mcpilco.gap.pendulum import dry_friction, record
 
 FRICTION = Active(CATALOGUE["coulomb_friction"], "pendulum")

@@ -8,7 +8,7 @@ from mcpilco.gap.model import Model, scales
 from mcpilco.gap.moves import MOST_TURNED
 from mcpilco.gap.residual_force import explain, respond
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant.plant import Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, Outside, record

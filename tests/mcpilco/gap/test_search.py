@@ -19,8 +19,7 @@ from mcpilco.gap.plain import plainer
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import MOST, PROMISING, Found, Yardstick, grow, search, without
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant import CATALOGUE, Active, Plant
 from mcpilco.recordings import Recording
 
 STD = {"m": 1e-3, "rad": 2e-3}

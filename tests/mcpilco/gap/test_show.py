@@ -11,7 +11,7 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import Found
 from mcpilco.gap.show import beyond_noise, compare, path
-from mcpilco.plant.plant import Active
+from mcpilco.plant import Active
 
 
 def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:

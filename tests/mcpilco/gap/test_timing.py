@@ -11,8 +11,7 @@ import envs
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.given import Given
 from mcpilco.gap.timing import likelier, timings
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant import CATALOGUE, Active, Plant
 from mcpilco.recordings import Recording
 
 DT = 0.02

@@ -8,8 +8,7 @@ import envs
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.model import Model
 from mcpilco.gap.validate import OF_EACH_SIZE, fewest, promising
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 
 WINDOWS = 40
 EFFECTS = np.array([0, 1, 2])

@@ -15,8 +15,7 @@ from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.show import Interval
 from mcpilco.gap.where import Structure
 from mcpilco.gap.windows import Windows
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from tests.mcpilco.gap.pendulum import record
 
 WHITE = Structure(whiteness=2.0, excess=0.0, usual=0.0, unevenness=1.5)

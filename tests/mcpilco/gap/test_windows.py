@@ -7,8 +7,7 @@ import numpy as np
 import envs
 from mcpilco.gap.fit import misfits, run, settle
 from mcpilco.gap.given import Given
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant import CATALOGUE, Active
 from tests.mcpilco.gap.pendulum import record
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcpilco.gp.weight_space import WeightSpaceGP
+from mcpilco.gp import WeightSpaceGP
 from mcpilco.identification import (
     Series,
     VolterraConfig,

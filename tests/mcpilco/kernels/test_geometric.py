@@ -7,8 +7,8 @@ import torch
 from envs.arms.random_motion import random_motion
 from envs.arms.ur10 import ur10
 from mcpilco.bodies import generalised_forces
-from mcpilco.dynamics.features import JointPolynomials
-from mcpilco.gp.gp import GP
+from mcpilco.dynamics import JointPolynomials
+from mcpilco.gp import GP
 from mcpilco.kernels.geometric import GIP
 from mcpilco.typing import InputError
 from tests.mcpilco.kernels.test_kernels import points, shake

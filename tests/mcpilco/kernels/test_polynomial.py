@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import MPK, Linear
 from mcpilco.typing import InputError
 

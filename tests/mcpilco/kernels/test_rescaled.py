@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import RBF, HardGate, NoCanonicalFormError, Rescaled, SmoothGate
 from mcpilco.typing import InputError
 

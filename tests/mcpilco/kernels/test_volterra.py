@@ -6,7 +6,7 @@ from math import comb
 import pytest
 import torch
 
-from mcpilco.gp.gp import GP
+from mcpilco.gp import GP
 from mcpilco.kernels import IPK, PK, RBF, SEDMPK, ActiveDims, VolterraKernel, VolterraMPK
 from mcpilco.kernels.monomials import MonomialBasis
 from mcpilco.typing import InputError

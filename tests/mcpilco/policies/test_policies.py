@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from mcpilco.config import PolicyConfig
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies.dropout import Dropout
 from mcpilco.policies.policies import Squash, SumOfGaussians, blank_policy, random_policy
 from mcpilco.task import TaskSpec

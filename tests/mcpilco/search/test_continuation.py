@@ -11,10 +11,10 @@ import torch
 
 import envs  # noqa: F401  registers its ids
 import mcpilco.search.continuation
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig, SearchConfig
 from mcpilco.search.continuation import SHORTEST, follow
-from mcpilco.search.rollout import Particles, Problem
+from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.search import Candidate, PolicySearch, SearchResult
 from mcpilco.search.stopwatch import Spent
 from tests.mcpilco.search.test_search import Line, line_policy, line_problem

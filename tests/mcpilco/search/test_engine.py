@@ -15,8 +15,9 @@ import torch
 from mcpilco.config import Config
 from mcpilco.search import batched, engine, fused
 from mcpilco.search.engine import rollout_of
-from mcpilco.search.rollout import rollout
-from mcpilco.sensing.estimator import LinearObserver, differences
+from mcpilco.search.particles import rollout
+from mcpilco.sensing import LinearObserver
+from mcpilco.sensing.estimator import differences
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
 

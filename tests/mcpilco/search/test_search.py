@@ -13,11 +13,9 @@ import torch
 from torch import Tensor, nn
 
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.policies.costs import SaturatingCost
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
-from mcpilco.search.rollout import Particles, Problem, rollout
+from mcpilco.dynamics import AngleAugmentation
+from mcpilco.policies import Dropout, SaturatingCost, SumOfGaussians
+from mcpilco.search.particles import Particles, Problem, rollout
 from mcpilco.search.search import MOST_SKIPPED, PolicySearch, SearchResult
 
 T = 6

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from mcpilco.dynamics.delay import Delay
-from mcpilco.search.rollout import Sensing, rollout
+from mcpilco.dynamics import Delay
+from mcpilco.search import rollout
+from mcpilco.search.particles import Sensing
 from mcpilco.sensing.foresight import Foresight
 from mcpilco.sensing.state_predictor import StatePredictor
 from mcpilco.task import TaskSpec

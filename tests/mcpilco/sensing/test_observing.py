@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcpilco.agent.episode import run_episode
+from mcpilco.agent import run_episode
 from mcpilco.sensing.observing import state_of, state_view, unwrapped
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError

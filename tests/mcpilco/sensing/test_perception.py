@@ -12,10 +12,9 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 import envs  # noqa: F401  registers the cart-pole
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.agent.lockstep import search_together
+from mcpilco.agent import MCPILCO, search_together
 from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig, SearchConfig
-from mcpilco.search.rollout import rollout
+from mcpilco.search import rollout
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import EnvError, InputError, RunFolderError
 

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
 import envs  # noqa: F401  registers the cart-pole
-from mcpilco.agent.contract import make_env
-from mcpilco.agent.episode import run_episode
+from mcpilco.agent import make_env, run_episode
 from mcpilco.sensing.motion import Motion, fit_motion
 from mcpilco.sensing.smoother import smooth
 from mcpilco.task import TaskSpec

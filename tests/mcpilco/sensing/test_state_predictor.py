@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.dynamics.delay import Delay
-from mcpilco.dynamics.dynamics import GPDynamics, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation, Delay, GPDynamics, speed_integration
 from mcpilco.sensing.state_predictor import StatePredictor
 from tests.mcpilco.oscillators import known_dynamics, late, oscillator
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mcpilco.dynamics.delay import Delay
+from mcpilco.dynamics import Delay
 from mcpilco.sensing.state_predictor import StatePredictor
 from mcpilco.sensing.tracking import StateTracker, Track
 from tests.mcpilco.oscillators import known_dynamics, moved

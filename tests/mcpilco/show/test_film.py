@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from mcpilco.logbook.history import History, PastTrial
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import History, PastTrial, RunFolder
 from mcpilco.show.film import Reel, write_film
 from mcpilco.show.viewer import _executable
 from mcpilco.typing import InputError

@@ -6,8 +6,8 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from mcpilco.logbook.callbacks import Callback, CallbackList, JsonLines
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import Callback, JsonLines, RunFolder
+from mcpilco.logbook.callbacks import CallbackList
 from mcpilco.show.follow import Follower
 from mcpilco.show.recorder import Recorder
 from tests.mcpilco.fakes import FakeAgent

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.logbook.callbacks import Callback, CallbackList
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import Callback, RunFolder
+from mcpilco.logbook.callbacks import CallbackList
 from mcpilco.show.recorder import Recorder
 from mcpilco.typing import EnvError
 from tests.mcpilco.fakes import FakeAgent, make_prediction

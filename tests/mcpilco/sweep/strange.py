@@ -7,9 +7,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from mcpilco.agent.streams import Streams
+from mcpilco.agent import Streams
 from mcpilco.config import Config, PolicyConfig, SearchConfig
-from mcpilco.policies.costs import QuadraticCost
+from mcpilco.policies import QuadraticCost
 from mcpilco.task import TaskSpec
 
 HERE = __name__

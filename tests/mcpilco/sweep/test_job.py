@@ -7,8 +7,8 @@ import gymnasium as gym
 import pytest
 from threadpoolctl import threadpool_limits
 
-from mcpilco.agent.agent import MCPILCO
-from mcpilco.logbook.callbacks import Callback
+from mcpilco.agent import MCPILCO
+from mcpilco.logbook import Callback
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.sweep.job import Settings, run_seed
 from mcpilco.typing import EnvError, InputError

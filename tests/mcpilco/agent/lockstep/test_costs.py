@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from mcpilco.agent.lockstep.costs import CostBatch
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost
-from mcpilco.search.rollout import Problem, rollout
+from mcpilco.policies import QuadraticCost, SaturatingCost
+from mcpilco.search import Problem, rollout
 from tests.mcpilco.linear import LinearDynamics
 
 S, T, P = 3, 5, 4

@@ -15,9 +15,8 @@ from torch import Tensor
 from mcpilco.agent.learning import SearchRequest
 from mcpilco.agent.lockstep import search_together
 from mcpilco.config import Phase, SearchConfig
-from mcpilco.search import schedule
-from mcpilco.search.rollout import Problem, rollout
-from mcpilco.search.search import MOST_SKIPPED, PolicySearch
+from mcpilco.search import PolicySearch, Problem, rollout, schedule
+from mcpilco.search.search import MOST_SKIPPED
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 from tests.mcpilco.conftest import make_dynamics, make_policy

@@ -9,9 +9,8 @@ import pytest
 import torch
 
 from envs.plants import cart_pole
-from mcpilco.dynamics.features import JointPolynomials
-from mcpilco.kernels import GIP
-from mcpilco.kernels.monomials import Monomials
+from mcpilco.dynamics import JointPolynomials
+from mcpilco.kernels import GIP, Monomials
 from mcpilco.plant.equations.chain import (
     LEAST_INERTIA,
     accelerations,

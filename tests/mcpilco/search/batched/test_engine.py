@@ -9,16 +9,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from mcpilco.dynamics.dynamics import full_state, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation, full_state, speed_integration
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
-from mcpilco.policies.costs import QuadraticCost
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.policies import Dropout, QuadraticCost, SumOfGaussians
 from mcpilco.search import batched
 from mcpilco.search.batched import MaskBatch, ModelBatch, PolicyBatch, rollout_batch
 from mcpilco.search.batched.sweeps import Trace
-from mcpilco.search.rollout import rollout
+from mcpilco.search.particles import rollout
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
 

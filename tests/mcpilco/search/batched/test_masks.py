@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from mcpilco.policies.dropout import Dropout
+from mcpilco.policies import Dropout
 from mcpilco.search.batched.masks import MaskBatch
 
 

@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.dynamics.delay import Delay
-from mcpilco.dynamics.dynamics import full_state, speed_integration
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics import AngleAugmentation, Delay, full_state, speed_integration
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
-from mcpilco.policies.costs import QuadraticCost, cart_pole_cost
-from mcpilco.policies.dropout import Dropout
-from mcpilco.policies.policies import SumOfGaussians
+from mcpilco.policies import Dropout, QuadraticCost, SumOfGaussians, cart_pole_cost
 from mcpilco.search import fused
-from mcpilco.search.rollout import Sensing, rollout
-from mcpilco.sensing.estimator import LinearObserver, differences, kalman
-from mcpilco.sensing.foresight import Foresight
+from mcpilco.search.particles import Sensing, rollout
+from mcpilco.sensing import Foresight, LinearObserver
+from mcpilco.sensing.estimator import differences, kalman
 from mcpilco.sensing.motion import Motion
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy

@@ -10,14 +10,14 @@ import torch
 
 import envs  # noqa: F401  registers its plants
 from envs.plants import cart_pole
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.kernels import Kernel
-from mcpilco.policies.dropout import Dropout
+from mcpilco.policies import Dropout
 from mcpilco.search import batched, fused
 from mcpilco.search.engine import rollout_of
-from mcpilco.search.rollout import rollout
+from mcpilco.search.particles import rollout
 from tests.mcpilco.conftest import make_policy
 
 pytestmark = pytest.mark.xdist_group("compiled")  # one process compiles what all of them need

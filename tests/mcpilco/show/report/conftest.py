@@ -10,8 +10,7 @@ import pytest
 
 import mcpilco.cli
 from mcpilco.config import PRESETS
-from mcpilco.logbook.history import History, read_history
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import History, RunFolder, read_history
 from tests.test_docs import SMALL
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.data import Prediction, Transitions
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder
 from mcpilco.show.report.calibration import (
     LEVELS,
     OneStep,

@@ -11,8 +11,7 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
-from mcpilco.logbook.history import read_history
-from mcpilco.logbook.run_folder import RunFolder
+from mcpilco.logbook import RunFolder, read_history
 from mcpilco.show.report import sections, write_report
 from mcpilco.show.report.document import render
 from mcpilco.show.report.page import page_of

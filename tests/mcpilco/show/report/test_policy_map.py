@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent import MCPILCO
 from mcpilco.show.report.policy_map import policy_maps, read_policy
 from mcpilco.typing import RunFolderError
 

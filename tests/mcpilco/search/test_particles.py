@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from mcpilco.policies.costs import QuadraticCost, SaturatingCost
-from mcpilco.policies.dropout import Dropout
-from mcpilco.search.rollout import Particles, Problem, Sensing, rollout
-from mcpilco.sensing.estimator import LinearEstimator, LinearObserver
+from mcpilco.policies import Dropout, QuadraticCost, SaturatingCost
+from mcpilco.search.particles import Particles, Problem, Sensing, rollout
+from mcpilco.sensing import LinearObserver
+from mcpilco.sensing.estimator import LinearEstimator
 from tests.mcpilco.linear import A, B, K, LinearDynamics, LinearPolicy
 
 T = 12

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.policies.dropout import Dropout
+from mcpilco.policies import Dropout
 from mcpilco.typing import Cost, Dynamics, Observer, Policy, UncertainDynamics, WidenableCost
 
 
@@ -80,7 +80,7 @@ def rollout(
 
 
 class RolloutFunction(Protocol):
-    """`mcpilco.search.rollout.rollout`, or anything that computes the same."""
+    """`mcpilco.search.particles.rollout`, or anything that computes the same."""
 
     def __call__(
         self,

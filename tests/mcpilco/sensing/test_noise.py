@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.agent.model import Model
+from mcpilco.agent import Model
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
 from tests.mcpilco.oscillators import moved, oscillator

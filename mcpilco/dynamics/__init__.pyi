@@ -1,0 +1,23 @@
+from .delay import Delay, turning_regressors
+from .dynamics import GPDynamics, Increment, full_state, regressors, speed_integration
+from .features import AngleAugmentation, JointPolynomials, friction
+from .pathwise import PathwisePosterior
+from .physics import PhysicsMean
+from .physics_dynamics import PhysicsDraw, PhysicsDynamics
+
+__all__ = [
+    "AngleAugmentation",
+    "Delay",
+    "GPDynamics",
+    "Increment",
+    "JointPolynomials",
+    "PathwisePosterior",
+    "PhysicsDraw",
+    "PhysicsDynamics",
+    "PhysicsMean",
+    "friction",
+    "full_state",
+    "regressors",
+    "speed_integration",
+    "turning_regressors",
+]

@@ -1,0 +1,18 @@
+from .evidence import JITTERS, add_to_diagonal, cholesky
+from .gp import GP, FitReport, Further, Posterior, Samples
+from .sparse import subset_of_data
+from .weight_space import WeightPosterior, WeightSpaceGP
+
+__all__ = [
+    "GP",
+    "JITTERS",
+    "FitReport",
+    "Further",
+    "Posterior",
+    "Samples",
+    "WeightPosterior",
+    "WeightSpaceGP",
+    "add_to_diagonal",
+    "cholesky",
+    "subset_of_data",
+]

@@ -1,0 +1,54 @@
+from .base import (
+    ActiveDims,
+    Canonical,
+    Kernel,
+    NoCanonicalFormError,
+    Positive,
+    Product,
+    Scaled,
+    Sum,
+    Term,
+    mean_square,
+)
+from .decaying_lags import SEDMPK
+from .geometric import GIP, Kind
+from .kinematic import REVOLUTE, Kinematic, NestedKinematic
+from .monomials import MonomialBasis, Monomials
+from .polynomial import MPK, Linear
+from .rescaled import Gate, HardGate, Rescaled, SmoothGate
+from .stationary import RBF
+from .volterra import VolterraKernel, symmetric
+from .weighted_lags import IPK, PK, VolterraMPK
+
+__all__ = [
+    "GIP",
+    "IPK",
+    "MPK",
+    "PK",
+    "RBF",
+    "REVOLUTE",
+    "SEDMPK",
+    "ActiveDims",
+    "Canonical",
+    "Gate",
+    "HardGate",
+    "Kernel",
+    "Kind",
+    "Kinematic",
+    "Linear",
+    "MonomialBasis",
+    "Monomials",
+    "NestedKinematic",
+    "NoCanonicalFormError",
+    "Positive",
+    "Product",
+    "Rescaled",
+    "Scaled",
+    "SmoothGate",
+    "Sum",
+    "Term",
+    "VolterraKernel",
+    "VolterraMPK",
+    "mean_square",
+    "symmetric",
+]

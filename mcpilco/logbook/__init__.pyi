@@ -1,0 +1,36 @@
+from .callbacks.base import Agent, Callback, as_callback
+from .callbacks.progress import Progress
+from .callbacks.writers import JsonLines, TensorBoard
+from .history import (
+    History,
+    PastTrial,
+    read_history,
+    read_search,
+    read_task,
+    read_transitions,
+    read_trial,
+)
+from .metrics import values_of
+from .run_folder import READABLE, RunFolder, read_json, versions, write_json
+
+__all__ = [
+    "READABLE",
+    "Agent",
+    "Callback",
+    "History",
+    "JsonLines",
+    "PastTrial",
+    "Progress",
+    "RunFolder",
+    "TensorBoard",
+    "as_callback",
+    "read_history",
+    "read_json",
+    "read_search",
+    "read_task",
+    "read_transitions",
+    "read_trial",
+    "values_of",
+    "versions",
+    "write_json",
+]

@@ -1,0 +1,23 @@
+from .costs import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost, held
+from .dropout import BASES_PER_HASH, GOLDEN, Dropout
+from .policies import Bounds, Squash, SumOfGaussians, blank_policy, random_policy
+from .reward_cost import RewardCost, costs_of, with_cost
+
+__all__ = [
+    "BASES_PER_HASH",
+    "GOLDEN",
+    "Bounds",
+    "Dropout",
+    "QuadraticCost",
+    "RewardCost",
+    "SaturatingCost",
+    "Squash",
+    "SumOfGaussians",
+    "TipCost",
+    "blank_policy",
+    "cart_pole_cost",
+    "costs_of",
+    "held",
+    "random_policy",
+    "with_cost",
+]
