@@ -11,7 +11,7 @@ from envs.double_pendulum_dynamics import (
     PendubotDynamics,
 )
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.plant import CATALOGUE, Active, Base, Layout, Parameter, Plant, known_plants
+from mcpilco.plant import CATALOGUE, Base, EffectInstance, Layout, Parameter, Plant, known_plants
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
@@ -49,8 +49,8 @@ def cart_pole() -> Plant:
         ),
         build=build,
         base=(
-            Base(Active(VISCOUS, "cart"), ("cart_friction",)),
-            Base(Active(GAIN, "actuator"), ("force_gain",)),
+            Base(EffectInstance(VISCOUS, "cart"), ("cart_friction",)),
+            Base(EffectInstance(GAIN, "actuator"), ("force_gain",)),
         ),
         angles=(2,),
         masses={"cart": "cart_mass", "pole": "pole_mass"},
@@ -91,8 +91,8 @@ def pendulum() -> Plant:
         ),
         build=build,
         base=(
-            Base(Active(VISCOUS, "pendulum"), ("friction",)),
-            Base(Active(GAIN, "actuator"), ("torque_gain",)),
+            Base(EffectInstance(VISCOUS, "pendulum"), ("friction",)),
+            Base(EffectInstance(GAIN, "actuator"), ("torque_gain",)),
         ),
         angles=(0,),
         masses={"pendulum": "mass"},
@@ -165,9 +165,9 @@ def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> P
         ),
         build=build,
         base=(
-            Base(Active(VISCOUS, "shoulder"), ("shoulder_friction",)),
-            Base(Active(VISCOUS, "elbow"), ("elbow_friction",)),
-            *(Base(Active(GAIN, actuator), (gain,)) for actuator, gain in gains.items()),
+            Base(EffectInstance(VISCOUS, "shoulder"), ("shoulder_friction",)),
+            Base(EffectInstance(VISCOUS, "elbow"), ("elbow_friction",)),
+            *(Base(EffectInstance(GAIN, actuator), (gain,)) for actuator, gain in gains.items()),
         ),
         angles=(0, 2),
         masses={"upper": "upper_mass", "lower": "lower_mass"},

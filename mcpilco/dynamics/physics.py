@@ -29,7 +29,7 @@ from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import Increment
 from mcpilco.dynamics.missing_forces import MissingForces
 from mcpilco.gp import Posterior
-from mcpilco.plant import Plant, Step, free_parameters, numbers_of, step_of
+from mcpilco.plant import Plant, PlantStep, free_parameters, numbers_of, step_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -89,7 +89,7 @@ class PhysicsMean:
         self.plant = plant
         self.increment = increment
         self._step_of = partial(step_of, task=task, longest=longest, memory=memory)
-        self.step: Step = self._step_of(plant)
+        self.step: PlantStep = self._step_of(plant)
         self.missing = MissingForces(plant, task) if missing else None
         self.free = free_parameters(plant) if uncertainty > 0.0 else ()
         self.names = tuple(plant.parameters[i].name for i in self.free)

@@ -25,7 +25,7 @@ from mcpilco.gap.search import (
 )
 from mcpilco.gap.where import structure
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant import EffectInstance
 
 UNFIT = 50.0
 """whiteness of what a model leaves over beyond which an exchange may help"""
@@ -34,11 +34,11 @@ SHARE = 0.15
 TRIED, ROUNDS = 3, 4
 """effects that are tried in the place of one; exchanges, at most"""
 
-Seen = dict[frozenset[Active], Fit]
+Seen = dict[frozenset[EffectInstance], Fit]
 """fits by their effects"""
 
 
-def exchanged(found: Found, candidates: Sequence[Active]) -> Found:
+def exchanged(found: Found, candidates: Sequence[EffectInstance]) -> Found:
     """The search, its best model's effects exchanged for others as long as these explain more.
 
     Args:
@@ -76,11 +76,11 @@ def _misfit(found: Fit) -> float:
 def _others(
     best: Fit,
     windows: Windows,
-    candidates: Sequence[Active],
+    candidates: Sequence[EffectInstance],
     seen: Seen,
     priors: Mapping[str, float],
     share: Share,
-) -> Iterator[tuple[frozenset[Active], Fit]]:
+) -> Iterator[tuple[frozenset[EffectInstance], Fit]]:
     """Models with another effect in the place of one, that were not seen yet."""
     for active in share.lasting(best.model.named):
         rest = {*best.model.named} - {active}
@@ -90,11 +90,11 @@ def _others(
 
 def instead(
     best: Fit,
-    active: Active,
-    candidates: Sequence[Active],
+    active: EffectInstance,
+    candidates: Sequence[EffectInstance],
     windows: Windows,
     priors: Mapping[str, float],
-) -> Iterator[tuple[frozenset[Active], Fit]]:
+) -> Iterator[tuple[frozenset[EffectInstance], Fit]]:
     """Models with one of some candidates in the place of an effect, the most promising ones."""
     if not candidates:
         return
@@ -102,8 +102,8 @@ def instead(
 
 
 def further(
-    known: Fit, windows: Windows, candidates: Sequence[Active]
-) -> Iterator[tuple[frozenset[Active], Fit]]:
+    known: Fit, windows: Windows, candidates: Sequence[EffectInstance]
+) -> Iterator[tuple[frozenset[EffectInstance], Fit]]:
     """Models with one of some candidates more, the most promising ones."""
     lin = linearise(known.model, windows, known.theta, known.starts)
     for score in screen(known, lin, windows, candidates, per_effect=1)[:TRIED]:

@@ -12,7 +12,7 @@ from mcpilco.gap.fit import Fit, fit, run, settle
 from mcpilco.gap.name import TIED, Rival, rivals
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant import Active
+from mcpilco.plant import EffectInstance
 from mcpilco.recordings import PARTS, Part, Recording
 
 LENGTH_S, REPEATS = 10.0, 4
@@ -41,7 +41,7 @@ def experiments(found: Found, best: Fit, windows: Windows) -> list[str]:
 
 def _unexcited(found: Found) -> list[str]:
     """What would not show, of the effects that the best model does not have."""
-    felt: dict[Active, float] = {}
+    felt: dict[EffectInstance, float] = {}
     for score in found.scores:
         felt[score.active] = max(score.felt, felt.get(score.active, 0.0))
     unseen = [str(active) for active, most in felt.items() if most < FELT]
@@ -54,7 +54,7 @@ def _unexcited(found: Found) -> list[str]:
     ]
 
 
-def _told_apart(active: Active, rival: Rival, best: Fit, windows: Windows) -> str:
+def _told_apart(active: EffectInstance, rival: Rival, best: Fit, windows: Windows) -> str:
     """The kind of motion in which two models differ most, and how much in simulation."""
     by_kind = {part.__name__: separation(best, rival.fit, part, windows) for part in PARTS}
     kind = max(by_kind, key=lambda name: by_kind[name])

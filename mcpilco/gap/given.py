@@ -13,7 +13,7 @@ from mcpilco.gap.effort import Effort
 from mcpilco.gap.events import Event
 from mcpilco.gap.model import Model, scales
 from mcpilco.gap.windows import Windows, cut
-from mcpilco.plant import Active, Plant
+from mcpilco.plant import EffectInstance, Plant
 from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
 
@@ -100,7 +100,7 @@ class Given:
         nominal = Model(self.plant, (), dict(self.priors), scales(self.plant, windows))
         return replace(nominal, effort=self.effort)
 
-    def candidates(self, windows: Windows) -> list[Active]:
+    def candidates(self, windows: Windows) -> list[EffectInstance]:
         """Effects that these recordings could show."""
         measured = np.any(windows.measured, axis=(0, 2))
         unseen = {name for x, name in enumerate(self.plant.layout.states) if not measured[x]}

@@ -14,7 +14,17 @@ from mcpilco.bodies import generalised_forces, mass_matrix
 from mcpilco.gap.effort import Effort
 from mcpilco.gap.grid_force import GridForce
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import OFFSET, SCALE, TURN, Active, DryFriction, Plant, Scale, Symbol, Tables
+from mcpilco.plant import (
+    OFFSET,
+    SCALE,
+    TURN,
+    DryFriction,
+    EffectInstance,
+    Plant,
+    Scale,
+    Symbol,
+    Tables,
+)
 
 FREE = 1.0
 """relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
@@ -35,14 +45,14 @@ class Model:
     """
 
     plant: Plant
-    actives: tuple[Active, ...]
+    actives: tuple[EffectInstance, ...]
     """effects that are added"""
     priors: Mapping[str, float]
     """uncertain parameters of the plant, with the relative prior std of each; inf frees one"""
     scales: Mapping[str, Scale]
     """by target"""
 
-    freed: tuple[Active, ...] = ()
+    freed: tuple[EffectInstance, ...] = ()
     """effects that come down to an uncertain parameter, whose prior is lifted instead"""
     learned: tuple[GridForce, ...] = ()
     """forces that no effect explains; their coordinates stand last in theta"""
@@ -50,24 +60,24 @@ class Model:
     """of the investigation that simulates it"""
 
     @property
-    def named(self) -> tuple[Active, ...]:
+    def named(self) -> tuple[EffectInstance, ...]:
         """All its effects."""
         return self.freed + self.actives
 
-    def frees(self, active: Active) -> int | None:
+    def frees(self, active: EffectInstance) -> int | None:
         """Which uncertain parameter an effect comes down to, of those that a prior holds."""
         name = self.plant.parameter_of(active)
         if name is None or not np.isfinite(self.priors.get(name, np.inf)):
             return None
         return list(self.priors).index(name)
 
-    def _parameter(self, active: Active) -> str:
+    def _parameter(self, active: EffectInstance) -> str:
         """The parameter that one of the freed effects comes down to."""
         name = self.plant.parameter_of(active)
         assert name is not None
         return name
 
-    def having(self, active: Active) -> Model:
+    def having(self, active: EffectInstance) -> Model:
         """This model with one effect more."""
         if self.frees(active) is None:
             return replace(self, actives=(*self.actives, active))
@@ -77,7 +87,7 @@ class Model:
     def grown(
         self,
         theta: Float[np.ndarray, " p"],
-        active: Active,
+        active: EffectInstance,
         values: Sequence[float] | Float[np.ndarray, " n"],
     ) -> tuple[Model, Float[np.ndarray, " n"]]:
         """The model with one effect more, and theta with its values."""
@@ -90,7 +100,7 @@ class Model:
         return model, model.softened(np.clip(np.concatenate([theta, added]), *model.bounds))
 
     def shrunk(
-        self, theta: Float[np.ndarray, " p"], active: Active, prior: float
+        self, theta: Float[np.ndarray, " p"], active: EffectInstance, prior: float
     ) -> tuple[Model, Float[np.ndarray, " n"]]:
         """The model without one of its effects, and theta; `prior` is that of a parameter."""
         if active in self.freed:
@@ -103,7 +113,7 @@ class Model:
 
     def told(
         self, theta: Float[np.ndarray, "S p"]
-    ) -> list[tuple[Active, Float[np.ndarray, "S symbols"]]]:
+    ) -> list[tuple[EffectInstance, Float[np.ndarray, "S symbols"]]]:
         """Values of all its effects, of S vectors."""
         parameters, values = self.decode(theta)
         names = [parameter.name for parameter in self.plant.parameters]

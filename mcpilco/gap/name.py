@@ -11,7 +11,7 @@ from scipy import stats
 from mcpilco.gap.fit import Fit, linearise
 from mcpilco.gap.search import Found, Yardstick, without
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant import EffectInstance
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,18 @@ TIED = 20.0
 class Rival:
     """A model that has another effect in the place of one."""
 
-    active: Active
+    active: EffectInstance
     """the other effect"""
     fit: Fit
     behind: float
     """its BIC less that of the best model"""
 
-    def holds(self, active: Active) -> bool:
+    def holds(self, active: EffectInstance) -> bool:
         """Whether an effect is a special case of the other, which then cannot be worse."""
         return self.active.holds(active)
 
 
-def rivals(found: Found, active: Active) -> list[Rival]:
+def rivals(found: Found, active: EffectInstance) -> list[Rival]:
     """The models of a search that differ from its best one by another effect for one of its own."""
     ours = set(found.best.model.named)
     listed = []
@@ -102,7 +102,7 @@ def certain(
     return found, kept, named if kept is best else weigh(found, kept, windows)
 
 
-def _holds_none(active: Active, named: Named) -> bool:
+def _holds_none(active: EffectInstance, named: Named) -> bool:
     """Whether the intervals of an effect hold the values at which it changes nothing."""
     effect = active.effect
     sizes = [s for s, size in zip(effect.symbols, effect.amplitudes, strict=True) if size]

@@ -14,10 +14,10 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.search import MOST, Found, Yardstick
 from mcpilco.gap.validate import fits_roughly, promising
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active
+from mcpilco.plant import EffectInstance
 
 
-def plainer(found: Found, candidates: Sequence[Active]) -> Found:
+def plainer(found: Found, candidates: Sequence[EffectInstance]) -> Found:
     """The search, its best model's effects replaced by special cases that explain as much.
 
     The model of special cases alone is among what was seen, even where it explains less. Where no
@@ -50,11 +50,11 @@ class _Cases:
     """Models of special cases, and those of all fits that were seen."""
 
     windows: Windows
-    candidates: Sequence[Active]
+    candidates: Sequence[EffectInstance]
     priors: Mapping[str, float]
-    seen: dict[frozenset[Active], Fit] = field(default_factory=dict)
+    seen: dict[frozenset[EffectInstance], Fit] = field(default_factory=dict)
 
-    def special(self, known: Fit, active: Active) -> Fit:
+    def special(self, known: Fit, active: EffectInstance) -> Fit:
         """The model with the special case of an effect in its place; itself where there is none."""
         rest = {*known.model.named} - {active}
         case = next((c for c in self.candidates if active.holds(c) and c not in rest), None)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import Active, Probe
+from mcpilco.plant import EffectInstance, Probe
 
 MANY, THINNED = 10, 3
 """effects with more probes than this are scored on every third window"""
@@ -25,7 +25,7 @@ not have made"""
 class Score:
     """What adding an effect promises."""
 
-    active: Active
+    active: EffectInstance
     gain: float
     """by how much chi^2 would fall, were the model linear"""
     start: Float[np.ndarray, " symbols"]
@@ -36,7 +36,11 @@ class Score:
 
 
 def screen(
-    fit: Fit, lin: Linear, windows: Windows, candidates: Sequence[Active], per_effect: int = 2
+    fit: Fit,
+    lin: Linear,
+    windows: Windows,
+    candidates: Sequence[EffectInstance],
+    per_effect: int = 2,
 ) -> list[Score]:
     """Scores of candidates, best first.
 
@@ -147,7 +151,7 @@ class _Projection:
 
 
 def signatures(
-    view: _Projection, active: Active, probes: Sequence[Probe]
+    view: _Projection, active: EffectInstance, probes: Sequence[Probe]
 ) -> list[Float[np.ndarray, "W n k"]]:
     """How the simulation changes with an effect of each size of each probe, in noise std."""
     if not probes:
@@ -166,7 +170,7 @@ def signatures(
     return [part.transpose(1, 2, 0) for part in straight]
 
 
-def _sizes(active: Active, probe: Probe) -> Float[np.ndarray, "n symbols"]:
+def _sizes(active: EffectInstance, probe: Probe) -> Float[np.ndarray, "n symbols"]:
     """Those at which a probe is simulated."""
     if not probe.bent:
         return probe.values
@@ -185,7 +189,7 @@ def _straight(probe: Probe, change: Float[np.ndarray, "n W N"]) -> Float[np.ndar
     return 4.0 * half - whole
 
 
-def _one_sided(active: Active, probe: Probe) -> bool:
+def _one_sided(active: EffectInstance, probe: Probe) -> bool:
     symbol = active.effect.symbols[0]
     return symbol.low >= symbol.neutral or not probe.proportional
 
@@ -206,7 +210,7 @@ def _best_mix(S: np.ndarray, b: np.ndarray, one_sided: bool) -> tuple[np.ndarray
     return best, gain
 
 
-def _values(active: Active, probe: Probe, mix: np.ndarray) -> Float[np.ndarray, " symbols"]:
+def _values(active: EffectInstance, probe: Probe, mix: np.ndarray) -> Float[np.ndarray, " symbols"]:
     """The mix of a probe's sizes; what shapes a formula stays as the probe has it."""
     neutral, amplitudes = active.effect.neutral, active.effect.amplitudes
     with np.errstate(invalid="ignore"):

@@ -14,7 +14,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.where import correlation_time, residuals
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 
 ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""
@@ -75,7 +75,7 @@ class Found:
         return replace(self, best=best, ranked=((best, yardstick.bic(best)), *rest))
 
 
-def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Found:
+def search(model: Model, windows: Windows, candidates: Sequence[EffectInstance]) -> Found:
     """Adds effects as long as they explain more: a beam search over sets of effects.
 
     Each level scores all candidates on each of the best models, fits the most promising ones, and
@@ -93,7 +93,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
     starts = settle(model, windows, theta)
     null = fit(model, windows, theta, starts)
     best, beam = null, [null]
-    seen: dict[frozenset[Active], Fit] = {frozenset(): null}
+    seen: dict[frozenset[EffectInstance], Fit] = {frozenset(): null}
     scores: list[Score] = []
     for _ in range(ROUNDS):
         if not beam or (level := len(beam[0].model.named)) == MOST:
@@ -105,7 +105,7 @@ def search(model: Model, windows: Windows, candidates: Sequence[Active]) -> Foun
             listed = screen(known, lin, windows, new)
             if number == 0:
                 scores = listed
-            tried: dict[frozenset[Active], Fit] = {}
+            tried: dict[frozenset[EffectInstance], Fit] = {}
             for score in listed:
                 key = frozenset({*known.model.named, score.active})
                 fine = key in seen and seen[key].chi2 <= known.chi2
@@ -199,7 +199,9 @@ def _log_misfit(
     return float(np.log(np.maximum(by_window / windows.samples, 1.0)).sum())
 
 
-def without(known: Fit, active: Active, windows: Windows, priors: Mapping[str, float]) -> Fit:
+def without(
+    known: Fit, active: EffectInstance, windows: Windows, priors: Mapping[str, float]
+) -> Fit:
     """The fit of a model without one of its effects; `priors` are those of parameters."""
     parameter = known.model.plant.parameter_of(active)
     model, theta = known.model.shrunk(known.theta, active, priors.get(parameter or "", np.inf))
@@ -209,7 +211,7 @@ def without(known: Fit, active: Active, windows: Windows, priors: Mapping[str, f
 def without_superfluous(
     best: Fit,
     windows: Windows,
-    seen: dict[frozenset[Active], Fit],
+    seen: dict[frozenset[EffectInstance], Fit],
     priors: Mapping[str, float],
     yardstick: Yardstick,
     null: Fit,

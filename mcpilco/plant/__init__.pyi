@@ -43,7 +43,7 @@ from .equations.number import (
 from .equations.polynomial_force import PolynomialForces
 from .equations.program import Program, Rows, features_of
 from .equations.step import (
-    Step,
+    PlantStep,
     free_parameters,
     numbers_of,
     order_of,
@@ -54,7 +54,7 @@ from .equations.step import (
 from .known_plants import plant_for
 from .mjcf import chain_of, plant_of
 from .mjcf_inertials import Inertials
-from .plant import Active, Base, Parameter, Plant
+from .plant import Base, EffectInstance, Parameter, Plant
 from .simulation.layout import Layout
 from .simulation.motion import simulate
 from .simulation.tables import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Tables
@@ -81,25 +81,25 @@ __all__ = [
     "SUDDEN",
     "TANH",
     "TURN",
-    "Active",
     "Addition",
     "Axis",
     "Base",
     "CorrectedModel",
     "Correction",
     "DryFriction",
+    "EffectInstance",
     "Inertials",
     "Layout",
     "LearnedForce",
     "Parameter",
     "Plant",
+    "PlantStep",
     "PolynomialForces",
     "Probe",
     "Program",
     "Real",
     "Rows",
     "Scale",
-    "Step",
     "Symbol",
     "Tables",
     "chain_of",

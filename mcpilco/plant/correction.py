@@ -12,7 +12,7 @@ from typing import Any
 from mcpilco.files import write_bytes
 from mcpilco.plant.effects import CATALOGUE, Symbol
 from mcpilco.plant.effects.learned import Axis, LearnedForce
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.typing import InputError
 
 FORMAT = 1
@@ -97,7 +97,7 @@ def corrected(plant: Plant, correction: Correction) -> Plant:
             f"The correction is for the plant {correction.plant!r}, got {plant.name!r}; if they "
             'are the same system, change "plant" in the correction.'
         )
-    named = [(Active(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
+    named = [(EffectInstance(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
     changed = plant.where(**correction.parameters).having(named)
     return changed.with_learned(correction.learned)
 

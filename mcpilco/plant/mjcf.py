@@ -16,7 +16,7 @@ import numpy as np
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
-from mcpilco.plant.plant import Active, Base, Parameter, Plant
+from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.plant.simulation import Layout
 from mcpilco.typing import InputError
 
@@ -266,32 +266,34 @@ def _nominal(
         damping, dry = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
         if damping > 0.0:
             parameters.append(Parameter(f"{joint}_damping", damping, f"{force} s/{position}"))
-            base.append(Base(Active(CATALOGUE["viscous_friction"], joint), (f"{joint}_damping",)))
+            base.append(
+                Base(EffectInstance(CATALOGUE["viscous_friction"], joint), (f"{joint}_damping",))
+            )
         if dry > 0.0:
             parameters.append(Parameter(f"{joint}_friction", dry, force))
             names = (f"{joint}_friction", TURN_OVER)
-            base.append(Base(Active(CATALOGUE["coulomb_friction"], joint), names))
+            base.append(Base(EffectInstance(CATALOGUE["coulomb_friction"], joint), names))
         stiffness = float(model.jnt_stiffness[j])
         if stiffness > 0.0:
             rest = float(model.qpos_spring[model.jnt_qposadr[j]])
-            base.append(Base(Active(CATALOGUE["spring"], joint), (stiffness,)))
+            base.append(Base(EffectInstance(CATALOGUE["spring"], joint), (stiffness,)))
             if rest:
                 push = (stiffness * rest,)
-                base.append(Base(Active(CATALOGUE["constant_force"], joint), push))
+                base.append(Base(EffectInstance(CATALOGUE["constant_force"], joint), push))
     for u, name in enumerate(layout.inputs):
         target = layout.actuator(u)
         gain = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
         parameters.append(Parameter(f"{name}_gain", gain, "-", low=-np.inf))
         if model.actuator_ctrllimited[u]:
             most = float(model.actuator_ctrlrange[u, 1])
-            base.append(Base(Active(CommandRange(), target), (most,)))
+            base.append(Base(EffectInstance(CommandRange(), target), (most,)))
         if model.actuator_forcelimited[u]:
             most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
-            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
+            base.append(Base(EffectInstance(CATALOGUE["actuator_saturation"], target), (most,)))
         if model.jnt_actfrclimited[layout.drives[u]]:
             most = float(model.jnt_actfrcrange[layout.drives[u], 1])
-            base.append(Base(Active(CATALOGUE["actuator_saturation"], target), (most,)))
-        base.append(Base(Active(CATALOGUE["actuator_gain"], target), (f"{name}_gain",)))
+            base.append(Base(EffectInstance(CATALOGUE["actuator_saturation"], target), (most,)))
+        base.append(Base(EffectInstance(CATALOGUE["actuator_gain"], target), (f"{name}_gain",)))
     size = float(np.linalg.norm(model.opt.gravity))
     parameters.append(Parameter("gravity", size, "m/s^2", uncertain=False))
     return tuple(parameters), tuple(base)

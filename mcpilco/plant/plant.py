@@ -33,7 +33,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Active:
+class EffectInstance:
     """An effect at its target."""
 
     effect: Effect
@@ -43,7 +43,7 @@ class Active:
     def __str__(self) -> str:
         return f"{self.effect.name} ({self.target})"
 
-    def holds(self, other: Active) -> bool:
+    def holds(self, other: EffectInstance) -> bool:
         """Whether the other is a special case of this."""
         return self.target == other.target and other.effect.name in self.effect.special
 
@@ -52,7 +52,7 @@ class Active:
 class Base:
     """An effect that belongs to the nominal plant; its values may be named parameters."""
 
-    active: Active
+    active: EffectInstance
     values: tuple[float | str, ...]
     """one for each symbol: a number, or the name of a parameter"""
 
@@ -71,7 +71,7 @@ class Plant:
     """the bodies, of values of the parameters"""
     base: tuple[Base, ...] = ()
     """effects of the nominal plant"""
-    added: tuple[tuple[Active, tuple[float, ...]], ...] = ()
+    added: tuple[tuple[EffectInstance, tuple[float, ...]], ...] = ()
     """effects that were found, with their values"""
     learned: tuple[LearnedForce, ...] = ()
     """forces that were learned, where no effect explains what is missing"""
@@ -93,7 +93,7 @@ class Plant:
         changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=tuple(changed))
 
-    def having(self, effects: Sequence[tuple[Active, Sequence[float]]]) -> Plant:
+    def having(self, effects: Sequence[tuple[EffectInstance, Sequence[float]]]) -> Plant:
         """This plant with some effects more, each with a value for each of its symbols.
 
         Raises:
@@ -143,7 +143,7 @@ class Plant:
         """The bodies, with the nominal values."""
         return self.build({parameter.name: parameter.value for parameter in self.parameters})
 
-    def parameter_of(self, active: Active) -> str | None:
+    def parameter_of(self, active: EffectInstance) -> str | None:
         """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
         if active.effect.name == "body_mass":
             return self.masses.get(active.target)
@@ -151,10 +151,10 @@ class Plant:
         parameter = named.get(active)
         return parameter if isinstance(parameter, str) else None
 
-    def candidates(self) -> list[Active]:
+    def candidates(self) -> list[EffectInstance]:
         """Every effect of the catalogue at every target that it can have here."""
         return [
-            Active(effect, target)
+            EffectInstance(effect, target)
             for effect in CATALOGUE.values()
             for target in effect.targets(self.layout)
         ]
@@ -162,7 +162,7 @@ class Plant:
     def tables(
         self,
         parameters: Float[np.ndarray, "S P"],
-        actives: Sequence[Active] = (),
+        actives: Sequence[EffectInstance] = (),
         values: Sequence[Float[np.ndarray, "S _"]] = (),
         grids: Sequence[tuple[str, tuple[Axis, ...]]] = (),
         weights: Sequence[Float[np.ndarray, "S _"]] = (),
@@ -211,7 +211,7 @@ class Plant:
                 active.effect.install(tables, s, at, numbers)
         return tables
 
-    def _at(self, active: Active, rows: Iterator[int]) -> int:
+    def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
         """Where an effect writes: its row among the forces, or the number of its target."""
         if active.effect.law is not None:
             return next(rows)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mcpilco.bodies import SLIDE, Chain
-from mcpilco.plant import CATALOGUE, Active, Addition, CorrectedModel, Plant, Scale
+from mcpilco.plant import CATALOGUE, Addition, CorrectedModel, EffectInstance, Plant, Scale
 from mcpilco.typing import InputError
 
 TIMESTEP = 0.005
@@ -221,7 +221,7 @@ def _make_late(motor: mujoco.MjsActuator, delay: float, lag: float) -> None:
     motor.dynprm[0] = LEAST_LAG + lag
 
 
-def _addition(active: Active, values: Sequence[float]) -> Addition:
+def _addition(active: EffectInstance, values: Sequence[float]) -> Addition:
     symbols = [symbol.name for symbol in active.effect.symbols]
     return Addition(active.effect.name, active.target, dict(zip(symbols, values, strict=True)))
 

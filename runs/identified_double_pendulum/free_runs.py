@@ -16,7 +16,7 @@ from mcpilco.gap.fit import fit, remembered, settle
 from mcpilco.gap.given import Given
 from mcpilco.gap.windows import SECONDS
 from mcpilco.identification import RigidBody
-from mcpilco.plant import CATALOGUE, Active, Plant
+from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
 
 FREE = "upper_mass", "upper_inertia", "lower_mass", "lower_inertia"
@@ -42,8 +42,8 @@ def fit_free_runs(robot: RigidBody, recording: Recording) -> Float[np.ndarray, "
         robot.chain.joints, robot.nominal.reshape(-1, robot.width), strict=True
     ):
         viscous, coulomb, _ = block[-3:]
-        model, theta = model.grown(theta, Active(VISCOUS, joint), (viscous,))
-        model, theta = model.grown(theta, Active(COULOMB, joint), (coulomb, 0.01))
+        model, theta = model.grown(theta, EffectInstance(VISCOUS, joint), (viscous,))
+        model, theta = model.grown(theta, EffectInstance(COULOMB, joint), (coulomb, 0.01))
     windows = remembered(model, windows, theta)
     found = fit(model, windows, theta, settle(model, windows, theta))
     parameters, friction = model.decode(found.theta[None])

@@ -12,7 +12,7 @@ from envs.plants import double_pendulum
 from mcpilco.bodies import INERTIAL, Chain
 from mcpilco.identification import RigidBody
 from mcpilco.identification.consistency import inertia_of
-from mcpilco.plant import CATALOGUE, Active, Base, Plant
+from mcpilco.plant import CATALOGUE, Base, EffectInstance, Plant
 
 HORIZON_S, EVERY_S = 0.5, 0.1
 """length of a prediction, and from the start of one to the next [s]"""
@@ -104,7 +104,9 @@ def plant(robot: RigidBody, theta: Float[np.ndarray, " D"], turn: float) -> Plan
     chain = Chain(tuple(bodies), robot.chain.gravity)
     friction = []
     for joint, block in zip(robot.chain.joints, blocks, strict=True):
-        friction.append(Base(Active(CATALOGUE["viscous_friction"], joint), (block[10],)))
-        friction.append(Base(Active(CATALOGUE["coulomb_friction"], joint), (block[11], turn)))
+        friction.append(Base(EffectInstance(CATALOGUE["viscous_friction"], joint), (block[10],)))
+        friction.append(
+            Base(EffectInstance(CATALOGUE["coulomb_friction"], joint), (block[11], turn))
+        )
     layout = double_pendulum().layout
     return Plant("double_pendulum", layout, (), lambda _: chain, tuple(friction), angles=(0, 2))

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent.parent.parent / "runs" / "hidden_effects"
@@ -149,7 +149,9 @@ def test_effects_that_count_as_one_change_every_motion_alike(
     rest = np.zeros((1, 2 * len(system.joints)))
 
     def moved(effect: str, target: str) -> np.ndarray:
-        machine = plant.having([(Active(CATALOGUE[effect], target), (size(effect, target),))])
+        machine = plant.having(
+            [(EffectInstance(CATALOGUE[effect], target), (size(effect, target),))]
+        )
         return machine.simulate(rest, commands[None], 0.02)[0, :, 0::2]
 
     def size(effect: str, target: str) -> float:
@@ -211,7 +213,7 @@ def test_the_peers_get_regressors_that_hold_the_missing_force(
     modules: dict[str, ModuleType],
 ) -> None:
     plant = modules["run"].nominal("mcpilco/Pendulum-v0")
-    hidden = Active(CATALOGUE["spring"], "pendulum"), (0.2,)
+    hidden = EffectInstance(CATALOGUE["spring"], "pendulum"), (0.2,)
     torque = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 20), 20)[:, None]
     start = np.array([[0.3, 0.0]])
     states = plant.having([hidden]).simulate(start, torque[None, :-1], 0.02)[0]
@@ -305,7 +307,7 @@ def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
 ) -> None:
     identified, plant = modules["identified"], modules["run"].nominal("mcpilco/Pendulum-v0")
     monkeypatch.setattr(identified, "WINDOWS", 4)
-    hidden = Active(CATALOGUE["coulomb_friction"], "pendulum"), (0.15, 2e-3)
+    hidden = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum"), (0.15, 2e-3)
     rng = np.random.default_rng(0)
     torque = np.repeat(rng.uniform(-1.5, 1.5, 20), 15)[:, None]
     states = plant.having([hidden]).simulate(np.array([[0.3, 0.0]]), torque[None, :-1], 0.02)[0]

@@ -51,7 +51,7 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class PlantStep:
     """The next state of a plant, as a program of [state, command, slots, weights]."""
 
     program: Program
@@ -82,7 +82,7 @@ def step_of(
     longest: float,
     memory: int = 0,
     missing: PolynomialForces | None = None,
-) -> Step:
+) -> PlantStep:
     """The program of one sampling interval.
 
     Args:
@@ -110,7 +110,7 @@ def step_of(
     state, commands = tape.inputs[:X], commands_of(tape.inputs[X:width], U, memory)
     following = _advance(system, order_of(plant, task), state, commands, task.dt, longest)
     remembered = [command for past in commands[:memory] for command in past]
-    return Step(Program.of(tape, [*following, *remembered]), slots)
+    return PlantStep(Program.of(tape, [*following, *remembered]), slots)
 
 
 def require_expressible(plant: Plant, task: TaskSpec, tables: Tables, memory: int) -> None:

@@ -13,7 +13,7 @@ from mcpilco.gap.fit import fit, run
 from mcpilco.gap.given import Given
 from mcpilco.gap.search import search
 from mcpilco.gap.validate import ROUGH, most_predictive
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import record
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
@@ -68,7 +68,7 @@ def test_a_stiff_friction_counts_for_more(given: Given) -> None:
     smooth = given.model(windows)
     nothing, friction = (
         np.zeros(smooth.nuisances),
-        Active(CATALOGUE["coulomb_friction"], "pendulum"),
+        EffectInstance(CATALOGUE["coulomb_friction"], "pendulum"),
     )
     counts = []
     for model, theta in ((smooth, nothing), smooth.grown(nothing, friction, [0.5, 1e-3])):
@@ -108,7 +108,7 @@ def test_where_no_steps_are_left_the_best_model_is_compared_with_no_other(given:
         model = limited(given, most).model(windows)
         null = fit(model, windows, np.zeros(model.nuisances), windows.guess)
         assert np.median(null.by_window / windows.samples) > ROUGH
-        idle = model.grown(null.theta, Active(CATALOGUE["spring"], "pendulum"), [0.0])
+        idle = model.grown(null.theta, EffectInstance(CATALOGUE["spring"], "pendulum"), [0.0])
         larger = fit(idle[0], windows, idle[1], null.starts, iterations=1)
         chosen.append(most_predictive([larger, null], windows) is larger)
     assert chosen == [False, True]

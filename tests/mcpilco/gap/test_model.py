@@ -11,7 +11,13 @@ import envs
 from mcpilco.gap.given import Given
 from mcpilco.gap.model import FARTHEST, Model
 from mcpilco.gap.model import FREE as FREE_STD
-from mcpilco.plant import CATALOGUE, Active, correction_of, read_correction, write_correction
+from mcpilco.plant import (
+    CATALOGUE,
+    EffectInstance,
+    correction_of,
+    read_correction,
+    write_correction,
+)
 from tests.mcpilco.gap.test_search import recorded
 
 FREE = "mass", "length"
@@ -24,7 +30,7 @@ def model() -> Model:
 
 
 def test_no_step_changes_a_mass_or_a_logarithm_by_more_than_its_factor() -> None:
-    friction = Active(CATALOGUE["stribeck_friction"], "pendulum")
+    friction = EffectInstance(CATALOGUE["stribeck_friction"], "pendulum")
     grown, theta = model().grown(np.array([1.0, -0.5, 0.0, 0.0]), friction, (0.1, 0.1, 0.1, 2e-3))
     low, high = grown.reach(theta)
     own = slice(grown.nuisances)
@@ -54,7 +60,7 @@ def test_a_correction_at_the_bounds_of_its_values_can_be_read_again(tmp_path: Pa
 
 
 def test_only_friction_that_is_far_too_large_turns_over_more_slowly() -> None:
-    friction = Active(CATALOGUE["coulomb_friction"], "pendulum")
+    friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
     nominal = model()
     for size, softer in ((0.2, False), (20.0, True)):
         grown, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-3))

@@ -14,12 +14,12 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.name import certain
 from mcpilco.gap.search import Found
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import dry_friction, record
 
-FRICTION = Active(CATALOGUE["coulomb_friction"], "pendulum")
-SPRING = Active(CATALOGUE["spring"], "pendulum")
-OFFSET = Active(CATALOGUE["sensor_offset"], "angle")
+FRICTION = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
+SPRING = EffectInstance(CATALOGUE["spring"], "pendulum")
+OFFSET = EffectInstance(CATALOGUE["sensor_offset"], "angle")
 SIZES = {FRICTION: (0.1, 2e-3), SPRING: (0.02,), OFFSET: (0.01,)}
 
 
@@ -33,7 +33,7 @@ def rubbing() -> tuple[Model, Windows]:
     return known.model(windows), windows
 
 
-def found(nominal: Model, windows: Windows, effects: list[Active]) -> tuple[Found, Fit]:
+def found(nominal: Model, windows: Windows, effects: list[EffectInstance]) -> tuple[Found, Fit]:
     """A search that ended with these effects, and their fit."""
     model, theta = nominal, np.zeros(nominal.nuisances)
     null = fit(model, windows, theta, settle(model, windows, theta))
@@ -47,7 +47,7 @@ def found(nominal: Model, windows: Windows, effects: list[Active]) -> tuple[Foun
     "none", [[SPRING], [OFFSET], [SPRING, OFFSET]], ids=["spring", "offset", "both"]
 )
 def test_effects_that_may_be_none_are_not_named(
-    rubbing: tuple[Model, Windows], none: list[Active]
+    rubbing: tuple[Model, Windows], none: list[EffectInstance]
 ) -> None:
     nominal, windows = rubbing
     before, best = found(nominal, windows, [FRICTION, *none])

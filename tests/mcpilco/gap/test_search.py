@@ -19,14 +19,14 @@ from mcpilco.gap.plain import plainer
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import MOST, PROMISING, Found, Yardstick, grow, search, without
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import CATALOGUE, Active, Plant
+from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
 
 STD = {"m": 1e-3, "rad": 2e-3}
 
 
-def active(name: str, target: str) -> Active:
-    return Active(CATALOGUE[name], target)
+def active(name: str, target: str) -> EffectInstance:
+    return EffectInstance(CATALOGUE[name], target)
 
 
 def recorded(machine: Plant, count: int, seconds: float = 8.0) -> list[Recording]:
@@ -47,7 +47,7 @@ def recorded(machine: Plant, count: int, seconds: float = 8.0) -> list[Recording
     return found
 
 
-def given(plant: Plant, hidden: Sequence[tuple[Active, Sequence[float]]]) -> Given:
+def given(plant: Plant, hidden: Sequence[tuple[EffectInstance, Sequence[float]]]) -> Given:
     return Given.of(plant, recorded(plant.having(hidden), 2), 0.01, (), {})
 
 

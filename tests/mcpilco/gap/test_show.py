@@ -11,7 +11,7 @@ from mcpilco.gap.fit import Fit
 from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import Found
 from mcpilco.gap.show import beyond_noise, compare, path
-from mcpilco.plant import Active
+from mcpilco.plant import EffectInstance
 
 
 def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:
@@ -96,7 +96,7 @@ def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_
     a, b, c = found.plant.candidates()[:3]
     sets = [(a, b, c), (a, b), (b, c), (c,), (a,), ()]  # the best first
 
-    def fitted(effects: tuple[Active, ...]) -> Fit:
+    def fitted(effects: tuple[EffectInstance, ...]) -> Fit:
         return replace(null, model=replace(null.model, actives=effects))
 
     fits = [fitted(effects) for effects in sets]

@@ -11,7 +11,7 @@ import envs
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.given import Given
 from mcpilco.gap.timing import likelier, timings
-from mcpilco.plant import CATALOGUE, Active, Plant
+from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
 
 DT = 0.02
@@ -43,7 +43,7 @@ def test_the_motion_tells_when_commands_went_out(by_clock: bool) -> None:
 
 
 def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
-    friction = Active(CATALOGUE["coulomb_friction"], "pendulum")
+    friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
     sent = given(plant.having([(friction, (0.15, 2e-3))]), by_clock=False)
     nominal = sent[0].model(sent[0].windows())

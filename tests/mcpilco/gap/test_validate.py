@@ -8,7 +8,7 @@ import envs
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.model import Model
 from mcpilco.gap.validate import OF_EACH_SIZE, fewest, promising
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 
 WINDOWS = 40
 EFFECTS = np.array([0, 1, 2])
@@ -50,7 +50,7 @@ def test_fewer_numbers_come_before_fewer_effects() -> None:
 
 def fit_of(*names: str, chi2: float) -> Fit:
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
-    named = tuple(Active(CATALOGUE[name], "pendulum") for name in names)
+    named = tuple(EffectInstance(CATALOGUE[name], "pendulum") for name in names)
     return Fit(Model(plant, named, {}, {}), np.empty(0), np.empty((0, 2)), chi2, np.empty(0))
 
 

@@ -15,7 +15,7 @@ from mcpilco.gap.residual_force import Explained
 from mcpilco.gap.show import Interval
 from mcpilco.gap.where import Structure
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import record
 
 WHITE = Structure(whiteness=2.0, excess=0.0, usual=0.0, unevenness=1.5)
@@ -92,7 +92,7 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     bad: bool,
 ) -> None:
     null, windows = nominal
-    armature = Active(CATALOGUE["armature"], "pendulum")
+    armature = EffectInstance(CATALOGUE["armature"], "pendulum")
     model, theta = null.model.grown(null.theta, armature, [0.01])
     best = replace(missed(null, windows, usual, usual), model=model, theta=theta)
     clear = windows[:5]

@@ -7,7 +7,7 @@ import numpy as np
 import envs
 from mcpilco.gap.fit import misfits, run, settle
 from mcpilco.gap.given import Given
-from mcpilco.plant import CATALOGUE, Active
+from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import record
 
 
@@ -33,7 +33,7 @@ def test_starts_are_sought_where_a_sensor_that_is_off_would_have_measured_them()
     nominal = given.model(windows)
     model, theta = nominal, np.zeros(nominal.nuisances)
     for name, value in (("sensor_scale", 0.9), ("sensor_offset", 0.5)):
-        model, theta = model.grown(theta, Active(CATALOGUE[name], "angle"), [value])
+        model, theta = model.grown(theta, EffectInstance(CATALOGUE[name], "angle"), [value])
     misfit = misfits(model, windows, theta, settle(model, windows, theta)) / windows.samples
     assert misfit.max() < 2.0
     from_readings = settle(model, windows, theta, windows.guess)

@@ -8,7 +8,7 @@ import pytest
 
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.mjcf import plant_of
-from mcpilco.plant.plant import Active
+from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
 
 ARM = """
@@ -177,7 +177,7 @@ def test_dry_friction_slows_down_as_in_mujoco(plant_from):
 @pytest.mark.parametrize("effect", ["body_mass", "center_of_mass"])
 def test_effects_at_a_body_without_mass_are_finite(plant_from, effect):
     """Between two joints of one body there is nothing; a point mass may be there."""
-    plant = plant_from(ARM).having([(Active(CATALOGUE[effect], "upper_yaw"), [0.1])])
+    plant = plant_from(ARM).having([(EffectInstance(CATALOGUE[effect], "upper_yaw"), [0.1])])
     assert np.isfinite(plant.simulate(START[None], commands(5)[None], 0.02)).all()
 
 

@@ -7,10 +7,10 @@ import pytest
 
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active
+from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
 
-COULOMB = Active(CATALOGUE["coulomb_friction"], "cart")
+COULOMB = EffectInstance(CATALOGUE["coulomb_friction"], "cart")
 DT = 0.02
 
 
@@ -54,7 +54,7 @@ def test_effects_begin_as_nothing_and_end_as_they_are(name):
     effect = CATALOGUE[name]
     target = effect.targets(cart_pole().layout)[0]
     values = [0.05 if np.isinf(s.neutral) else s.neutral + 0.05 for s in effect.symbols]
-    plant = cart_pole().having([(Active(effect, target), values)])
+    plant = cart_pole().having([(EffectInstance(effect, target), values)])
     start, inputs = some_motions(2)
     moved = [
         some.simulate(start, inputs, DT)
@@ -68,8 +68,8 @@ def test_effects_begin_as_nothing_and_end_as_they_are(name):
 def test_effects_add_up_in_any_number_of_steps():
     start, inputs = some_motions(2)
     drag, delay = (
-        Active(CATALOGUE["quadratic_drag"], "cart"),
-        Active(CATALOGUE["actuator_delay"], "actuator"),
+        EffectInstance(CATALOGUE["quadratic_drag"], "cart"),
+        EffectInstance(CATALOGUE["actuator_delay"], "actuator"),
     )
     at_once = cart_pole().having([(drag, [0.3]), (delay, [0.03])])
     by_and_by = (
@@ -83,8 +83,12 @@ def test_effects_add_up_in_any_number_of_steps():
 @pytest.mark.parametrize(
     ("active", "values", "said"),
     [
-        (Active(CATALOGUE["coulomb_friction"], "wheel"), [1.0, 2e-3], "cannot act at 'wheel'"),
-        (Active(CATALOGUE["center_of_mass"], "cart"), [0.1], "its targets are pole"),
+        (
+            EffectInstance(CATALOGUE["coulomb_friction"], "wheel"),
+            [1.0, 2e-3],
+            "cannot act at 'wheel'",
+        ),
+        (EffectInstance(CATALOGUE["center_of_mass"], "cart"), [0.1], "its targets are pole"),
         (COULOMB, [1.0], "coulomb_friction \\(cart\\) must have values for f_c, v_r, got 1"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 from envs.plants import PLANTS
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE, Scale
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation import Tables, simulate
 
 DT, T = 0.02, 50
@@ -75,7 +75,7 @@ def usual() -> Scale:
     )
 
 
-def tables(plant: Plant, active: Active | None = None, *values: np.ndarray) -> Tables:
+def tables(plant: Plant, active: EffectInstance | None = None, *values: np.ndarray) -> Tables:
     """Of as many systems as there are values."""
     rows = np.tile(plant.nominal, (max(len(values), 1), 1))
     return plant.tables(rows, [active] if active else [], [np.array(values)] if active else [])
@@ -240,7 +240,7 @@ def test_a_force_of_thirty_times_the_usual_one_is_the_largest_that_is_meant(name
 def test_an_offset_of_a_carts_position_is_another_start():
     """Nothing depends on where on its rail a cart is: no recording can tell these two apart."""
     plant, start, commands = setting("mcpilco/CartPoleSwingUp-v0")
-    offset = Active(CATALOGUE["sensor_offset"], "cart_position")
+    offset = EffectInstance(CATALOGUE["sensor_offset"], "cart_position")
     shifted = np.add(start, [0.1, 0.0, 0.0, 0.0])
     found = plant.having([(offset, [0.1])]).simulate(start, commands, DT)
     np.testing.assert_allclose(found, plant.simulate(shifted, commands, DT), atol=1e-9)
@@ -248,7 +248,7 @@ def test_an_offset_of_a_carts_position_is_another_start():
 
 def test_an_offset_of_an_angle_is_no_other_start():
     plant, start, commands = setting("mcpilco/Pendulum-v0")
-    offset = Active(CATALOGUE["sensor_offset"], "angle")
+    offset = EffectInstance(CATALOGUE["sensor_offset"], "angle")
     found = plant.having([(offset, [0.1])]).simulate(start, commands, DT)
     other = plant.simulate(np.add(start, [0.1, 0.0]), commands, DT)
     assert np.abs(found - other).max() > 0.01

@@ -12,7 +12,7 @@ from envs.plants import cart_pole, double_pendulum
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.equations.friction import followable, most_mobile
 from mcpilco.plant.equations.step import numbers_of, step_of, system_of
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from tests.mcpilco.plant.equations.test_step import task_of
 
 SHARP = {
@@ -23,7 +23,7 @@ SHARP = {
 
 
 def rubbing(name: str, joint: str = "cart", plant: Plant | None = None) -> Plant:
-    active = Active(CATALOGUE[name], joint)
+    active = EffectInstance(CATALOGUE[name], joint)
     return (plant or cart_pole()).having([(active, SHARP[name])])
 
 
@@ -56,7 +56,9 @@ def test_steps_that_can_follow_leave_friction_as_it_is():
 
 def test_friction_elsewhere_is_not_slowed_down():
     plant = rubbing("coulomb_friction", "elbow", double_pendulum())
-    plant = plant.having([(Active(CATALOGUE["coulomb_friction"], "shoulder"), (1e-6, 0.002))])
+    plant = plant.having(
+        [(EffectInstance(CATALOGUE["coulomb_friction"], "shoulder"), (1e-6, 0.002))]
+    )
     known = system_of(plant.tables(plant.nominal[None]), {})
     system = copy.deepcopy(known)
     followable(known, system, step=0.01)

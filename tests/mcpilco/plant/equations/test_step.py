@@ -11,7 +11,7 @@ import torch
 from envs.plants import cart_pole, double_pendulum
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.equations.step import numbers_of, step_of
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation import simulate
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
@@ -63,7 +63,7 @@ def task_of(plant: Plant, turned: bool = False) -> TaskSpec:
 
 def with_effects(name: str) -> Plant:
     return cart_pole().having(
-        [(Active(CATALOGUE[effect], at), values) for effect, at, values in EFFECTS[name]]
+        [(EffectInstance(CATALOGUE[effect], at), values) for effect, at, values in EFFECTS[name]]
     )
 
 
@@ -133,7 +133,7 @@ def test_numbers_follow_the_parameters():
 )
 def test_what_a_program_cannot_say_is_named(effect, memory, words):
     name, at, values = effect
-    plant = cart_pole().having([(Active(CATALOGUE[name], at), values)])
+    plant = cart_pole().having([(EffectInstance(CATALOGUE[name], at), values)])
     with pytest.raises(InputError, match=words):
         step_of(plant, task_of(plant), 0.02, memory)
 

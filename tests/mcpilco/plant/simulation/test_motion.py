@@ -9,7 +9,7 @@ from envs.cartpole_dynamics import CartPoleDynamics
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.plant import Active, Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation import simulate
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
 
@@ -22,7 +22,9 @@ CLOSE = {"rtol": 0.0, "atol": 5e-5}
 
 def having(*effects: tuple[str, str, list[float]]) -> Plant:
     """The pendulum with effects: name, target, values."""
-    return pendulum().having([(Active(CATALOGUE[n], target), v) for n, target, v in effects])
+    return pendulum().having(
+        [(EffectInstance(CATALOGUE[n], target), v) for n, target, v in effects]
+    )
 
 
 def followed(plant: Plant, commands: np.ndarray = PULSES, start: np.ndarray = START) -> np.ndarray:
@@ -156,7 +158,7 @@ def test_a_double_pendulum_without_friction_keeps_its_energy():
 
 def test_a_motion_that_runs_away_is_lost_from_there_on_and_alone():
     plant = pendulum()
-    push = Active(CATALOGUE["constant_force"], "pendulum")
+    push = EffectInstance(CATALOGUE["constant_force"], "pendulum")
     forces = np.array([[0.0], [2e4], [0.5]])
     tables = plant.tables(np.tile(plant.nominal, (3, 1)), [push], [forces])
     starts, each = np.tile(START, (3, 1)), np.arange(3)
@@ -177,10 +179,10 @@ def test_a_batch_of_systems_equals_a_loop_over_them():
     rng = np.random.default_rng(0)
     plant = cart_pole()
     actives = [
-        Active(CATALOGUE["coulomb_friction"], "cart"),
-        Active(CATALOGUE["actuator_delay"], "actuator"),
-        Active(CATALOGUE["body_mass"], "pole"),
-        Active(CATALOGUE["sensor_delay"], "pole_angle"),
+        EffectInstance(CATALOGUE["coulomb_friction"], "cart"),
+        EffectInstance(CATALOGUE["actuator_delay"], "actuator"),
+        EffectInstance(CATALOGUE["body_mass"], "pole"),
+        EffectInstance(CATALOGUE["sensor_delay"], "pole_angle"),
     ]
     values = [
         np.column_stack([rng.uniform(0, 0.5, 3), np.full(3, 1e-2)]),
