@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.agent import Act, horizon_of, make_env, remembering, task_of
-from mcpilco.search import Spent, Stopwatch
+from mcpilco.data import Spent, Stopwatch
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -184,3 +185,34 @@ class TrialResult:
     be learned, and the last one was tried again"""
     failure: str | None = None
     """why no new policy could be learned, or why the rollout broke off; None where all went well"""
+
+
+@dataclass(frozen=True)
+class Spent:
+    """A time that was spent on some work."""
+
+    wall_s: float = 0.0
+    """as a clock shows it [s]"""
+    cpu_s: float = 0.0
+    """of this process, all its threads together [s]"""
+
+    def __add__(self, other: Spent) -> Spent:
+        return Spent(self.wall_s + other.wall_s, self.cpu_s + other.cpu_s)
+
+    def __sub__(self, other: Spent) -> Spent:
+        return Spent(self.wall_s - other.wall_s, self.cpu_s - other.cpu_s)
+
+
+class Stopwatch:
+    """Measures the time since it was made."""
+
+    def __init__(self) -> None:
+        self._since = _now()
+
+    def read(self) -> Spent:
+        """The time until now."""
+        return _now() - self._since
+
+
+def _now() -> Spent:
+    return Spent(time.perf_counter(), time.process_time())

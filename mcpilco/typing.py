@@ -4,8 +4,6 @@ Axis letters in jaxtyping annotations, in the order time, particles, features, b
 
     T steps    P particles    N samples    M queries or inducing points
     X state    U input        E outputs    D regressor width    B bases    J joints
-
-Where seeds run together, S of them stand in front of all other axes.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from baselines.pilco.config import PRESETS, PilcoConfig
 from baselines.pilco.model import PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Predict, Problem, predicted
-from baselines.pilco.search import PilcoRequest
+from baselines.pilco.search import PilcoSearch, SearchResult
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.logbook import Callback
@@ -88,12 +88,12 @@ class PILCO(ModelBasedAgent):
         policy.randomise(states, lengthscale, config.target_std, generator)
         return policy
 
-    def _request(self, trial: int, perception: Perception | None, events: Callback) -> PilcoRequest:
+    def _search(self, trial: int, perception: Perception | None, events: Callback) -> SearchResult:
         dynamics = self.model.moments(self._data)
         predict = _compiled() if self.config.engine == "compiled" else predicted
         problem = Problem(dynamics, self._cost, _start(self.task), self.horizon, predict)
         generator = self.streams.search(trial)
-        return PilcoRequest(
+        search = PilcoSearch(
             config=self.config,
             problem=problem,
             policy=self.policy if trial > 1 else self._random_policy(generator),
@@ -101,6 +101,7 @@ class PILCO(ModelBasedAgent):
             generator=generator,
             report=events.on_policy_step,
         )
+        return search.run()
 
 
 def _start(task: TaskSpec) -> Gaussian:

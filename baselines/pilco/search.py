@@ -21,7 +21,6 @@ from baselines.pilco.config import PilcoConfig
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Problem
 from mcpilco.data import Prediction
-from mcpilco.search import Spent, Stopwatch
 
 _REMEMBERED = 50
 """steps that L-BFGS remembers: most of a search, so that it is nearly BFGS"""
@@ -82,13 +81,11 @@ class SearchResult:
     """policies that were started from"""
     steps: int
     """evaluations of the expected cost and its gradient"""
-    spent: Spent
-    """the time that it took"""
 
 
 @dataclass(frozen=True)
-class PilcoRequest:
-    """A search that waits for its answer."""
+class PilcoSearch:
+    """A search for the policy of lowest expected cost."""
 
     config: PilcoConfig
     """most steps and evaluations"""
@@ -103,13 +100,12 @@ class PilcoRequest:
     report: Report
     """told of each evaluation"""
 
-    def answer(self) -> SearchResult:
+    def run(self) -> SearchResult:
         """The policy of the lowest expected cost that L-BFGS meets.
 
         Raises:
             torch.linalg.LinAlgError: the model has no finite answer to either start.
         """
-        watch = Stopwatch()
         objective = Objective(self.problem, copy.deepcopy(self.policy), self.config, self.report)
         starts = 1
         with threadpool_limits(1):  # the loops multiply small matrices
@@ -121,7 +117,7 @@ class PilcoRequest:
                         "random one."
                     )
             self._minimise(objective)
-            return SearchResult(self._candidate(objective), starts, objective.count, watch.read())
+            return SearchResult(self._candidate(objective), starts, objective.count)
 
     def _minimise(self, objective: Objective) -> None:
         steps, most = self.config.line_searches, self.config.evaluations

@@ -16,11 +16,10 @@ from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig
 from baselines.sb3.library import CLASSES, Told, quiet_logger, random_numbers, vector_of
 from baselines.sb3.presets import TunedPreset, shipped
 from baselines.sb3.view import View, ViewedEnv
-from mcpilco.agent import BrokenEpisodeError, Learning, TrialAgent, run_episode
-from mcpilco.data import Rollout, TrialResult
+from mcpilco.agent import BrokenEpisodeError, TrialAgent, run_episode
+from mcpilco.data import Rollout, Stopwatch, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import costs_of, held
-from mcpilco.search import Stopwatch
 from mcpilco.sensing import state_of, state_view
 from mcpilco.typing import InputError
 
@@ -85,25 +84,15 @@ class SB3Agent(TrialAgent):
         if timesteps:
             self.learner.learning_starts = 0
 
-    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
+    def _trials_within(self, total_timesteps: int) -> int:
         if total_timesteps < 1:
             raise InputError(f"learn needs at least 1 timestep, got {total_timesteps}.")
-        most = self.config.trial_steps
-        trials, end = math.ceil(total_timesteps / most), self.num_timesteps + total_timesteps
-        events.on_training_start(self, trials)
-        for _ in range(trials):
-            result = self._trial(min(most, end - self.num_timesteps), events)
-            self.results.append(result)
-            self.trials = result.trial
-            events.on_trial_end(result)
-        events.on_training_end()
-        yield from ()  # no search is left to others
+        return math.ceil(total_timesteps / self.config.trial_steps)
 
-    def _trial(self, steps: int, events: Callback) -> TrialResult:
+    def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
         """Learn for a while, then try the policy."""
-        trial, watch, updates = self.trials + 1, Stopwatch(), self.learner._n_updates
-        events.on_trial_start(trial)
-        self._practise(trial, steps, events)
+        watch, updates = Stopwatch(), self.learner._n_updates
+        self._practise(trial, min(self.config.trial_steps, steps), events)
         record, failure = self._try(trial)
         success, spent = record.outcome.get("is_success"), watch.read()
         known = self.num_timesteps + self.borrowed_timesteps

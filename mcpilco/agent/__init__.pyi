@@ -7,8 +7,6 @@ from .controller import Act, remembering
 from .episode import OUTCOMES, BrokenEpisodeError, run_episode
 from .guess import guess_task
 from .inspection import inspect_env
-from .learning import Learning, Request, SearchRequest, answer_alone
-from .lockstep.search import search_together
 from .model import Model
 from .model_based import ModelBasedAgent
 from .model_based_file import load_policy
@@ -25,16 +23,12 @@ __all__ = [
     "Agent",
     "BrokenEpisodeError",
     "Groups",
-    "Learning",
     "Model",
     "ModelBasedAgent",
-    "Request",
     "SavedAgent",
-    "SearchRequest",
     "Streams",
     "TrialAgent",
     "algorithms",
-    "answer_alone",
     "difference",
     "find",
     "find_after_import",
@@ -47,7 +41,6 @@ __all__ = [
     "make_env",
     "remembering",
     "run_episode",
-    "search_together",
     "task_of",
     "write_policy",
 ]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.agent.learning import SearchRequest
 from mcpilco.agent.model import Model
 from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
-from mcpilco.search import PolicySearch, Problem, rollout_of
+from mcpilco.search import PolicySearch, Problem, SearchResult, follow, rollout_of
 from mcpilco.sensing import Foresight, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, Observer, UncertainDynamics
@@ -50,13 +50,24 @@ class MCPILCO(ModelBasedAgent):
         seen = self._data.states[:, : len(task.state_names)]
         return random_policy(numbers, task, self.low, self.high, seen, generator)
 
-    def _request(
-        self, trial: int, perception: Perception | None, events: Callback
-    ) -> SearchRequest:
+    def _search(self, trial: int, perception: Perception | None, events: Callback) -> SearchResult:
+        problem, generator = self._problem(trial, perception), self.streams.search(trial)
+        warm = self.config.search.warm_start and trial > 1
+        first = self.policy if warm else self._random_policy(generator)
+        search = PolicySearch(self.config.search, generator, events.on_policy_step)
+        find = search.run if problem.easier is None else partial(follow, search)
+        return find(problem, first, lambda: self._random_policy(generator), trial)
+
+    def _problem(self, trial: int, perception: Perception | None) -> Problem:
+        """The expected cost in the model as it is fitted now, as a function of the policy.
+
+        Raises:
+            NotPositiveDefiniteError: the model cannot be conditioned on the data.
+        """
         dynamics = self.model.dynamics(self._data)
         observer = self._observer(dynamics, perception)
         task = self._searched
-        problem = Problem(
+        return Problem(
             dynamics=dynamics,
             cost=self._cost,
             start_mean=self._searched_start,
@@ -69,11 +80,6 @@ class MCPILCO(ModelBasedAgent):
             judged=len(self.task.state_names),
             easier=self._easier(dynamics, trial),
         )
-        generator = self.streams.search(trial)
-        warm = self.config.search.warm_start and trial > 1
-        first = self.policy if warm else self._random_policy(generator)
-        search = PolicySearch(self.config.search, generator, events.on_policy_step)
-        return SearchRequest(search, problem, first, lambda: self._random_policy(generator), trial)
 
     def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
         """What policies act behind: a state measured in part is estimated, a late one foreseen."""

@@ -6,7 +6,7 @@ import logging
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -14,14 +14,12 @@ from jaxtyping import Float
 
 from mcpilco.agent.controller import Act, Controller, remembering
 from mcpilco.agent.episode import BrokenEpisodeError, run_episode
-from mcpilco.agent.learning import Found, Learning, Request
 from mcpilco.agent.model import Model
 from mcpilco.agent.model_based_file import SavedModelBased
 from mcpilco.agent.trial_agent import TrialAgent
-from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.data import Prediction, Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, RewardCost, costs_of, held, with_cost
-from mcpilco.search import Spent, Stopwatch
 from mcpilco.sensing import Perception, state_of, state_view
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError, NotPositiveDefiniteError
@@ -30,6 +28,35 @@ logger = logging.getLogger(__name__)
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
+
+
+class FoundPolicy(Protocol):
+    """The best policy of a search, and its expected cost in the model."""
+
+    @property
+    def policy(self) -> Any: ...
+    @property
+    def cost(self) -> float:
+        """Expected cost, summed over the steps [-]."""
+        ...
+
+    @property
+    def cost_std(self) -> float:
+        """Standard deviation of that sum [-]."""
+        ...
+
+    def prediction(self, particles: int) -> Prediction: ...
+
+
+class Found(Protocol):
+    """The result of a search, such as `mcpilco.search.search.SearchResult`."""
+
+    @property
+    def best(self) -> FoundPolicy: ...
+    @property
+    def starts(self) -> int: ...
+    @property
+    def steps(self) -> int: ...
 
 
 class ModelBasedAgent(TrialAgent):
@@ -85,8 +112,8 @@ class ModelBasedAgent(TrialAgent):
         """A start for the search, which knows what has been recorded."""
 
     @abstractmethod
-    def _request(self, trial: int, perception: Perception | None, events: Callback) -> Request:
-        """The search for the trial's policy, in the model as it is fitted now.
+    def _search(self, trial: int, perception: Perception | None, events: Callback) -> Found:
+        """Search the trial's policy, in the model as it is fitted now.
 
         Raises:
             NotPositiveDefiniteError: the model cannot be conditioned on the data.
@@ -114,7 +141,7 @@ class ModelBasedAgent(TrialAgent):
         """Steps of the env that the agent has learned from."""
         return 0 if self.transitions is None else len(self.transitions)
 
-    def _affordable_trials(self, total_timesteps: int) -> int:
+    def _trials_within(self, total_timesteps: int) -> int:
         needed = self.timesteps_of(1)
         trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
         if trials < 1:
@@ -139,20 +166,10 @@ class ModelBasedAgent(TrialAgent):
         asked = self.config.exploration
         return self.horizon if asked is None else asked
 
-    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
-        trials = self._affordable_trials(total_timesteps)
-        events.on_training_start(self, trials)
-        if self._unexplored:
-            for record in self._explore():
-                events.on_exploration(record)
-        for _ in range(trials):
-            self.results.append((yield from self._trial(events)))
-            self.trials = self.results[-1].trial
-            events.on_trial_end(self.results[-1])
-        events.on_training_end()
-
     def _explore(self) -> list[Rollout]:
         """Rollouts of uniform random inputs: as many as it takes, where they end early."""
+        if not self._unexplored:
+            return []
         inputs = self.streams.inputs(trial=0)
         act = lambda _: inputs.uniform(self.low, self.high)  # noqa: E731
         records: list[Rollout] = []
@@ -182,13 +199,11 @@ class ModelBasedAgent(TrialAgent):
         elif random:
             self.reference_cost = float(np.mean([self._costs(record) for record in random]))
 
-    def _trial(self, events: Callback) -> Learning[TrialResult]:
-        """Learn the model, search the policy, try it."""
-        trial, experience = self.trials + 1, len(self._data)
-        events.on_trial_start(trial)
-        watch = Stopwatch()
+    def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
+        """Fit the model to all data, search a policy in it, try it on the system."""
+        watch, experience = Stopwatch(), len(self._data)
         known = self.perception and self.perception.adapted(self._data)
-        found, no_policy = yield from self._improve(trial, known, events, watch)
+        found, no_policy = self._improve(trial, known, events)
         controller, prediction = self._controller(self.policy, self.perception), None
         if found is not None and no_policy is None:
             controller = self._controller(found.best.policy, known)
@@ -220,21 +235,16 @@ class ModelBasedAgent(TrialAgent):
         )
 
     def _improve(
-        self, trial: int, perception: Perception | None, events: Callback, watch: Stopwatch
-    ) -> Learning[tuple[Found | None, str | None]]:
-        """What the search for a better policy found, or why there is none to try."""
-        found, model, rows = None, self.model.to_arrays(), self.fitted_rows
+        self, trial: int, perception: Perception | None, events: Callback
+    ) -> tuple[Found | None, str | None]:
+        """Fit the model and search a policy; the result, or the reason why there is none to try."""
+        model, rows = self.model.to_arrays(), self.fitted_rows
         try:
             events.on_model_fitted(self._fit_model(trial))
             self.fitted_rows = len(self._data)
             self.look_ahead()
             self._learn_cost()
-            request = self._request(trial, perception, events)
-            watch.pause()
-            try:
-                found = yield request
-            finally:
-                watch.resume(Spent() if found is None else found.spent)
+            found = self._search(trial, perception, events)
         except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
             self.model.load_arrays(model)
             self.fitted_rows = rows

@@ -19,11 +19,10 @@ from torch import nn
 from mcpilco.agent.agent_file import SavedAgent, reading
 from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from mcpilco.agent.controller import Act, Controller, remembering
-from mcpilco.agent.learning import Learning, answer_alone
 from mcpilco.agent.model import Model
 from mcpilco.agent.streams import Streams
 from mcpilco.config import Preset
-from mcpilco.data import Transitions, TrialResult
+from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.logbook import Callback, Progress, as_callback
 from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec
@@ -130,11 +129,25 @@ class TrialAgent(ABC):
         """The steps that `learn` needs for so many trials."""
 
     @abstractmethod
-    def _learn(self, total_timesteps: int, events: Callback) -> Learning[None]:
-        """Trials worth so many steps, which stop at each search until they are sent the answer.
+    def _trials_within(self, total_timesteps: int) -> int:
+        """How many trials so many steps of the env allow, rounded up.
 
         Raises:
             InputError: too few steps for a trial.
+        """
+
+    def _explore(self) -> list[Rollout]:
+        """Episodes of random inputs, recorded before the first trial of an agent that needs them."""
+        return []
+
+    @abstractmethod
+    def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
+        """Improve the policy from all data so far, and try it for an episode.
+
+        Args:
+            trial: 1, 2, ..., of all calls of `learn`.
+            steps: of the env, that are left to this call.
+            events: told of the progress.
         """
 
     def learn(
@@ -145,37 +158,40 @@ class TrialAgent(ABC):
     ) -> Self:
         """Spend `total_timesteps` steps of the env, rounded up to whole trials; return the agent.
 
-        Calling again continues.
+        Random inputs are recorded first; then each trial improves the policy and tries it. Calling
+        again continues with further trials.
 
         Args:
             total_timesteps: steps of the env.
-            callback: told of each event, see `mcpilco.logbook.callbacks`.
+            callback: called at each event, see `mcpilco.logbook.callbacks`.
             progress_bar: show progress on the screen.
 
         Raises:
             InputError: too few steps for a trial.
             EnvError: the env is absent, or an episode broke off before its first step was done.
-        """
-        answer_alone(self.learning(total_timesteps, callback, progress_bar))
-        return self
 
-    def learning(
-        self,
-        total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
-        progress_bar: bool = False,
-    ) -> Learning[None]:
-        """`learn`, which stops at each search until it is sent the answer.
-
-        Several agents can so be brought to their searches, and these be answered together.
+        Reference: thesis chapter 5, Algorithm 1.
         """
         if isinstance(self.env, AbsentEnv):
             self.env.reset()  # raises
         shown = [Progress()] if progress_bar or self.verbose else []
+        events = as_callback(callback, *shown)
         try:
-            yield from self._learn(total_timesteps, as_callback(callback, *shown))
+            trials, end = self._trials_within(total_timesteps), self.num_timesteps + total_timesteps
+            events.on_training_start(self, trials)
+            for record in self._explore():
+                events.on_exploration(record)
+            for _ in range(trials):
+                trial, left = self.trials + 1, end - self.num_timesteps
+                events.on_trial_start(trial)
+                result = self._trial(trial, left, events)
+                self.results.append(result)
+                self.trials = trial
+                events.on_trial_end(result)
+            events.on_training_end()
         finally:
             as_callback(shown).close()
+        return self
 
     @abstractmethod
     def predict(

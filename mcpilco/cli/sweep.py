@@ -17,8 +17,6 @@ from mcpilco.cli.options import optional
 from mcpilco.cli.system import open_env, use_one_thread
 from mcpilco.typing import InputError
 
-BATCH = 64
-"""most seeds on a device at a time, where --batch does not say"""
 _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
 
 
@@ -38,10 +36,6 @@ class Sweep(Learning):
     """local: processes of this machine; ray: the Ray cluster that RAY_ADDRESS names"""
     workers: Annotated[int | None, optional("INT", "number of cores")] = None
     """processes at a time; Ray takes all cores it has"""
-    device: Annotated[str | None, optional("DEVICE", "none: a process a seed")] = None
-    """search the policies of many seeds together on this device, such as cuda or cpu"""
-    batch: Annotated[int | None, optional("INT", "64")] = None
-    """most seeds that search together on the device"""
     fresh_horizon: Annotated[int | None, optional("INT", "that of the training")] = None
     """steps of a fresh rollout"""
     quiet: bool = False
@@ -54,7 +48,8 @@ class Sweep(Learning):
             McPilcoError: a wrong input; the sentence says which.
         """
         seeds = parse_seeds(self.seeds)
-        self._check_engine()
+        if self.engine == "ray" and self.workers is not None:
+            raise InputError("--workers is for the engine local; Ray takes all cores it has.")
         config, env_kwargs = self.numbers()
         self._check(config, env_kwargs)
 
@@ -99,35 +94,9 @@ class Sweep(Learning):
             self.agent(env, config)
 
     def _engine(self) -> Any:
-        from mcpilco.sweep import BatchEngine, LocalEngine, RayEngine
+        from mcpilco.sweep import LocalEngine, RayEngine
 
-        if self.device is not None:
-            return BatchEngine(self.device, BATCH if self.batch is None else self.batch)
         return RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
-
-    def _check_engine(self) -> None:
-        """Raises InputError where two options cannot both be meant."""
-        if self.device is not None and self.algo != "mcpilco":
-            raise InputError(
-                f"--device expected the algorithm mcpilco, got --algo {self.algo}, whose searches "
-                "run one by one; leave --device out."
-            )
-        if self.device is not None and self.engine == "ray":
-            raise InputError(
-                "--device expected the engine local, got --engine ray; leave one of them out: a "
-                "batch runs on one device of this machine."
-            )
-        if self.device is not None and self.workers is not None:
-            raise InputError(
-                f"--workers expected no --device, got --device {self.device}; leave one of them "
-                "out: a batch runs in one process."
-            )
-        if self.device is None and self.batch is not None:
-            raise InputError(
-                "--batch expected a --device, got none; add for example --device cuda."
-            )
-        if self.engine == "ray" and self.workers is not None:
-            raise InputError("--workers is for the engine local; Ray takes all cores it has.")
 
 
 def parse_seeds(text: str) -> Sequence[int]:

@@ -16,7 +16,6 @@ from typing import Any
 from mcpilco.policies import SumOfGaussians
 from mcpilco.search.particles import Problem
 from mcpilco.search.search import Candidate, PolicySearch, SearchResult
-from mcpilco.search.stopwatch import Stopwatch
 
 FIRST = 0.2
 """share of the way of the first step [-]"""
@@ -49,9 +48,9 @@ def follow(
         fresh: makes a random policy.
         trial: 1, 2, ..., for the schedules.
     """
-    watch, way = Stopwatch(), _Way(search, problem, fresh, trial)
+    way = _Way(search, problem, fresh, trial)
     best = _arrived(way, policy, search.config.continuation)
-    return SearchResult(best, way.starts, way.steps, watch.read())
+    return SearchResult(best, way.starts, way.steps)
 
 
 def _arrived(way: _Way, policy: SumOfGaussians, most: int) -> Candidate:

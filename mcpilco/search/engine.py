@@ -1,4 +1,4 @@
-"""Which rollout a configuration's `engine` stands for, on this machine."""
+"""Which rollout a configuration's `engine` stands for, on this machine and for this model."""
 
 from __future__ import annotations
 
@@ -7,15 +7,10 @@ import logging
 from types import ModuleType
 
 from mcpilco.config import Config
-from mcpilco.search import batched
 from mcpilco.search.particles import RolloutFunction, rollout
-from mcpilco.sensing import Foresight, LinearObserver
 from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)
-
-KNOWN = (LinearObserver, Foresight)
-"""observers that the compiled loops know"""
 
 
 def rollout_of(
@@ -26,37 +21,53 @@ def rollout_of(
 ) -> RolloutFunction:
     """The fastest rollout there is for this model and policy; all compute the same.
 
+    Where the compiled loops cannot be had, or do not know the model, the policy or the observer,
+    the plain rollout takes over with a warning, once for each reason.
+
     Args:
         config: its engine `eager` asks for the plain rollout always, which knows one precision.
         dynamics: the model.
         policy: the policy.
-        observer: what it acts behind, where it does not see the states.
+        observer: makes the state estimates that the policy acts on; None: it sees the states.
     """
-    fast = None if config.engine == "eager" else _fastest()
-    if observer is not None and (fast is batched or type(observer) not in KNOWN):
-        fast = None
-    if fast is None or not fast.supports(dynamics, policy):
-        if config.precision == "float32":
-            logger.warning("This model and policy are rolled out in plain torch, in float64.")
+    single = config.precision == "float32"
+    if config.engine == "eager":
+        if single:
+            _warn_once('The engine "eager" computes in float64; precision "float32" needs "fused".')
         return rollout
-    return functools.partial(fast.rollout, single=config.precision == "float32")
+    fused = _compiled_loops()
+    if fused is None:
+        return rollout
+    if unknown := fused.unknown(dynamics, policy, observer):
+        _warn_once(
+            f"The compiled loops do not know {unknown}: particles are rolled out in plain torch, "
+            "in float64, several times slower. Choose one that they know, or set the engine to "
+            '"eager" if that is meant.'
+        )
+        return rollout
+    return functools.partial(fused.rollout, single=single)
+
+
+@functools.cache
+def _warn_once(sentence: str) -> None:
+    logger.warning(sentence)
 
 
 def warn_without_numba(error: ImportError) -> None:
-    """Says what the compiled loops lack, and what happens instead."""
+    """Log why compiled loops cannot be had, and that plain torch takes over."""
     logger.warning(
-        "The compiled loops need numba (%s); torch computes the same, some times slower. "
-        "Run `pip install numba`.",
+        "The compiled loops need numba (%s); plain torch computes the same in float64, several "
+        "times slower. Run `pip install numba`.",
         error,
     )
 
 
 @functools.cache
-def _fastest() -> ModuleType:
-    """The compiled loops; where numba is missing, the same algorithm in torch."""
+def _compiled_loops() -> ModuleType | None:
+    """The compiled loops; None, after a warning, where numba or a fused multiply-add is missing."""
     try:
         from mcpilco.search import fused
     except ImportError as error:
         warn_without_numba(error)
-        return batched
+        return None
     return fused

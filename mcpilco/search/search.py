@@ -20,7 +20,6 @@ from mcpilco.data import Prediction
 from mcpilco.policies import Dropout, SumOfGaussians
 from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.schedule import Schedule
-from mcpilco.search.stopwatch import Spent, Stopwatch
 
 logger = logging.getLogger(__name__)
 
@@ -91,8 +90,6 @@ class SearchResult:
     """how many candidates there were"""
     steps: int
     """optimisation steps of all of them"""
-    spent: Spent
-    """the time that this search took, or its share of several"""
 
 
 class Starts:
@@ -156,9 +153,9 @@ class Starts:
         """Optimisation steps spent so far."""
         return sum(candidate.steps for candidate in self.tried)
 
-    def result(self, spent: Spent) -> SearchResult:
-        """What has come of them, in this time."""
-        return SearchResult(self.best, len(self.tried), self.steps, spent)
+    def result(self) -> SearchResult:
+        """The best candidate, and the effort spent on all."""
+        return SearchResult(self.best, len(self.tried), self.steps)
 
 
 class Descent:
@@ -274,14 +271,13 @@ class PolicySearch:
             fresh: makes a random policy.
             trial: 1, 2, ..., for the schedules.
         """
-        watch = Stopwatch()
         starts = Starts(self.config, problem.reference_cost, policy, fresh, trial)
         if self.config.polish:
             starts.unimproved = self._judge(problem, copy.deepcopy(policy), steps=0)
         while starts.wanted:
             descent = Descent(self, trial, starts)
             starts.add(self._improve(problem, starts.next(), descent), descent)
-        return starts.result(watch.read())
+        return starts.result()
 
     def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:
         """One start: gradient steps until the schedule ends."""

@@ -10,14 +10,12 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from mcpilco.sweep.batch import BatchEngine
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult, RayEngine
 from mcpilco.sweep.folder import SweepFolder
 from mcpilco.sweep.job import SeedJob, Settings
 from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, markdown, rows, summarise
 
 __all__ = [
-    "BatchEngine",
     "Engine",
     "Failure",
     "LocalEngine",

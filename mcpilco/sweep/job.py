@@ -11,7 +11,7 @@ import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mcpilco.agent import find_after_import, load_task, make_env, task_of
 from mcpilco.config import Config
@@ -19,9 +19,6 @@ from mcpilco.data import TrialResult
 from mcpilco.logbook import Callback, versions
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
-
-if TYPE_CHECKING:
-    from mcpilco.agent import Learning
 
 FORMAT = 1
 """version of a result"""
@@ -66,7 +63,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class SeedJob:
-    """One seed as a job: called, it runs alone; begun, it stops at each search."""
+    """One seed as a job that an engine calls."""
 
     settings: Settings
     """of the sweep"""
@@ -76,10 +73,6 @@ class SeedJob:
     def __call__(self) -> dict[str, Any]:
         """The result of `run_seed`."""
         return run_seed(self.settings, self.seed)
-
-    def begin(self) -> Learning[dict[str, Any]]:
-        """The same as a learning whose searches wait to be answered."""
-        return learn_seed(self.settings, self.seed)
 
 
 def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
@@ -94,16 +87,9 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """
-    from mcpilco.agent import answer_alone
-
-    with one_thread():  # other processes have the other cores
-        return answer_alone(learn_seed(settings, seed))
-
-
-def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
-    """The learning that ends with the result of a seed."""
     kind = find_after_import(settings.algo)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(one_thread())  # other processes have the other cores
         env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))
         given = None if settings.task is None else load_task(settings.task)
         task = task_of(env, given, quiet=True)
@@ -112,7 +98,7 @@ def learn_seed(settings: Settings, seed: int) -> Learning[dict[str, Any]]:
         if settings.fresh:
             judge = stack.enter_context(_judge(settings, agent.horizon))
         rows = _Rows(agent, judge)
-        yield from agent.learning(agent.timesteps_of(settings.trials), callback=rows)
+        agent.learn(agent.timesteps_of(settings.trials), callback=rows)
     return {
         "format": FORMAT,
         "seed": seed,

@@ -32,10 +32,10 @@ from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
 from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
 from mcpilco.crossing import read_crossing, remembered_inputs
+from mcpilco.data import Stopwatch
 from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
 from mcpilco.plant import read_correction
-from mcpilco.search import Stopwatch
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from speed.step import LEARNING_RATE, Size, cpu_seconds, make_step
 
-from mcpilco.search import Stopwatch
+from mcpilco.data import Stopwatch
 
 BURST = 3
 """timed steps in a row, before it is the other's turn"""

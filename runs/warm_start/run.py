@@ -27,8 +27,8 @@ from baselines.sb3 import WarmStart, make_learner, warm_start
 from mcpilco import MCPILCO
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.cli.system import use_one_thread
+from mcpilco.data import Stopwatch
 from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.search import Stopwatch
 from mcpilco.sweep.job import machine
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown

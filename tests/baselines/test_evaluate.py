@@ -9,7 +9,7 @@ import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.pilco import PILCO
 from mcpilco import MCPILCO
-from mcpilco.search import Spent
+from mcpilco.data import Spent
 from mcpilco.typing import EnvError, InputError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.sweep.strange import HERE

@@ -14,7 +14,7 @@ from mcpilco.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.files import read_groups, write_groups
-from mcpilco.logbook import Callback, RunFolder, read_transitions
+from mcpilco.logbook import RunFolder, read_transitions
 from mcpilco.sensing import Foresight, StateTracker
 from mcpilco.show.recorder import Recorder
 from mcpilco.typing import InputError, RunFolderError
@@ -140,7 +140,7 @@ def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on(m
 @pytest.mark.parametrize("name", ["delay", "part of a delay"])
 def test_policies_of_a_late_actuator_are_searched_behind_what_they_will_act_behind(name):
     agent = make_agent(name).learn(2 * STEPS)
-    observer = agent._request(2, None, Callback()).problem.observer
+    observer = agent._problem(2, None).observer
     assert isinstance(observer, Foresight)
     assert observer.delay == agent.model.delay
     assert torch.equal(observer.noise_std, agent.tracker.noise_std)

@@ -154,14 +154,6 @@ def test_folder_holds_the_preset_and_its_cart_pole(tmp_path, here):
         (["--fresh", "-1"], "fresh must not be negative, got -1"),
         (["--horizon", "0"], "horizon must be >= 1 step, got 0"),
         (["--engine", "ray", "--workers", "2"], "--workers is for the engine local"),
-        (["--device", "cpu", "--engine", "ray"], "--device expected the engine local, got"),
-        (["--device", "cpu", "--workers", "2"], "--workers expected no --device, got"),
-        (["--device", "cpu", "--batch", "0"], "must hold at least 1 seed, got 0"),
-        (["--batch", "8"], "--batch expected a --device, got none"),
-        (
-            ["--device", "abacus"],
-            "expected a device that torch can use here, such as cpu or cuda, got",
-        ),
     ],
 )
 def test_wrong_arguments_are_refused_before_a_folder_is_made(tmp_path, capsys, arguments, sentence):
@@ -170,21 +162,6 @@ def test_wrong_arguments_are_refused_before_a_folder_is_made(tmp_path, capsys, a
     assert err.startswith("mcpilco: error: ")
     assert sentence in err
     assert not (tmp_path / "sweep").exists()
-
-
-def test_seeds_that_search_together_find_what_each_finds_alone(tmp_path, here, capsys):
-    assert main(["sweep", *RUN, "--out", str(tmp_path / "alone")]) == 0
-    batched = ["--device", "cpu", "--batch", "2", "--out", str(tmp_path / "together")]
-    assert main(["sweep", *RUN, *batched]) == 0
-    assert here.done == [0, 1, 2]  # the first time only
-    for seed in range(3):
-        alone, together = (
-            json.loads((tmp_path / name / "seeds" / f"000{seed}.json").read_text())
-            for name in ("alone", "together")
-        )
-        for mine, its in zip(together["trials"], alone["trials"], strict=True):
-            for key in ("predicted_cost", "real_cost", "fresh_return"):
-                assert mine[key] == pytest.approx(its[key], rel=1e-6)
 
 
 def test_folder_with_other_settings_is_refused(tmp_path, here, capsys):

@@ -1,6 +1,6 @@
-"""Particles, fast: the rollout with compiled loops and its own backward sweep."""
+"""The rollout of `mcpilco.search.particles` in compiled loops, with its own backward sweep."""
 
-from mcpilco.search.canonical import supports_physics as supports
 from mcpilco.search.fused.engine import rollout
+from mcpilco.search.fused.support import unknown
 
-__all__ = ["rollout", "supports"]
+__all__ = ["rollout", "unknown"]

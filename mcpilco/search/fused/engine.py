@@ -11,12 +11,12 @@ from torch import Tensor
 
 from mcpilco.dynamics import GPDynamics, PhysicsDraw
 from mcpilco.policies import Dropout, SumOfGaussians
-from mcpilco.search.canonical import canonical_features
 from mcpilco.search.fused import layout
 from mcpilco.search.fused.backward import backward
 from mcpilco.search.fused.forward import forward
 from mcpilco.search.fused.policy import differentiate, prepare
 from mcpilco.search.fused.seeing import SeeingArrays, seeing_arrays, seeing_memory
+from mcpilco.search.fused.support import canonical_features
 from mcpilco.search.particles import Particles, Sensing
 from mcpilco.sensing import Foresight, LinearObserver
 

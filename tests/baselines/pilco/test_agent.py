@@ -12,7 +12,7 @@ import torch
 
 from baselines.costs import TipDistanceCost
 from baselines.pilco import PILCO, PRESETS, PilcoConfig
-from baselines.pilco.search import PilcoRequest
+from baselines.pilco.search import PilcoSearch
 from mcpilco import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import Preset
@@ -73,7 +73,7 @@ def test_a_search_without_an_answer_is_a_trial_that_tells_why(monkeypatch):
     def fail(self):
         raise torch.linalg.LinAlgError("no covariance")
 
-    monkeypatch.setattr(PilcoRequest, "answer", fail)
+    monkeypatch.setattr(PilcoSearch, "run", fail)
     result = learned(1).results[-1]
     assert "No policy could be learned: no covariance" in result.failure
 

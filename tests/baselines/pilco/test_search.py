@@ -12,7 +12,7 @@ import torch
 
 from baselines.moments import Gaussian
 from baselines.pilco.rollout import Problem, predicted
-from baselines.pilco.search import PilcoRequest
+from baselines.pilco.search import PilcoSearch
 from mcpilco.policies import SaturatingCost
 from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
 
@@ -20,10 +20,10 @@ COST = SaturatingCost((1,), (1.0,), (1.0,), (False,))
 CONFIG = dataclasses.replace(TINY, line_searches=10, evaluations=15)
 
 
-def request(predict=predicted, report=lambda *_: None, fresh=None, config=CONFIG) -> PilcoRequest:
+def search(predict=predicted, report=lambda *_: None, fresh=None, config=CONFIG) -> PilcoSearch:
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
-    return PilcoRequest(
+    return PilcoSearch(
         config=config,
         problem=Problem(dynamics, COST, narrow_start(), 4, predict),
         policy=policy,
@@ -35,9 +35,9 @@ def request(predict=predicted, report=lambda *_: None, fresh=None, config=CONFIG
 
 def test_the_cost_falls_and_the_start_stays():
     told, asked = [], None
-    asked = request(report=lambda step, most, values: told.append(values["policy/cost"]))
+    asked = search(report=lambda step, most, values: told.append(values["policy/cost"]))
     before = copy.deepcopy(asked.policy.state_dict())
-    found = asked.answer()
+    found = asked.run()
     assert found.best.cost == pytest.approx(min(told), abs=1e-12)
     assert found.best.cost < told[0] - 0.01
     assert len(told) == found.steps <= CONFIG.evaluations
@@ -47,7 +47,7 @@ def test_the_cost_falls_and_the_start_stays():
 
 
 def test_the_expected_cost_is_that_of_the_particles_shown():
-    best = request().answer().best
+    best = search().run().best
     prediction = best.prediction(300)
     assert prediction.states.shape == (5, 300, 4)
     assert prediction.inputs.shape == (4, 300, 1)
@@ -77,19 +77,19 @@ class Sometimes:
 
 @pytest.mark.parametrize("as_nan", [False, True])
 def test_a_step_without_an_answer_is_shortened(as_nan):
-    usual = request().answer()
-    found = request(Sometimes(3, 4, as_nan=as_nan)).answer()
+    usual = search().run()
+    found = search(Sometimes(3, 4, as_nan=as_nan)).run()
     assert math.isfinite(found.best.cost)
-    assert found.best.cost < request(Sometimes(), config=TINY).answer().best.cost + 0.5
+    assert found.best.cost < search(Sometimes(), config=TINY).run().best.cost + 0.5
     assert found.best.cost == pytest.approx(usual.best.cost, abs=0.3)
 
 
 def test_a_start_without_an_answer_gives_way_to_a_random_one():
-    found = request(Sometimes(1)).answer()
+    found = search(Sometimes(1)).run()
     assert found.starts == 2
     assert math.isfinite(found.best.cost)
 
 
 def test_where_nothing_has_an_answer_the_search_says_so():
     with pytest.raises(torch.linalg.LinAlgError, match="nothing finite"):
-        request(Sometimes(1, 2)).answer()
+        search(Sometimes(1, 2)).run()

@@ -265,13 +265,12 @@ class Failing(PointEnv):
 def test_an_episode_that_breaks_off_ends_its_trial_and_not_the_run(env, reason: str) -> None:
     env.bad_at, bad_at = None, env.bad_at
     agent = make_agent(env=env)
-    learning = agent.learning(3 * STEPS)
-    request = next(learning)  # explored
-    env.bad_at = bad_at
-    request = learning.send(request.answer())  # the first trial
-    env.bad_at = None
-    with pytest.raises(StopIteration):
-        learning.send(request.answer())
+
+    class FirstTrialBreaks(Callback):
+        def on_trial_start(self, trial):
+            env.bad_at = bad_at if trial == 1 else None
+
+    agent.learn(3 * STEPS, callback=FirstTrialBreaks())
     broken, whole = agent.results
     assert re.search(reason, broken.failure)
     assert len(broken.rollout) == 2

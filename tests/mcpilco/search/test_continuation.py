@@ -16,7 +16,6 @@ from mcpilco.config import Config, ModelConfig, SearchConfig
 from mcpilco.search.continuation import SHORTEST, follow
 from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.search import Candidate, PolicySearch, SearchResult
-from mcpilco.search.stopwatch import Spent
 from tests.mcpilco.search.test_search import Line, line_policy, line_problem
 
 
@@ -47,7 +46,7 @@ class Record:
         self.at = share if kept else self.at
         costs = torch.full((1, 1), self.cost if kept else 2 * self.cost, dtype=torch.float64)
         empty = Particles(torch.zeros(2, 1, 1), torch.zeros(1, 1, 1))
-        return SearchResult(Candidate(policy, empty, costs, 7), 1, 7, Spent())
+        return SearchResult(Candidate(policy, empty, costs, 7), 1, 7)
 
 
 def visited(

@@ -13,7 +13,8 @@ import pytest
 import torch
 
 from mcpilco.config import Config
-from mcpilco.search import batched, engine, fused
+from mcpilco.dynamics import PathwisePosterior
+from mcpilco.search import engine, fused
 from mcpilco.search.engine import rollout_of
 from mcpilco.search.particles import rollout
 from mcpilco.sensing import LinearObserver
@@ -71,27 +72,49 @@ def test_the_compiled_loops_are_the_first_choice(task: TaskSpec) -> None:
     assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
 
 
-@pytest.mark.parametrize("fast", [fused, batched])
-def test_what_the_fast_ones_do_not_know_is_left_to_the_plain_one(
-    task: TaskSpec, monkeypatch: pytest.MonkeyPatch, caplog, fast
-) -> None:
-    monkeypatch.setattr(engine, "_fastest", lambda: fast)
-    dynamics = make_dynamics(task)
-    assert same(rollout_of(Config(), dynamics, make_policy(task)), fast.rollout, single=False)
+@pytest.fixture
+def said(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
+    """The log, of a process that has not warned of anything yet."""
+    engine._warn_once.cache_clear()
+    return caplog
+
+
+def test_a_fall_back_to_plain_torch_is_warned_of_once_by_name(task: TaskSpec, said) -> None:
+    dynamics, policy = make_dynamics(task), make_policy(task)
     strange = lambda states, dropout=None, step=0: states  # noqa: E731
-    assert rollout_of(Config(), dynamics, strange) is rollout
-    assert not caplog.messages
-    assert rollout_of(Config(precision="float32"), dynamics, strange) is rollout
-    assert "in float64" in caplog.text
+    assert rollout_of(Config(), dynamics, policy) is not rollout
+    assert not said.messages
+    for dynamics_, policy_, observer, word in (
+        (dynamics, strange, None, "the policy function"),
+        (PathwisePosterior(dynamics), policy, None, "the model PathwisePosterior"),
+        (dynamics, policy, SimpleNamespace(), "the observer SimpleNamespace"),
+    ):
+        for _ in range(2):
+            assert rollout_of(Config(), dynamics_, policy_, observer) is rollout
+        (sentence,) = said.messages
+        assert word in sentence
+        assert "plain torch, in float64, several times slower" in sentence
+        said.clear()
 
 
-def test_linear_observers_are_known_to_the_compiled_loops_alone(
+def test_single_precision_in_the_plain_rollout_is_warned_of(task: TaskSpec, said) -> None:
+    dynamics, policy = make_dynamics(task), make_policy(task)
+    assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
+    assert not said.messages
+    config = Config(engine="eager", precision="float32")
+    assert rollout_of(config, dynamics, policy) is rollout
+    assert "computes in float64" in said.text
+
+
+def test_without_compiled_loops_all_is_rolled_out_in_torch(
     task: TaskSpec, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(engine, "_compiled_loops", lambda: None)
+    assert rollout_of(Config(), make_dynamics(task), make_policy(task)) is rollout
+
+
+def test_linear_observers_are_known_to_the_compiled_loops(task: TaskSpec) -> None:
     dynamics, policy = make_dynamics(task), make_policy(task)
     estimator = differences(dataclasses.replace(task, measured=(0, 2)))
     observer = LinearObserver(estimator, torch.tensor([0.01, 0.01]).double())
     assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=False)
-    assert rollout_of(Config(), dynamics, policy, SimpleNamespace()) is rollout
-    monkeypatch.setattr(engine, "_fastest", lambda: batched)
-    assert rollout_of(Config(), dynamics, policy, observer) is rollout

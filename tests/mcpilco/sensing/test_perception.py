@@ -12,7 +12,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 
 import envs  # noqa: F401  registers the cart-pole
-from mcpilco.agent import MCPILCO, search_together
+from mcpilco.agent import MCPILCO
 from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig, SearchConfig
 from mcpilco.search import rollout
 from mcpilco.sweep.fresh import FreshEpisodes
@@ -134,17 +134,11 @@ def test_a_damaged_estimator_is_refused(agent: MCPILCO) -> None:
 
 
 def test_unmodelled_rollouts_see_the_states() -> None:
-    requests = {}
     for modelled in (True, False):
-        agent = MCPILCO("SumOfGaussians", POSITIONS, config=hasty(modelled=modelled))
-        learning = agent.learning(2 * STEPS)
-        requests[modelled] = next(learning)
-        learning.close()
-    assert requests[True].problem.observer.estimator is not None
-    assert requests[False].problem.observer is None
-    assert requests[True].problem.rollout is rollout
-    with pytest.raises(InputError, match="measured in part"):
-        search_together([requests[True]])
+        agent = learned(modelled=modelled)
+        problem = agent._problem(2, agent.perception)
+        assert (problem.observer is not None) == modelled
+        assert problem.rollout is rollout
 
 
 def test_noise_that_is_not_told_is_estimated_once() -> None:

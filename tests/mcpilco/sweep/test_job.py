@@ -55,9 +55,9 @@ def test_judging_is_over_before_a_trials_clock_starts_and_begins_after_it_stops(
         def on_trial_start(self, trial):
             order.append("start")
 
-    learning, judge = MCPILCO.learning, FreshEpisodes.outcomes
+    learn, judge = MCPILCO.learn, FreshEpisodes.outcomes
     monkeypatch.setattr(
-        MCPILCO, "learning", lambda self, steps, callback: learning(self, steps, [Note(), callback])
+        MCPILCO, "learn", lambda self, steps, callback: learn(self, steps, [Note(), callback])
     )
     monkeypatch.setattr(
         FreshEpisodes, "outcomes", lambda *given: (order.append("judge"), judge(*given))[1]

@@ -210,7 +210,7 @@ def test_gradient_equals_finite_differences(task: TaskSpec) -> None:
 
 def test_refuses_what_it_does_not_know(task: TaskSpec) -> None:
     dynamics = make_dynamics(task)
-    assert fused.supports(dynamics, make_policy(task))
-    assert not fused.supports(dynamics, lambda states, dropout=None, step=0: states[..., :1])
+    assert fused.unknown(dynamics, make_policy(task)) is None
+    assert "policy" in fused.unknown(dynamics, lambda states, dropout=None, step=0: states[..., :1])
     blind = SumOfGaussians(AngleAugmentation(4, ()), [-1.0], [1.0])
-    assert not fused.supports(dynamics, blind)
+    assert "sees other states" in fused.unknown(dynamics, blind)

@@ -15,7 +15,7 @@ from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.kernels import Kernel
 from mcpilco.policies import Dropout
-from mcpilco.search import batched, fused
+from mcpilco.search import fused
 from mcpilco.search.engine import rollout_of
 from mcpilco.search.particles import rollout
 from tests.mcpilco.conftest import make_policy
@@ -134,10 +134,9 @@ def test_a_remembered_input_is_the_one_given_before(task):
 
 
 @pytest.mark.parametrize("name", COMPONENTS)
-def test_the_compiled_loops_take_every_component_and_the_batched_none(task, name):
+def test_the_compiled_loops_take_every_component(task, name):
     dynamics, policy = drawn(task, COMPONENTS[name])
-    assert fused.supports(dynamics, policy)
-    assert not batched.supports(dynamics, policy)
+    assert fused.unknown(dynamics, policy) is None
     assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
 
 
