@@ -137,7 +137,7 @@ class TrialAgent(ABC):
         """
 
     def _explore(self) -> list[Rollout]:
-        """Episodes of random inputs, recorded before the first trial of an agent that needs them."""
+        """Episodes of random inputs, recorded before the first trial where they are needed."""
         return []
 
     @abstractmethod

@@ -156,10 +156,3 @@ def test_a_run_of_an_unknown_algorithm_is_refused(tmp_path, capsys):
     path.write_text(path.read_text().replace('"algo": "pilco"', '"algo": "os:system"'))
     assert main(["evaluate", str(tmp_path / "run")]) == 2
     assert "must be one of" in capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("hasty")
-def test_a_sweep_runs_on_no_device(tmp_path, capsys):
-    argv = ["sweep", "--algo", "pilco", "--device", "cpu", "--out", str(tmp_path / "sweep")]
-    assert main(argv) == 2
-    assert "--device expected the algorithm mcpilco" in capsys.readouterr().err
