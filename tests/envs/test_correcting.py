@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import envs
 from envs.plants import PLANTS
 from mcpilco.plant import Addition, Correction, correction_of, simulate, write_correction
+from mcpilco.plant.simulation.stepper import ACCURACY
 from mcpilco.typing import EnvError, InputError
 from tests.envs.systems import SYSTEMS
 
@@ -104,7 +105,9 @@ def measured(env, plant, start, inputs, past=4):
     commands = np.repeat(np.concatenate([rest, inputs]), looks, axis=0)
     commands = np.concatenate([commands, inputs[-1:]])[None]
     tables = plant.tables(plant.nominal[None])
-    y = simulate(tables, zero, start[None], zero, commands, past * looks, dt / looks)
+    y = simulate(
+        tables, zero, start[None], zero, commands, past * looks, dt / looks, accuracy=ACCURACY
+    )
     return y[0].T[::looks]
 
 

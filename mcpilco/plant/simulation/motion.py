@@ -159,11 +159,11 @@ def turning(tables, s, v, tv, kv, h):
 
 
 @njit(**INLINED)
-def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv, taken):
+def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, tv, taken):
     """Follows a motion through a segment; returns the step that suits its end, or -1 if lost.
 
-    q and v are replaced by those at the end. kq, kv (7, J) and tq, tv (J,) are work space;
-    taken (1,) counts the steps.
+    q and v are replaced by those at the end. `accuracy` is the error allowed in a step, in units of
+    the tolerances [-]; kq, kv (7, J) and tq, tv (J,) are work space; taken (1,) counts the steps.
     """
     J = len(q)
     done = 0.0
@@ -193,6 +193,7 @@ def travel(tables, s, q, v, actuated, duration, step, w, kq, kv, tq, tv, taken):
                 eq += ERROR[k] * kq[k, j]
                 ev += ERROR[k] * kv[k, j]
             worst = max(worst, h * abs(eq) / POSITION_TOLERANCE, h * abs(ev) / VELOCITY_TOLERANCE)
+        worst /= accuracy
         if not worst < 1e30:  # NaN or infinite
             worst = 1e30
         part = turning(tables, s, v, tv, kv, h)
@@ -278,7 +279,7 @@ def _compiled(source: str):
     """`follow`, compiled anew when the digest of the source code changes."""
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def follow(tables, system, start, window, commands, lead, dt, y, w, taken):
+    def follow(tables, system, start, window, commands, lead, dt, accuracy, y, w, taken):
         """Fills y (B, X, T) with what is measured of B motions, NaN from where one is lost.
 
         Args:
@@ -290,6 +291,7 @@ def _compiled(source: str):
                 actuators.
             lead: samples before the start.
             dt: sampling time [s].
+            accuracy: error allowed in a step, in units of the tolerances [-].
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
             taken: (1,), the steps of the integrator are added to it.
@@ -319,8 +321,9 @@ def _compiled(source: str):
                     break
                 while now < dt and step > 0.0:
                     event = next_event(tables, s, now, dt)
+                    rest = event - now
                     step = travel(
-                        tables, s, q, v, actuated, event - now, step, w, kq, kv, tq, tv, taken
+                        tables, s, q, v, actuated, rest, step, accuracy, w, kq, kv, tq, tv, taken
                     )
                     settle(tables, s, event - now, actuated)
                     now = event
@@ -345,6 +348,7 @@ def simulate(
     lead: int,
     dt: float,
     taken: Int[np.ndarray, " 1"] | None = None,
+    accuracy: float = 1.0,
 ) -> Float[np.ndarray, "B X T"]:
     """What is measured of B motions, at T samples; NaN from where a motion runs away.
 
@@ -358,9 +362,10 @@ def simulate(
         lead: how many these are.
         dt: sampling time [s].
         taken: the steps of the integrator are added to it.
+        accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
     """
     y = np.empty((*start.shape, commands.shape[1] - lead))
     w = scratch(start.shape[1] // 2)
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
-    _follow(tables, system, start, window, commands, lead, dt, y, w, taken)
+    _follow(tables, system, start, window, commands, lead, dt, accuracy, y, w, taken)
     return y

@@ -13,6 +13,10 @@ from mcpilco.compiling import digest
 from mcpilco.plant.simulation.motion import look, next_event, settle, shaped, switch, travel
 from mcpilco.plant.simulation.tables import DELAY, LATENCY, OFFSET, SCALE, Tables
 
+ACCURACY = 1e-3
+"""error allowed in an integrator's step, relative to that of `simulate` [-]: the motion of an env
+is the truth that others are compared with"""
+
 
 def _compiled(source: str):
     """`advance`, compiled anew when the digest of the source code changes."""
@@ -50,8 +54,9 @@ def _compiled(source: str):
                 until = dt if k == T - 1 else (k + 1) * dt / T
                 while now < until and step > 0.0:
                     event = min(next_event(tables, 0, now, dt), until)
+                    rest = event - now
                     step = travel(
-                        tables, 0, q, v, actuated[b], event - now, step, w, kq, kv, tq, tv, taken
+                        tables, 0, q, v, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
                     )
                     settle(tables, 0, event - now, actuated[b])
                     now = event
