@@ -47,10 +47,11 @@ format: $(DEV_READY) ## format the code and mend what can be mended
 	$(BIN)/ruff format .
 
 docs: $(DOCS_READY) ## build the documentation into site/
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python docs/build_reference.py
+	$(BIN)/zensical build --strict --clean
 
 clean: ## remove what the targets made, but for .venv and the runs
-	rm -rf site dist build .pytest_cache .ruff_cache .mypy_cache .hypothesis .import_linter_cache
+	rm -rf site docs/reference dist build .pytest_cache .ruff_cache .mypy_cache .hypothesis .import_linter_cache
 	find mcpilco envs baselines tests -name __pycache__ -prune -exec rm -rf {} +
 
 # torch comes first and by version: the other packages then take it as it is.

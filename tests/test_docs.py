@@ -15,8 +15,9 @@ import tomllib
 import warnings
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import gymnasium
@@ -34,6 +35,18 @@ from mcpilco.plant.effects import Effect
 from tests.baselines.sb3.small import TINY
 
 ROOT = Path(__file__).parent.parent
+
+
+def script(name: str) -> ModuleType:
+    """A script of the documentation, as a module."""
+    spec = spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    module = module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+build_reference = script("build_reference")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 SMALL = Config(
@@ -313,13 +326,43 @@ def test_the_table_of_plants_holds_their_names() -> None:
         assert f"| `{name}` | {' | '.join(cells)} |" in page
 
 
-def test_contributing_lists_the_layers_that_are_checked() -> None:
+def test_the_map_has_the_rooms_in_the_order_that_is_checked() -> None:
     project = tomllib.loads(text(ROOT / "pyproject.toml"))
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     present = {path.stem for path in (ROOT / "mcpilco").iterdir()}
     checked = [set(layer.split(" | ")) & present for layer in reversed(layers)]
-    rows = [set(line.split()) for line in shell_lines(ROOT / "CONTRIBUTING.md")]
-    assert rows[rows.index({"typing"}) :] == checked
+    cells = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \|", text(ROOT / "docs" / "map.md"), re.MULTILINE)
+    rows = [re.findall(r"\w+", cell) for cell in cells]
+    level = {name: number for number, layer in enumerate(checked) for name in layer}
+    assert {name for row in rows for name in row} == set(level)
+    order = [max(level[name] for name in row) for row in rows]
+    assert order == sorted(order)
+
+
+def test_the_site_has_a_reference_page_for_every_room() -> None:
+    project = tomllib.loads(text(ROOT / "pyproject.toml"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    names = {name for layer in layers for name in layer.split(" | ")}
+    packages = {name for name in names if (ROOT / "mcpilco" / name / "__init__.py").exists()}
+    nav = re.findall(r"reference/([\w.]+)\.md", text(ROOT / "mkdocs.yml"))
+    assert {f"mcpilco.{name}" for name in packages} <= set(nav)
+    assert set(nav) == set(build_reference.rooms())
+
+
+@pytest.mark.parametrize("room", build_reference.rooms())
+def test_a_reference_page_has_every_public_name(room: str) -> None:
+    listed = [name for name in importlib.import_module(room).__all__ if name.isidentifier()]
+    modules = [
+        name
+        for name in listed
+        if isinstance(getattr(importlib.import_module(room), name), ModuleType)
+    ]
+    assert set(build_reference.public_names(room)) == set(listed) - set(modules)
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    nav = set(re.findall(r": ([\w-]+\.md)$", text(ROOT / "mkdocs.yml"), re.MULTILINE))
+    assert nav == {page.name for page in (ROOT / "docs").glob("*.md")}
 
 
 def test_the_run_folder_is_explained_file_by_file(

@@ -16,7 +16,7 @@ from mcpilco.typing import Cost, InputError
 
 @dataclass(frozen=True)
 class SaturatingCost:
-    """c = 1 - exp(-sum_i ((s_i - target_i) / lengthscale_i)^2), in [0, 1] [-].
+    """c = 1 - exp(-sum_i ((s_i - target_i) / lengthscale_i)^2), from 0 to 1 [-].
 
     s_i is a component of the state, or its absolute value where `magnitude` says so: an angle that
     may end at +pi or at -pi has the target pi and the magnitude flag.
@@ -71,7 +71,7 @@ class SaturatingCost:
 
 @dataclass(frozen=True)
 class TipCost:
-    """c = 1 - exp(-|p - p*|^2 / l^2 - (x / l_x)^2), in [0, 1] [-]: links balanced upright.
+    """c = 1 - exp(-|p - p*|^2 / l^2 - (x / l_x)^2), from 0 to 1 [-]: links balanced upright.
 
     p is the tip of a chain of links relative to its foot, p* the same when all stand upright, where
     their angles are 0; full turns look alike. x is the foot's position, where it moves.
