@@ -78,9 +78,10 @@ def public_names(room: str) -> list[str]:
     for statement in tree.body:
         if isinstance(statement, ast.Assign) and ast.unparse(statement.targets[0]) == "__all__":
             listed = [ast.literal_eval(name) for name in getattr(statement.value, "elts", ())]
-    modules = {path.stem for path in folder_of(room).iterdir() if path.suffix in (".py", "")}
-    order = {name: number for number, name in enumerate(imports_of(room))}
-    return sorted(set(listed) - modules, key=lambda name: (order.get(name, -1), name))
+    imported = imports_of(room)
+    submodules = {name for name in listed if imported.get(name, ("",))[0] == room}
+    order = {name: number for number, name in enumerate(imported)}
+    return sorted(set(listed) - submodules, key=lambda name: (order.get(name, -1), name))
 
 
 def subrooms(room: str) -> list[str]:
