@@ -21,17 +21,17 @@ from threadpoolctl import threadpool_limits
 
 from envs.arms.sticky_arm import MODEL, SAMPLING_S, ArmLog, Push, StickyArm
 from envs.arms.waypoints import waypoints
-from mcpilco.identification import rigid_body
+from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (
-    TERMS,
+    CURRENT_TERMS,
     CollisionDetector,
     CurrentConfig,
     Sample,
     ThresholdConfig,
     fit_currents,
-    samples_of,
     thresholds,
 )
+from mcpilco.recordings import arm_samples
 
 WARM = 100
 """samples that are not timed"""
@@ -54,9 +54,9 @@ def main() -> None:
     with threadpool_limits(1):
         rng = np.random.default_rng(0)
         arm = StickyArm.drawn(rng)
-        free, held = (samples_of(arm.follow(waypoints(30, rng), rng)) for _ in range(2))
+        free, held = (arm_samples(arm.follow(waypoints(30, rng), rng)) for _ in range(2))
         told = list(stream(arm.follow(waypoints(12, rng), rng, [Push(4.0, 40.0)])))
-        body = rigid_body(mujoco.MjModel.from_xml_path(str(MODEL)), terms=TERMS)
+        body = RigidBody.of(mujoco.MjModel.from_xml_path(str(MODEL)), terms=CURRENT_TERMS)
         for points in arguments.points:
             config = CurrentConfig(points=points, iterations=30)
             model, _ = fit_currents(free, body, SAMPLING_S, config)

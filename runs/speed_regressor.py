@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 from threadpoolctl import threadpool_limits
 
-from mcpilco.identification import motions, rigid_body
+from mcpilco.identification import RigidBody, random_motions
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ def main() -> None:
 def rates(joints: int, samples: int, repeats: int) -> tuple[float, float]:
     """Samples a CPU second of both."""
     model = mujoco.MjModel.from_xml_string(chain(joints))
-    data, body = mujoco.MjData(model), rigid_body(model)
-    q, dq, ddq = motions(body, samples, np.random.default_rng(0))
+    data, body = mujoco.MjData(model), RigidBody.of(model)
+    q, dq, ddq = random_motions(body, samples, np.random.default_rng(0))
 
     def inverse() -> None:
         for n in range(samples):

@@ -10,13 +10,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
-    from mcpilco.identification.collision import (
-        ArmSamples,
-        CurrentModel,
-        Detections,
-        Event,
-        Thresholds,
-    )
+    from mcpilco.identification.collision import CurrentModel, Detections, Event, Thresholds
+    from mcpilco.recordings import ArmSamples
 
 
 def tell_errors(model: CurrentModel, held: ArmSamples) -> None:

@@ -27,13 +27,8 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from mcpilco.identification.collision import (
-        ArmRecording,
-        ArmSamples,
-        CurrentModel,
-        ThresholdConfig,
-        Thresholds,
-    )
+    from mcpilco.identification.collision import CurrentModel, ThresholdConfig, Thresholds
+    from mcpilco.recordings import ArmRecording, ArmSamples
 
 HELD_OUT = 0.3
 """share of each recording, its end, that thresholds are set by where no other is given"""
@@ -179,19 +174,15 @@ class Detect:
         """
         use_one_thread()
         from mcpilco.files import write_bytes
-        from mcpilco.identification.collision import (
-            detect,
-            events,
-            load_collision_model,
-            samples_of,
-        )
+        from mcpilco.identification.collision import detect, events, load_collision_model
+        from mcpilco.recordings import arm_samples
         from mcpilco.show.collision_film import write_collision_film
 
         model, limits = load_collision_model(self.model)
         self.out.mkdir(parents=True, exist_ok=True)
         told: dict[str, Any] = {}
         for recording in _read(self.recordings, model.joints, _named(self.columns), model.dt):
-            samples = samples_of(recording, model.config.window)
+            samples = arm_samples(recording, model.config.window)
             found = detect(model, limits, samples)
             alarms = events(found, model.joints)
             push = _force(recording, samples)
@@ -232,8 +223,8 @@ class Collisions:
 def _robot(path: Path) -> Any:
     import mujoco
 
-    from mcpilco.identification import rigid_body
-    from mcpilco.identification.collision import TERMS
+    from mcpilco.identification import RigidBody
+    from mcpilco.identification.collision import CURRENT_TERMS
 
     if not path.is_file():
         raise InputError(f"There is no robot at {path}; name an MJCF file.")
@@ -241,7 +232,7 @@ def _robot(path: Path) -> Any:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InputError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
-    return rigid_body(model, terms=TERMS)
+    return RigidBody.of(model, terms=CURRENT_TERMS)
 
 
 def _named(columns: tuple[str, ...]) -> dict[str, str]:
@@ -252,7 +243,7 @@ def _read(
     paths: Sequence[Path], joints: Sequence[str], columns: dict[str, str], dt: float | None
 ) -> list[ArmRecording]:
     """The recordings, all at one sampling time; remarks go to stderr."""
-    from mcpilco.identification.collision import read_arm
+    from mcpilco.recordings import read_arm
 
     if not paths:
         raise InputError("name at least one recording.")
@@ -275,16 +266,16 @@ def _dt(recording: ArmRecording) -> float:
 
 
 def _joined(recordings: Sequence[ArmRecording], config: Any) -> ArmSamples:
-    from mcpilco.identification.collision import ArmSamples, samples_of
+    from mcpilco.recordings import ArmSamples, arm_samples
 
-    return ArmSamples.joined([samples_of(recording, config.window) for recording in recordings])
+    return ArmSamples.joined([arm_samples(recording, config.window) for recording in recordings])
 
 
 def _split(recordings: Sequence[ArmRecording], window: int) -> tuple[ArmSamples, ArmSamples]:
     """The beginnings and the ends of the recordings."""
-    from mcpilco.identification.collision import ArmSamples, samples_of
+    from mcpilco.recordings import ArmSamples, arm_samples
 
-    parts = [samples_of(recording, window) for recording in recordings]
+    parts = [arm_samples(recording, window) for recording in recordings]
     ends = [round((1.0 - HELD_OUT) * len(part)) for part in parts]
     return (
         ArmSamples.joined([part[:end] for part, end in zip(parts, ends, strict=True)]),

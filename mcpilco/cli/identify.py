@@ -88,13 +88,8 @@ class Identify:
     def _identify(self) -> Identified:
         import warnings
 
-        from mcpilco.identification import (
-            Recipe,
-            UnidentifiedWarning,
-            identify,
-            load_robot,
-            read_robot,
-        )
+        from mcpilco.identification import Recipe, UnidentifiedWarning, identify
+        from mcpilco.recordings import load_robot, read_robot
 
         model = load_robot(self.model)
         recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)

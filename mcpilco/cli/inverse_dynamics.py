@@ -18,8 +18,8 @@ from mcpilco.typing import InputError, McPilcoError
 if TYPE_CHECKING:
     from mcpilco.bodies import Chain
     from mcpilco.identification.inverse_dynamics import InverseDynamics as Model
-    from mcpilco.identification.inverse_dynamics import JointData
     from mcpilco.kernels import Kind
+    from mcpilco.recordings import JointData
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,16 @@ class InverseDynamics:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.identification.inverse_dynamics import fit, save
+        from mcpilco.identification.inverse_dynamics import (
+            fit_inverse_dynamics,
+            save_inverse_dynamics,
+        )
 
         if not self.recordings:
             raise InputError("expected at least one recording, got none; name a CSV file.")
         chain = self._chain()
         train, test = self._data(chain)
-        model = fit(
+        model = fit_inverse_dynamics(
             train.thinned(self.samples),
             self.kernel,
             chain=chain,
@@ -72,7 +75,7 @@ class InverseDynamics:
         )
         nmse = model.nmse(test)
         self.out.mkdir(parents=True, exist_ok=True)
-        save(self.out / "model.npz", model)
+        save_inverse_dynamics(self.out / "model.npz", model)
         self._write_report(model, test, nmse.tolist())
         written = ["model.npz", "report.json", *self._draw(model, test)]
         print(f"{len(train.thinned(self.samples))} samples to learn from, {len(test)} to test on.")
@@ -101,8 +104,13 @@ class InverseDynamics:
 
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
         """What to learn from and what to test on."""
-        from mcpilco.identification.inverse_dynamics import check, joined
-        from mcpilco.recordings import held_out, joint_data, read_joint_recordings
+        from mcpilco.recordings import (
+            JointData,
+            check_joint_data,
+            held_out,
+            joint_data,
+            read_joint_recordings,
+        )
 
         joints, kinds = self._robot(chain)
         columns = dict(pairs("--columns", separated(self.columns)))
@@ -111,9 +119,11 @@ class InverseDynamics:
             for remark in recording.remarks:
                 print(f"{recording.name}: {remark}", file=sys.stderr)
         parts = [joint_data(recording, joints, kinds) for recording in recordings]
-        check(joined(parts))
+        check_joint_data(JointData.joined(parts))
         halves = [held_out(part, self.hold_out) for part in parts]
-        return joined([first for first, _ in halves]), joined([last for _, last in halves])
+        return JointData.joined([first for first, _ in halves]), JointData.joined(
+            [last for _, last in halves]
+        )
 
     def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
         """Names and kinds of the joints."""

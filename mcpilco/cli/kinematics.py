@@ -15,9 +15,9 @@ from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from mcpilco.identification.kinematics import Chain, ForwardKinematics, MarkerRecording
-    from mcpilco.identification.kinematics.validation import Errors
-    from mcpilco.identification.report import Report
+    from mcpilco.identification import Report
+    from mcpilco.identification.kinematics import ForwardKinematics, KinematicChain, PoseErrors
+    from mcpilco.recordings import MarkerRecording
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,12 @@ class Kinematics:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.identification.kinematics import Tolerance, find_chain, fit_forward
-        from mcpilco.identification.kinematics.validation import validate
+        from mcpilco.identification.kinematics import (
+            Tolerance,
+            find_chain,
+            fit_forward,
+            prediction_errors,
+        )
 
         if not 1 <= len(self.files) <= 2:
             raise InputError(
@@ -58,7 +62,7 @@ class Kinematics:
         chain = find_chain(recording, tolerance)
         _print_chain(chain)
         model = fit_forward(recording, chain, self.samples, seed=self.seed)
-        errors = validate(model, recording)
+        errors = prediction_errors(model, recording)
         _print_forward(model, errors)
         for sentence in (*chain.report.warnings, *model.report.warnings):
             print(f"mcpilco: note: {sentence}", file=sys.stderr)
@@ -67,7 +71,7 @@ class Kinematics:
         return 0
 
     def _read(self) -> MarkerRecording:
-        from mcpilco.identification.kinematics import read_markers
+        from mcpilco.recordings import read_markers
 
         recording, remarks = read_markers(*self.files)
         for remark in remarks:
@@ -77,9 +81,9 @@ class Kinematics:
     def _write(
         self,
         recording: MarkerRecording,
-        chain: Chain,
+        chain: KinematicChain,
         model: ForwardKinematics,
-        errors: Errors | None,
+        errors: PoseErrors | None,
         tolerance: Any,
     ) -> None:
         from mcpilco.files import write_bytes
@@ -104,7 +108,11 @@ class Kinematics:
         print(f"In {self.out}: {', '.join(written)}.")
 
     def _draw(
-        self, recording: MarkerRecording, chain: Chain, errors: Errors | None, tolerance: Any
+        self,
+        recording: MarkerRecording,
+        chain: KinematicChain,
+        errors: PoseErrors | None,
+        tolerance: Any,
     ) -> list[str]:
         """The picture's name, or none where it cannot be drawn; nothing else is lost then."""
         from mcpilco.show.plots.kinematics import draw_kinematics
@@ -123,7 +131,7 @@ def _told(report: Report) -> dict[str, Any]:
     return asdict(report)
 
 
-def _print_chain(chain: Chain) -> None:
+def _print_chain(chain: KinematicChain) -> None:
     from mcpilco.kernels import REVOLUTE
 
     print(f"base  marker {chain.base}")
@@ -136,7 +144,7 @@ def _print_chain(chain: Chain) -> None:
         )
 
 
-def _print_forward(model: ForwardKinematics, errors: Errors | None) -> None:
+def _print_forward(model: ForwardKinematics, errors: PoseErrors | None) -> None:
     print(f"forward kinematics of {model.marker}, from {len(model.q)} samples")
     if errors is None:
         print("      not tested: no sample is left; ask for fewer with --samples")

@@ -58,7 +58,7 @@ class Simulate:
         import numpy as np
 
         from mcpilco.files import write_bytes
-        from mcpilco.identification.collision import FORCE, columns_of
+        from mcpilco.recordings import FORCE, columns_of
 
         names = ["time", *columns_of(log.joints)]
         table = [log.time]

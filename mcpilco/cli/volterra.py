@@ -18,7 +18,7 @@ from mcpilco.typing import InputError, McPilcoError
 if TYPE_CHECKING:
     import numpy as np
 
-    from mcpilco.identification.volterra import VolterraModel
+    from mcpilco.identification import VolterraModel
     from mcpilco.recordings import Series
 
 _SHOWN = 300
@@ -61,7 +61,7 @@ class Volterra:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-        from mcpilco.identification.volterra_file import save_volterra
+        from mcpilco.identification import save_volterra
 
         train, test = self._data()
         model = self._best(train, test)
@@ -97,8 +97,7 @@ class Volterra:
 
     def _best(self, train: Series, test: Series) -> VolterraModel:
         """Of the fits with each kernel, all of which are told, that with the highest evidence."""
-        from mcpilco.identification.volterra import fit_volterra
-        from mcpilco.identification.volterra_prior import VolterraConfig
+        from mcpilco.identification import VolterraConfig, fit_volterra
 
         models = []
         for kernel in self.kernel:
@@ -131,7 +130,7 @@ class Volterra:
 
 def _tell(model: VolterraModel, train: Series, test: Series) -> None:
     """A line for each output."""
-    from mcpilco.identification.volterra_systems import fit_percent
+    from mcpilco.identification import fit_percent
 
     fitted, judged = model.predict(train.inputs)[0], model.predict(test.inputs)[0]
     for e, name in enumerate(model.output_names):

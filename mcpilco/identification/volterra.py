@@ -1,23 +1,105 @@
-"""Volterra series from recordings: which polynomial of past inputs an output is.
+"""Volterra series from recordings: an output as a polynomial of past inputs.
+
+`fit_volterra` makes a `VolterraModel` from a `mcpilco.recordings.Series` and a `VolterraConfig`;
+`save_volterra` and `load_volterra` keep it as a file of plain arrays. At the end two systems whose
+series are known, on which methods are compared.
 
 Reference: thesis chapter 6.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.signal import lfilter
 from torch import Tensor
 
+from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.gp import GP, JITTERS, Posterior, WeightPosterior, WeightSpaceGP
 from mcpilco.identification.report import Report
-from mcpilco.identification.volterra_prior import MANY_ORDERS, VolterraConfig, prior
-from mcpilco.kernels import VolterraKernel, symmetric
+from mcpilco.kernels import IPK, PK, SEDMPK, MonomialBasis, VolterraKernel, VolterraMPK, symmetric
 from mcpilco.recordings import Series, lagged, suspicions, usable
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, McPilcoError
+
+KERNELS: Mapping[str, Callable[[int, int, Sequence[int], int], VolterraKernel]] = {
+    "pk": lambda width, degree, batch, channels: PK(width, degree, batch),
+    "ipk": lambda width, degree, batch, channels: IPK(width, degree, batch),
+    "mpk": lambda width, degree, batch, channels: VolterraMPK(width, degree, batch),
+    "sed-mpk": lambda width, degree, batch, channels: SEDMPK(
+        width, degree, batch, channels=channels
+    ),
+    "sed-mpk-hierarchical": lambda width, degree, batch, channels: SEDMPK(
+        width, degree, batch, channels=channels, hierarchical=True
+    ),
+}
+"""priors by name: of width, degree, batch and channels"""
+
+MANY_ORDERS = 10**6
+"""entries of a covariance over all orders of the lags, beyond which it is not written out"""
+
+
+@dataclass(frozen=True)
+class VolterraConfig:
+    """What series, with which prior, and how it is fitted."""
+
+    lags: int = 20
+    """m: outputs depend on the inputs of so many samples before, and of now"""
+    degree: int = 3
+    """r: of the polynomials"""
+    kernel: str = "sed-mpk"
+    """a key of `KERNELS`"""
+    center: bool = False
+    """develop the series about the inputs' means, in place of zero"""
+    noise_floor: float = 1e-3
+    """least standard deviation of the noise, in parts of the output's root mean square [-]"""
+    fit_samples: int = 1000
+    """as many samples, drawn at random, determine the hyperparameters; the evidence is theirs"""
+    samples: int = 4000
+    """as many determine the series where matrices of the monomials would be larger"""
+    restarts: int = 0
+    """further starts of the optimiser"""
+    max_iterations: int = 500
+    """of each start"""
+    tolerance: float = 1e-7
+    """stop once a step improves the evidence by less than this part of it [-]"""
+    seed: int = 0
+    """of what is drawn"""
+
+    def __post_init__(self) -> None:
+        if self.kernel not in KERNELS:
+            raise InputError(f"kernel must be one of {', '.join(KERNELS)}, got {self.kernel!r}.")
+        for name, least in (("lags", 0), ("degree", 1), ("fit_samples", 1), ("samples", 1)):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} must be at least {least}, got {getattr(self, name)}.")
+        if not 0.0 < self.noise_floor < 1.0:
+            raise InputError(f"noise_floor must lie between 0 and 1, got {self.noise_floor}.")
+
+
+def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples: int) -> GP:
+    """A GP of the config's kernel, in weight space where that is the smaller one.
+
+    Args:
+        config: which series and prior.
+        outputs: their names.
+        channels: how many inputs.
+        samples: how many there are to fit to.
+    """
+    width = channels * (config.lags + 1)
+    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), channels)
+    full = isinstance(kernel, SEDMPK)
+    orders = width ** (config.degree * (2 if full else 1))
+    features = MonomialBasis.size(width, config.degree)
+    small = features < min(samples, config.fit_samples) and orders <= MANY_ORDERS
+    kind = WeightSpaceGP if small else GP
+    return kind(kernel, noise_floor=config.noise_floor, names=outputs)
+
 
 _CHUNK = 1000
 """rows that are predicted together"""
@@ -234,3 +316,113 @@ def _jitter(posterior: Posterior | WeightPosterior) -> tuple[float, ...]:
     mean = (posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]).mean(-1)
     added = posterior.L.square().sum(-1).mean(-1) / mean - 1.0
     return tuple(max(JITTERS, key=lambda j: -abs(j - float(share))) for share in added)
+
+
+FORMAT = 1
+"""of the files"""
+
+
+def save_volterra(model: VolterraModel, path: Path) -> Path:
+    """Write a model: hyperparameters, the samples that determine it, names and report.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    about = {
+        "format": FORMAT,
+        "config": dataclasses.asdict(model.config),
+        "input_names": model.input_names,
+        "output_names": model.output_names,
+        "report": dataclasses.asdict(model.report),
+    }
+    groups = {
+        "prior": model.gp.to_arrays(),
+        "scaling": dataclasses.asdict(model.scaling),
+        "samples": {"X": model.X.numpy(), "Y": model.Y.numpy()},
+    }
+    return write_groups(path, about, groups)
+
+
+def load_volterra(path: str | Path) -> VolterraModel:
+    """The model in a file, which predicts what it predicted when it was saved.
+
+    Raises:
+        RunFolderError: the file is missing, damaged, or no such model.
+    """
+    about, groups = read_groups(Path(path))
+    try:
+        return _model(about, groups)
+    except (KeyError, TypeError, ValueError, AttributeError, McPilcoError) as error:
+        raise damaged(Path(path), f"no Volterra model: {error}") from error
+
+
+def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> VolterraModel:
+    if about["format"] != FORMAT:
+        raise ValueError(f"format {about['format']!r}, expected {FORMAT}")
+    config = VolterraConfig(**about["config"])
+    names = tuple(about["input_names"]), tuple(about["output_names"])
+    X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
+    gp = prior(config, names[1], len(names[0]), len(X))
+    gp.load_arrays(groups["prior"])
+    told: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in about["report"].items()
+    }
+    return VolterraModel(
+        config=config,
+        input_names=names[0],
+        output_names=names[1],
+        scaling=Scaling(**groups["scaling"]),
+        gp=gp,
+        X=X,
+        Y=Y,
+        posterior=gp.condition(X, Y),
+        report=Report(**told),
+    )
+
+
+MEMORY = 6
+"""of `third_order` [samples]"""
+
+
+def third_order(u: Float[np.ndarray, " T"]) -> Float[np.ndarray, " N"]:
+    """Noiseless outputs of times 6, ..., T - 1: degree 3 with few of the 119 monomials.
+
+    Reference: thesis eq. (6.36); Spinelli, Piroddi, Lovera, 2005.
+    """
+    x0, x1, x2, x3, x4, x5, x6 = lagged(u[:, None], MEMORY).T
+    linear = x0 + 0.6 * x1 + 0.35 * (x2 + x4) + 0.9 * x3 + 0.2 * (x5 + x6)
+    quadratic = 0.25 * x0 * x1 - x1 * x2 - 0.25 * x3**2 + 0.5 * (x0**2 + x0 * x2 + x1 * x3)
+    return linear + quadratic + 0.75 * x2**3
+
+
+def third_order_h2() -> Float[np.ndarray, "7 7"]:
+    """Its map h_2, symmetric."""
+    h = np.zeros((MEMORY + 1, MEMORY + 1))
+    h[0, 1], h[1, 2], h[3, 3], h[0, 0], h[0, 2], h[1, 3] = 0.25, -1.0, -0.25, 0.5, 0.5, 0.5
+    return 0.5 * (h + h.T)
+
+
+def wiener(u: Float[np.ndarray, " T"], degree: int) -> Float[np.ndarray, " T"]:
+    """Noiseless outputs x + x^2 + ... + x^degree of a resonant filter's output x, from rest.
+
+        x = 10 q^-1 / (1 - 1.8036 q^-1 + 0.8338 q^-2) u
+
+    Reference: thesis eq. (6.38); Stoddard, Welsh, 2018.
+    """
+    x = lfilter([0.0, 10.0], [1.0, -1.8036, 0.8338], u)
+    return sum(x**i for i in range(1, degree + 1))
+
+
+def fit_percent(z: Float[np.ndarray, " N"], predicted: Float[np.ndarray, " N"]) -> float:
+    """100 (1 - |z - predicted|_1 / |z - mean z|_1) [%]: 100 is perfect, 0 as good as the mean.
+
+    Args:
+        z: true outputs; pairs with a NaN are left out.
+        predicted: what a model says of them.
+
+    Reference: thesis section 6.5.1.
+    """
+    known = np.isfinite(z) & np.isfinite(predicted)
+    z, predicted = z[known], predicted[known]
+    return float(100.0 * (1.0 - np.abs(z - predicted).sum() / np.abs(z - z.mean()).sum()))

@@ -1,17 +1,30 @@
-from .collision_samples import WINDOW, ArmSamples, RunningSlope
-from .collisions import FORCE, ArmRecording, columns_of, read_arm, samples_of
+from .arms import (
+    FORCE,
+    WINDOW,
+    ArmRecording,
+    ArmSamples,
+    RunningSlope,
+    arm_samples,
+    columns_of,
+    read_arm,
+)
 from .excitations import PARTS, Part, excitation
-from .inverse_dynamics import held_out, joint_data, joints_in, kinds_of, read_joint_recordings
-from .inverse_dynamics_data import ARRAYS, JointData, check, joined
-from .marker_reader import read_markers, write_markers
-from .markers import MarkerRecording, marker_recording, rotation
-from .noise import noise_std
+from .joints import (
+    ARRAYS,
+    JointData,
+    check_joint_data,
+    held_out,
+    joint_data,
+    joints_in,
+    kinds_of,
+    read_joint_recordings,
+)
+from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .reader import read_recording, read_recordings
-from .recording import Recording, runs, write_recording
+from .recording import Recording, from_rollout, runs, write_recording
 from .robot_log import Segment, load_robot, read_robot
-from .rollouts import from_rollout
 from .series import Series, lagged, read_series, suspicions, usable
-from .smoothing import smoothed
+from .smoothing import noise_std, smoothed
 from .stamps import sampling_time
 
 __all__ = [
@@ -28,12 +41,12 @@ __all__ = [
     "RunningSlope",
     "Segment",
     "Series",
-    "check",
+    "arm_samples",
+    "check_joint_data",
     "columns_of",
     "excitation",
     "from_rollout",
     "held_out",
-    "joined",
     "joint_data",
     "joints_in",
     "kinds_of",
@@ -50,7 +63,6 @@ __all__ = [
     "read_series",
     "rotation",
     "runs",
-    "samples_of",
     "sampling_time",
     "smoothed",
     "suspicions",

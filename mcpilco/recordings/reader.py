@@ -10,12 +10,18 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.recordings.jitter import readings
 from mcpilco.recordings.recording import Gaps, Recording
-from mcpilco.recordings.remarks import about_clock, about_gaps, about_resampling, suspicions
-from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, resampled
+from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, readings, resampled
 from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
-from mcpilco.recordings.suspicion import quantisation_step, spikes, unwrapped
+from mcpilco.recordings.suspicion import (
+    about_clock,
+    about_gaps,
+    about_resampling,
+    quantisation_step,
+    spikes,
+    suspicions,
+    unwrapped,
+)
 from mcpilco.recordings.table import Table, read_table
 from mcpilco.typing import InputError, RecordingError
 

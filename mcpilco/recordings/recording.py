@@ -1,4 +1,4 @@
-"""A measured time series on a uniform grid, and how it is written."""
+"""A measured time series on a uniform grid: from an episode of an env, and to a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mcpilco.data import Rollout
 from mcpilco.files import write_bytes
+from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
 Gaps = tuple[tuple[float, float], ...]
@@ -110,3 +112,24 @@ def write_recording(path: str | Path, recording: Recording) -> Path:
     writer.writerow(["time", *names, *recording.input_names])
     writer.writerows([["" if v != v else repr(v) for v in row] for row in table.tolist()])
     return write_bytes(Path(path), text.getvalue().encode())
+
+
+def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:
+    """What the sensors and the controller logged in an episode of T steps: T + 1 samples.
+
+    Angles count turns. The last sample repeats the last input. A state that is not measured is NaN.
+    """
+    states = np.full((len(rollout.observations), len(task.state_names)), np.nan)
+    states[:, list(task.measured_states)] = rollout.observations
+    angles = list(task.angles)
+    states[:, angles] = np.unwrap(states[:, angles], axis=0)
+    return Recording(
+        name=name,
+        time=rollout.times,
+        states=states,
+        inputs=np.concatenate([rollout.inputs, rollout.inputs[-1:]]),
+        state_names=task.state_names,
+        input_names=task.input_names,
+        angles=task.angles,
+        velocities=task.velocities,
+    )

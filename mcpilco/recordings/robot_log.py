@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.plant import chain_of
-from mcpilco.recordings import Recording, read_recordings
+from mcpilco.recordings.reader import read_recordings
+from mcpilco.recordings.recording import Recording
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError
 

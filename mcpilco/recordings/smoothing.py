@@ -1,13 +1,141 @@
-"""States without most of their noise, and velocities that were not measured."""
+"""The noise of each channel, from the recording alone, and states without most of it.
+
+In a short window a position is a polynomial in time plus the effect of the inputs, which is known
+but for a factor: they act on the acceleration, so a position has their double integral in it and
+a velocity their integral. Both are taken at the time of the command and a sample later, which
+covers a delay in between. What no such curve explains is noise:
+
+    y = P c + [I u, I u(. - dt)] b + e,    s^2 = |(1 - Q Q^T) y|^2 / degrees of freedom
+
+with Q an orthonormal basis of the regressors and I u the integrals. Windows that something else
+disturbs (stick and slip, an impact, a tumbling pole) have the largest residuals; they are trimmed,
+and the mean of the rest is corrected for it by the chi-square distribution.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import gammainc, gammaincinv
 
-from mcpilco.recordings.local_fit import local_fit
-from mcpilco.recordings.noise import noise_std
 from mcpilco.recordings.recording import Recording
+
+
+def local_fit(
+    offsets: Float[np.ndarray, "G K"], values: Float[np.ndarray, "G K"], order: int
+) -> tuple[Float[np.ndarray, "G C"], Float[np.ndarray, "G C"], Float[np.ndarray, " G"]]:
+    """Least-squares polynomials of G windows with K samples each; NaN samples do not count.
+
+    Args:
+        offsets: where the samples are, from where the polynomial is wanted [steps].
+        values: of the samples.
+        order: of the polynomials; C = order + 1.
+
+    Returns:
+        The coefficients (value, slope, ...) at offset 0; their standard deviations for noise of
+        standard deviation 1; and the mean square residual per degree of freedom, NaN where there
+        is none. All are NaN where fewer than C samples are known.
+    """
+    known = np.isfinite(values)
+    A = offsets[..., None] ** np.arange(order + 1) * known[..., None]
+    y = np.where(known, values, 0.0)
+    degrees = known.sum(-1) - (order + 1)
+    normal = np.einsum("gki,gkj->gij", A, A)
+    normal[degrees < 0] = np.eye(order + 1)
+    covariance = np.linalg.pinv(normal, hermitian=True)
+    coefficients = np.einsum("gij,gkj,gk->gi", covariance, A, y)
+    spread = np.sqrt(np.einsum("gii->gi", covariance))
+    residual = y - np.einsum("gki,gi->gk", A, coefficients)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean_square = np.where(degrees > 0, (residual**2).sum(-1) / degrees, np.nan)
+    unknown = degrees < 0
+    coefficients[unknown], spread[unknown] = np.nan, np.nan
+    return coefficients, spread, mean_square
+
+
+_DEGREE = 4  # of the polynomials
+_SPARE = 2  # degrees of freedom of a window
+_KEPT = 0.8  # share of the windows that is not trimmed
+_FEWEST_WINDOWS = 10  # windows
+_TWICE = 2  # a system of more inputs has no room for each of them twice
+_RANK = 1e-6  # relative singular value below which regressors are the same
+
+
+def noise_std(recording: Recording) -> Float[np.ndarray, " X"]:
+    """Standard deviation of each state's noise, in its unit; NaN where it cannot be told.
+
+    At least that of the rounding to the channel's resolution, step / sqrt(12). Noise is taken to be
+    white: of noise that is correlated from sample to sample, only the part that changes within
+    about nine samples is seen.
+    """
+    rates = {velocity for _, velocity in recording.velocities}
+    found = [_noise(recording, k, 1 if k in rates else 2) for k in range(len(recording.measured))]
+    steps = np.where(recording.measured, recording.resolution, 0.0)
+    return np.where(steps > 0, np.fmax(found, steps / np.sqrt(12.0)), found)
+
+
+def _noise(recording: Recording, channel: int, integrals: int) -> float:
+    """Of one state, into which the inputs are integrated once or twice."""
+    lags = 2 if recording.inputs.shape[1] <= _TWICE else 1
+    width = _DEGREE + 1 + lags * recording.inputs.shape[1] + _SPARE
+    windows, inputs = [], []
+    for segment in recording.segments():
+        y, u = recording.states[segment, channel], recording.inputs[segment]
+        if len(y) < width:
+            continue
+        before = np.concatenate([u[:1], u[:-1]])
+        forces = np.concatenate([u, before], 1) if lags == 2 else u
+        windows.append(sliding_window_view(y, width))
+        inputs.append(sliding_window_view(forces, width, axis=0))
+    if not windows:
+        return np.nan
+    samples, forces = np.concatenate(windows), np.concatenate(inputs).swapaxes(1, 2)
+    known = np.isfinite(samples).all(1)
+    if known.sum() < _FEWEST_WINDOWS:
+        return np.nan
+    return _scale(*_residuals(samples[known], forces[known], integrals))
+
+
+def _residuals(
+    samples: Float[np.ndarray, "G K"], inputs: Float[np.ndarray, "G K U"], integrals: int
+) -> tuple[Float[np.ndarray, " G"], np.ndarray]:
+    """Sums of the squares of what windows keep without their regressors; degrees of freedom."""
+    count, width = samples.shape
+    response = np.zeros_like(inputs)
+    response[:, 1:] = np.cumsum(inputs[:, :-1], 1)  # [steps]
+    if integrals == 2:
+        moved = response[:, :-1] + inputs[:, :-1] / 2
+        response[:, 1:] = np.cumsum(moved, 1)
+    powers = np.linspace(-1, 1, width)[:, None] ** np.arange(_DEGREE + 1)
+    A = np.concatenate([np.broadcast_to(powers, (count, *powers.shape)), response], 2)
+    length = np.linalg.norm(A, axis=1, keepdims=True)
+    Q, singular, _ = np.linalg.svd(A / np.where(length > 0, length, 1), full_matrices=False)
+    used = singular > _RANK
+    centred = samples - samples.mean(1, keepdims=True)
+    explained = (np.einsum("gki,gk->gi", Q, centred) ** 2 * used).sum(1)
+    return np.maximum((centred**2).sum(1) - explained, 0.0), width - used.sum(1)
+
+
+def _scale(squares: Float[np.ndarray, " G"], degrees: np.ndarray) -> float:
+    """sigma, from sums of squares that are sigma^2 times chi-square, but for the largest.
+
+    For chi-square with d degrees of freedom below its quantile x of level p, the mean is
+    d F_(d + 2)(x) / p.
+    """
+    total, weight = 0.0, 0.0
+    for d in np.unique(degrees):
+        group = np.sort(squares[degrees == d])
+        if len(group) < _FEWEST_WINDOWS:
+            continue
+        kept = group[: int(np.ceil(_KEPT * len(group)))]
+        share = len(kept) / len(group)
+        half_quantile = gammaincinv(d / 2, min(share, 1 - 1e-9))
+        mean = d * gammainc(d / 2 + 1, half_quantile) / share
+        total += kept.sum() / mean * d
+        weight += len(kept) * d
+    return float(np.sqrt(total / weight)) if weight else np.nan
+
 
 WINDOW_S = 0.12
 """length of the windows [s]; at least 7 samples"""

@@ -12,7 +12,8 @@ import rerun as rr
 from jaxtyping import Bool, Float
 
 from mcpilco.bodies import Chain
-from mcpilco.identification.collision import ArmSamples, Detections, Event
+from mcpilco.identification.collision import Detections, Event
+from mcpilco.recordings import ArmSamples
 from mcpilco.show.blueprint import ABOUT, TIMELINE, WORLD, build_watch, entity
 from mcpilco.show.bodies import chain_scene
 from mcpilco.show.entities import RGB, Track, log_dots, log_line, log_scene

@@ -34,10 +34,9 @@ from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
 from envs.arms.waypoints import Targets, waypoints
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.files import write_arrays, write_bytes
-from mcpilco.identification import rigid_body
+from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (
-    TERMS,
-    ArmSamples,
+    CURRENT_TERMS,
     CurrentConfig,
     CurrentModel,
     Detections,
@@ -45,10 +44,10 @@ from mcpilco.identification.collision import (
     detect,
     events,
     fit_currents,
-    samples_of,
     thresholds,
 )
 from mcpilco.identification.collision.model import conditioned, inputs_of, prior, regressors
+from mcpilco.recordings import ArmSamples, arm_samples
 from mcpilco.sweep import job
 
 HERE = Path(__file__).parent
@@ -148,7 +147,7 @@ def trial(controller: str, seed: int, size: Size) -> tuple[dict[str, Any], dict[
 def simulate(
     arm: StickyArm, targets: Targets, rng: np.random.Generator, pushes: tuple[Push, ...] = ()
 ) -> ArmSamples:
-    return samples_of(arm.follow(targets, rng, pushes))
+    return arm_samples(arm.follow(targets, rng, pushes))
 
 
 # Models -------------------------------------------------------------------------------------------
@@ -176,7 +175,7 @@ class Remembering:
 
 def learn(train: ArmSamples, config: CurrentConfig) -> dict[str, Any]:
     """The models by name; the last one, of motions alone, says what the others could know."""
-    body = rigid_body(mujoco.MjModel.from_xml_path(str(MODEL)), terms=TERMS)
+    body = RigidBody.of(mujoco.MjModel.from_xml_path(str(MODEL)), terms=CURRENT_TERMS)
     found: dict[str, Any] = {}
     for kind in ("PP", "SP", "FC"):
         model, _ = fit_currents(train, body, SAMPLING_S, replace(config, kind=kind))

@@ -19,11 +19,11 @@ from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
     InverseDynamics,
-    JointData,
     accelerations,
-    fit,
+    fit_inverse_dynamics,
     inertia,
 )
+from mcpilco.recordings import JointData
 
 NOISE = 0.01
 """standard deviation of the torques' noise [N m or N]"""
@@ -96,7 +96,9 @@ def efficiency(seed: int, sizes: Sizes) -> dict[str, Any]:
     for count in sizes.curve:
         for name in EFFICIENT:
             some = train.rows(slice(0, count))
-            model = fit(some, name, chain=robot, friction=False, tuned_on=sizes.tuned_on, seed=seed)
+            model = fit_inverse_dynamics(
+                some, name, chain=robot, friction=False, tuned_on=sizes.tuned_on, seed=seed
+            )
             gmse[name].append(float((model.nmse(test) * test.tau.var(0)).sum()))
     return {"seed": seed, "samples": list(sizes.curve), "gmse": gmse}
 
@@ -115,7 +117,9 @@ def _fitted(
     models, nmse, cpu = {}, {}, {}
     for name in estimators:
         begun = time.process_time()
-        model = fit(train, name, chain=chain, friction=False, tuned_on=tuned_on, seed=seed)
+        model = fit_inverse_dynamics(
+            train, name, chain=chain, friction=False, tuned_on=tuned_on, seed=seed
+        )
         cpu[name] = time.process_time() - begun
         models[name], nmse[name] = model, model.nmse(test).tolist()
     return models, {

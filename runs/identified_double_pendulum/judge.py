@@ -10,8 +10,7 @@ from jaxtyping import Float
 
 from envs.plants import double_pendulum
 from mcpilco.bodies import INERTIAL, Chain
-from mcpilco.identification import RigidBody
-from mcpilco.identification.consistency import inertia_of
+from mcpilco.identification import RigidBody, inertia_of
 from mcpilco.plant import CATALOGUE, Base, EffectInstance, Plant
 
 HORIZON_S, EVERY_S = 0.5, 0.1

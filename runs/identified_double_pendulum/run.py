@@ -27,15 +27,7 @@ from identified_double_pendulum.motion import KEPT, Motion, low_passed
 from measured_double_pendulum.run import NAMES, recordings
 
 from mcpilco import identification
-from mcpilco.identification import (
-    Moments,
-    RigidBody,
-    Rows,
-    base_parameters,
-    check,
-    project,
-    rigid_body,
-)
+from mcpilco.identification import Moments, RigidBody, Rows, base_parameters, check_links, project
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill
 from mcpilco.sweep.summary import markdown
@@ -87,7 +79,7 @@ def main() -> int:
 def published() -> RigidBody:
     """The authors' model with friction."""
     model = mujoco.MjModel.from_xml_path(str(HERE / "double_pendulum.xml"))
-    return rigid_body(model, TERMS)
+    return RigidBody.of(model, TERMS)
 
 
 # Fits ---------------------------------------------------------------------------------------------
@@ -154,7 +146,7 @@ def errors_table(
 
 def yes(robot: RigidBody, theta: Float[np.ndarray, " D"]) -> str:
     """Whether bodies can have these parameters."""
-    return "yes" if all(link.consistent for link in check(robot, theta)) else "no"
+    return "yes" if all(link.consistent for link in check_links(robot, theta)) else "no"
 
 
 def friction_table(robot: RigidBody, found: Mapping[str, Float[np.ndarray, " D"]]) -> str:

@@ -34,22 +34,21 @@ from mcpilco.files import write_bytes
 from mcpilco.gp import GP
 from mcpilco.identification.kinematics import (
     ForwardKinematics,
-    MarkerRecording,
     Tolerance,
     find_chain,
     fit_forward,
-    marker_recording,
     reach,
     triplet_tests,
 )
 from mcpilco.identification.kinematics.forward import (
     OUTPUTS,
     orthonormal,
+    pose_samples,
     rows_for_fit,
-    samples_of,
 )
 from mcpilco.kernels import RBF
 from mcpilco.logbook import read_json
+from mcpilco.recordings import MarkerRecording, marker_recording
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
@@ -217,7 +216,7 @@ def forward(cell: str, seed: int, quick: bool) -> dict[str, Any]:
     for prior in PRIORS:
         begun = time.process_time()
         if prior == "RBF":
-            q, Y = samples_of(chosen, [joint.name for joint in chain.joints], marker)
+            q, Y = pose_samples(chosen, [joint.name for joint in chain.joints], marker)
             p, R = rbf_pose(q, Y, q_test)
             evidence = []
         else:

@@ -35,23 +35,22 @@ from mcpilco.files import write_bytes
 from mcpilco.identification import (
     ALL_METHODS,
     PROJECTIONS,
+    Feedback,
     JointMotion,
     Recipe,
     RigidBody,
     Rows,
-    Segment,
-    check,
+    check_links,
     encoder_noise,
     force_errors,
     local_cubics,
     motion_cutoff,
-    rigid_body,
+    simulated_regressor,
     solve,
     zero_phase,
 )
-from mcpilco.identification.closed_loop import Feedback, simulated_regressor
 from mcpilco.logbook import read_json
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, Segment
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places
 from mcpilco.sweep.summary import markdown
@@ -195,7 +194,7 @@ def trial(
         fits = Fits(model, recording, seed)
         for block, rows in missing(known, quick=quick).items():
             found[block] |= {row.name: judged(test, row, fits) for row in rows}
-        body = rigid_body(model, TERMS)
+        body = RigidBody.of(model, TERMS)
         true = {TRUE: test(body, body.nominal)}
     return {
         "seed": seed,
@@ -215,7 +214,7 @@ def judged(test: Test, row: Row, fits: Fits) -> dict[str, Any]:
     except (ArithmeticError, np.linalg.LinAlgError, McPilcoError) as error:
         return {"failed": str(error)}
     cpu = time.process_time() - begun
-    return {**test(rigid_body(test.model, row.terms), theta), "fit_cpu_s": cpu}
+    return {**test(RigidBody.of(test.model, row.terms), theta), "fit_cpu_s": cpu}
 
 
 class Fits:
@@ -228,7 +227,7 @@ class Fits:
         key = (row.filter, row.recipe.rows, row.terms)
         project = PROJECTIONS[row.recipe.projection]
         found = project(
-            rigid_body(self._model, row.terms),
+            RigidBody.of(self._model, row.terms),
             self._raw(*key, row.recipe.method),
             self._rows(*key).metric,
         )
@@ -240,7 +239,7 @@ class Fits:
 
     @cache  # noqa: B019
     def _rows(self, filter: str, rows: str, terms: tuple[str, ...]) -> Rows:
-        found = rows_of(self._model, rigid_body(self._model, terms), self._recording, filter)
+        found = rows_of(self._model, RigidBody.of(self._model, terms), self._recording, filter)
         return found.scaled(force_errors(found)) if rows == "weighted" else found
 
 
@@ -284,7 +283,7 @@ class Test:
         self._motion = random_sinusoids(model, rng)
         self._seed = seed
         self._at = self._motion.at(control_times(model, seconds))
-        truth = rigid_body(model, ("viscous", "coulomb"))
+        truth = RigidBody.of(model, ("viscous", "coulomb"))
         self._true = truth.regressor(*self._at) @ truth.nominal
 
     def __call__(self, body: RigidBody, theta: np.ndarray) -> dict[str, Any]:
@@ -300,7 +299,7 @@ class Test:
         )
         q, dq, _ = (part[: len(followed.time)] for part in self._at)
         squares = ((forces - self._true) ** 2).mean(axis=0) / self._true.var(axis=0)
-        links = check(body, theta)
+        links = check_links(body, theta)
         return {
             "position": _rms(followed.position - q),
             "velocity": _rms(followed.velocity - dq),

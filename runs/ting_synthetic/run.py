@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 from mcpilco import identification
 from mcpilco.cli.sweep import parse_seeds
 from mcpilco.files import write_bytes
-from mcpilco.identification.bayesian import middle_reliability
+from mcpilco.identification import middle_reliability
 from mcpilco.logbook import read_json
 from mcpilco.sweep import job
 from mcpilco.sweep.page import fill, places, write_picture

@@ -30,15 +30,16 @@ from threadpoolctl import threadpool_limits
 
 from mcpilco.files import replacing, write_bytes
 from mcpilco.gp import GP, WeightSpaceGP
-from mcpilco.identification.volterra import VolterraModel, fit_volterra
-from mcpilco.identification.volterra_prior import VolterraConfig
-from mcpilco.identification.volterra_systems import (
-    MEMORY,
+from mcpilco.identification import (
+    VolterraConfig,
+    VolterraModel,
     fit_percent,
+    fit_volterra,
     third_order,
     third_order_h2,
     wiener,
 )
+from mcpilco.identification.volterra import MEMORY
 from mcpilco.kernels import IPK
 from mcpilco.logbook import read_json
 from mcpilco.recordings import Series

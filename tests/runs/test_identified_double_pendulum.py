@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from mcpilco.identification import base_parameters, check
+from mcpilco.identification import base_parameters, check_links
 from mcpilco.recordings import Recording
 
 
@@ -33,7 +33,7 @@ def truth(run):
     blocks[:, :10] *= rng.uniform(0.7, 1.3, (2, 1))
     blocks[:, 10:] *= rng.uniform(0.7, 1.3, (2, 3))
     theta = blocks.ravel()
-    assert all(link.consistent for link in check(robot, theta))
+    assert all(link.consistent for link in check_links(robot, theta))
     return robot, theta
 
 
@@ -42,7 +42,7 @@ def test_the_parameters_of_a_simulation_are_found(run, truth):
     motion = run.Motion.of(simulated(run, theta))
     base = base_parameters(run.rows(robot, motion)[0])
     found = run.fit(robot, motion, "OLS")
-    assert all(link.consistent for link in check(robot, found))
+    assert all(link.consistent for link in check_links(robot, found))
     wrong, known = base.of(found) - base.of(theta), base.of(theta)
     felt = np.abs(known) > 1e-9
     assert np.median(np.abs(wrong[felt] / known[felt])) < 0.05

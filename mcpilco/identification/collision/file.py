@@ -11,14 +11,9 @@ import numpy as np
 
 from mcpilco.bodies import Body, Chain
 from mcpilco.files import damaged, read_groups, write_groups
-from mcpilco.identification.collision.features import TERMS, CurrentFeatures
-from mcpilco.identification.collision.model import (
-    CurrentConfig,
-    CurrentModel,
-    conditioned,
-    prior,
-)
-from mcpilco.identification.collision.thresholds import ThresholdConfig, Thresholds
+from mcpilco.identification.collision.detector import ThresholdConfig, Thresholds
+from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
+from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, conditioned, prior
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.recordings import ArmSamples
 from mcpilco.typing import McPilcoError, RunFolderError
@@ -66,7 +61,9 @@ def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
         config = CurrentConfig(**about["config"])
         chain = _chain(about["chain"])
         features = CurrentFeatures(
-            RigidBody(chain, TERMS, groups["robot"]["nominal"]), config.quiet_speed, config.gate
+            RigidBody(chain, CURRENT_TERMS, groups["robot"]["nominal"]),
+            config.quiet_speed,
+            config.gate,
         )
         gps = tuple(prior(features, config))
         for j, gp in enumerate(gps):

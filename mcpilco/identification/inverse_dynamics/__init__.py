@@ -1,25 +1,14 @@
-"""Inverse dynamics learned from data: which torques a motion takes.
+"""Inverse dynamics learned from data: the torques that a motion takes (thesis chapter 3).
 
-Reference: thesis chapter 3.
+`fit_inverse_dynamics` learns an `InverseDynamics` model from `mcpilco.recordings.JointData`, by one
+of six `ESTIMATORS`. Such a model has forward dynamics too (`inertia`, `accelerations`), and a
+`FeedForward` controller uses it on a robot. `save_inverse_dynamics` and `load_inverse_dynamics`
+keep it as a file of plain arrays.
+
+Read `model`, then `gaussian` (priors of the thesis, one Gaussian process a joint), then
+`estimators`.
 """
 
-from mcpilco.identification.inverse_dynamics.control import FeedForward
-from mcpilco.identification.inverse_dynamics.estimators import ESTIMATORS, fit, load, save
-from mcpilco.identification.inverse_dynamics.forward import Inertia, accelerations, inertia
-from mcpilco.identification.inverse_dynamics.model import InverseDynamics
-from mcpilco.recordings import JointData, check, joined
+import lazy_loader
 
-__all__ = [
-    "ESTIMATORS",
-    "FeedForward",
-    "Inertia",
-    "InverseDynamics",
-    "JointData",
-    "accelerations",
-    "check",
-    "fit",
-    "inertia",
-    "joined",
-    "load",
-    "save",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

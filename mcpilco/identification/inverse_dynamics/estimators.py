@@ -1,39 +1,160 @@
-"""The six estimators of the thesis's chapter 3 by name: to fit, to save, to load."""
+"""The six estimators of the thesis's chapter 3 by name: to fit, to save, to load.
+
+Four are Gaussian processes (`gaussian`); least squares and the network are below.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor, nn
 
 from mcpilco.bodies import Body, Chain
 from mcpilco.files import read_groups, write_groups
-from mcpilco.identification.inverse_dynamics.gaussian import TUNED_ON, fit_gaussian, restored
-from mcpilco.identification.inverse_dynamics.least_squares import (
-    LinearInverseDynamics,
-    fit_least_squares,
-)
-from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
-from mcpilco.identification.inverse_dynamics.network import (
-    NetworkInverseDynamics,
-    fit_network,
-    network,
-)
-from mcpilco.identification.inverse_dynamics.physics import PhysicalFeatures
-from mcpilco.identification.inverse_dynamics.priors import (
+from mcpilco.identification.inverse_dynamics.gaussian import (
+    TUNED_ON,
     Geometric,
     Nonparametric,
     Parametric,
+    PhysicalFeatures,
     Prior,
     Semiparametric,
+    fit_gaussian,
+    restored,
 )
+from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
+from mcpilco.identification.report import Report
+from mcpilco.identification.rigid_body import base_parameters
 from mcpilco.kernels import Kind
-from mcpilco.recordings import ARRAYS, JointData, check
+from mcpilco.recordings import ARRAYS, JointData, check_joint_data
 from mcpilco.typing import InputError, RunFolderError
+
+
+class LinearInverseDynamics(InverseDynamics):
+    """tau = Phi(q, q', q'') w with one w for all joints: eq. (3.2)."""
+
+    def __init__(
+        self, fitted: Fitted, features: PhysicalFeatures, w: Float[np.ndarray, " D"]
+    ) -> None:
+        super().__init__(fitted)
+        self.features, self.w = features, w
+
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
+        return self.features(motion) @ torch.as_tensor(self.w)
+
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
+        return {"parameters": {"w": self.w}}
+
+
+def fit_least_squares(
+    data: JointData, features: PhysicalFeatures, **built: Any
+) -> LinearInverseDynamics:
+    """The least w of all that explain the torques of all joints best.
+
+    `report.unidentified` names the parameters whose columns depend on others in these data.
+
+    Reference: thesis section 3.4.1; Sousa, Cortesão, Physical feasibility of robot base inertial
+    parameter identification, International Journal of Robotics Research 33 (6), 2014.
+    """
+    Phi = features(data.motion).numpy()
+    rows = Phi.reshape(-1, Phi.shape[-1])
+    w = np.linalg.lstsq(rows, data.tau.ravel(), rcond=1e-9)[0]
+    dependent = base_parameters(Phi).dependent
+    names = tuple(features.names[column] for column in dependent)
+    report = Report(converged=True, iterations=0, unidentified=names)
+    return LinearInverseDynamics(Fitted.to("fe", data, report, **built), features, w)
+
+
+UNITS = 400
+"""of each hidden layer; the thesis takes 600 for six joints"""
+EPOCHS = 80
+BATCH = 200
+RATE = 3e-3
+"""of Adam at first; it falls to 0 along a cosine"""
+
+
+class NetworkInverseDynamics(InverseDynamics):
+    """Torques of standardised motions, through two layers of sigmoids.
+
+    Reference: thesis section 3.4.1.
+    """
+
+    def __init__(self, fitted: Fitted, layers: nn.Sequential, scales: dict[str, Tensor]) -> None:
+        super().__init__(fitted)
+        self.layers, self.scales = layers, scales
+        layers.requires_grad_(False)
+
+    def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
+        s = self.scales
+        return s["tau_mean"] + s["tau_std"] * self.layers((motion - s["x_mean"]) / s["x_std"])
+
+    def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
+        weights = {name: value.numpy() for name, value in self.layers.state_dict().items()}
+        scales = {name: value.numpy() for name, value in self.scales.items()}
+        return {"layers": weights, "scales": scales}
+
+
+def network(joints: int, units: int) -> nn.Sequential:
+    """The layers, in double precision."""
+    sizes = (3 * joints, units, units)
+    hidden = [layer for a, b in pairwise(sizes) for layer in (nn.Linear(a, b), nn.Sigmoid())]
+    return nn.Sequential(*hidden, nn.Linear(units, joints)).double()
+
+
+def fit_network(
+    data: JointData, units: int = UNITS, epochs: int = EPOCHS, seed: int = 0, **built: Any
+) -> NetworkInverseDynamics:
+    """A network of the least squared error on standardised torques, by Adam.
+
+    Differs: the thesis leaves batches, rates and epochs to its source code; `BATCH`, `RATE` and
+    `EPOCHS` are ours.
+    """
+    tau = torch.as_tensor(data.tau, dtype=torch.float64)
+    X = data.motion
+    scales = {
+        "x_mean": X.mean(0),
+        "x_std": X.std(0).clamp_min(1e-12),
+        "tau_mean": tau.mean(0),
+        "tau_std": tau.std(0),
+    }
+    inputs = ((X - scales["x_mean"]) / scales["x_std"]).float()
+    targets = ((tau - scales["tau_mean"]) / scales["tau_std"]).float()
+    generator = torch.Generator().manual_seed(seed)
+    layers = network(len(data.joints), units).float()
+    _initialise(layers, generator)
+    _descend(layers, inputs, targets, epochs, generator)
+    report = Report(converged=True, iterations=epochs * -(-len(X) // BATCH))
+    fitted = Fitted.to("nn", data, report, units=units, **built)
+    return NetworkInverseDynamics(fitted, layers.double(), scales)
+
+
+def _initialise(layers: nn.Sequential, generator: torch.Generator) -> None:
+    """Glorot's weights, from the generator."""
+    for layer in layers:
+        if isinstance(layer, nn.Linear):
+            nn.init.xavier_normal_(layer.weight, generator=generator)
+            nn.init.zeros_(layer.bias)
+
+
+def _descend(
+    layers: nn.Sequential, X: Tensor, Y: Tensor, epochs: int, generator: torch.Generator
+) -> None:
+    adam = torch.optim.Adam(layers.parameters(), lr=RATE)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, epochs)
+    for _ in range(epochs):
+        for rows in torch.randperm(len(X), generator=generator).split(BATCH):
+            adam.zero_grad()
+            (layers(X[rows]) - Y[rows]).square().mean().backward()
+            adam.step()
+        schedule.step()
+
 
 Estimator = Literal["gip", "rbf", "pp", "sp", "fe", "nn"]
 
@@ -50,7 +171,7 @@ GEOMETRIES = ("fe", "pp", "sp")
 """estimators that need a chain"""
 
 
-def fit(
+def fit_inverse_dynamics(
     data: JointData,
     kernel: Estimator = "gip",
     *,
@@ -70,12 +191,13 @@ def fit(
         seed: of their choice, and of a network's weights.
 
     Raises:
-        InputError: the data cannot tell a model, see `check`, or the chain is missing or another's.
+        InputError: the data cannot determine a model, see `check_joint_data`, or the chain is
+            missing or another's.
         NotPositiveDefiniteError: a covariance matrix has no Cholesky factor.
     """
     if kernel not in ESTIMATORS:
         raise InputError(f"kernel must be one of {', '.join(ESTIMATORS)}, got {kernel!r}.")
-    check(data)
+    check_joint_data(data)
     built: dict[str, Any] = {"friction": friction}
     if kernel in GEOMETRIES:
         chain = _require_chain(kernel, chain, data)
@@ -113,7 +235,7 @@ def _require_chain(kernel: str, chain: Chain | None, data: JointData) -> Chain:
     return chain
 
 
-def save(path: str | Path, model: InverseDynamics) -> Path:
+def save_inverse_dynamics(path: str | Path, model: InverseDynamics) -> Path:
     """Write a model as one `.npz` of plain arrays.
 
     Raises:
@@ -122,8 +244,8 @@ def save(path: str | Path, model: InverseDynamics) -> Path:
     return write_groups(Path(path), model.fitted.to_json(), model.to_groups())
 
 
-def load(path: str | Path) -> InverseDynamics:
-    """The model that `save` wrote; nothing in the file is executed.
+def load_inverse_dynamics(path: str | Path) -> InverseDynamics:
+    """The model that `save_inverse_dynamics` wrote; nothing in the file is executed.
 
     Raises:
         RunFolderError: the file is missing, damaged, or no such model.

@@ -1,4 +1,4 @@
-"""What every model of a robot's inverse dynamics can do.
+"""Models of a robot's inverse dynamics, and their use: forward dynamics and feed-forward control.
 
 A motion [q, q', q''] of J joints has a width of Q = 3 J.
 """
@@ -9,16 +9,16 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mcpilco.identification.report import Report
 from mcpilco.recordings import JointData
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, NotPositiveDefiniteError
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class InverseDynamics(ABC):
 
     @abstractmethod
     def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
-        """Everything learned, as named arrays: what `load` reads."""
+        """Everything learned, as named arrays: what `load_inverse_dynamics` reads."""
 
     def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"] | None:
         """Standard deviation of the torques, without the noise; None of models without one."""
@@ -115,3 +115,150 @@ class InverseDynamics(ABC):
         with torch.no_grad():
             errors = self(data.motion).numpy() - data.tau
         return np.mean(errors**2, 0) / np.var(data.tau, 0)
+
+
+UNIT = 1.0
+"""acceleration by which the columns of M are found [rad/s^2 or m/s^2]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """The inertia matrices that a model has at some positions."""
+
+    matrix: Float[Tensor, "*b J J"]
+    """M, symmetrised: of two entries the one with the smaller torques counts more [kg m^2 or kg]"""
+    asymmetry: Float[Tensor, "*b"]
+    """largest |M - M^T| before that, in parts of the largest |M| [-]: 0 for a rigid body"""
+    positive: Bool[Tensor, "*b"]
+    """whether M is positive definite, as that of every robot is"""
+
+
+def inertia(model: InverseDynamics, q: Float[Tensor, "*b J"], unit: float = UNIT) -> Inertia:
+    """M(q), column by column: M e_j = tau(q, 0, e_j) - tau(q, 0, 0).
+
+    Torques are affine in the accelerations for the kernels `gip` and `pp` and for `fe`, and the
+    columns exact. `rbf`, `sp` and `nn` are not, and see a slope over `unit`.
+
+    Args:
+        model: of the inverse dynamics.
+        q: positions [rad or m].
+        unit: acceleration that the columns are found with [rad/s^2 or m/s^2].
+    """
+    J = q.shape[-1]
+    still = torch.zeros_like(q)
+    pushes = unit * torch.cat([torch.zeros(1, J), torch.eye(J)]).to(q)  # J+1 J
+    shape = (*q.shape[:-1], J + 1, J)
+    parts = [q[..., None, :].expand(shape), still[..., None, :].expand(shape), pushes.expand(shape)]
+    tau = model(torch.cat(parts, -1))
+    M = (tau[..., 1:, :] - tau[..., :1, :]).mT / unit
+    asymmetry = (M - M.mT).abs().amax((-2, -1)) / M.abs().amax((-2, -1))
+    # of M_ij and M_ji the one that the joint with the smaller torques tells has the smaller error
+    trust = torch.tensor(model.fitted.torque_std).to(q).pow(-2)
+    share = trust[:, None] / (trust[:, None] + trust)
+    M = share * M + share.mT * M.mT
+    return Inertia(M, asymmetry.detach(), torch.linalg.cholesky_ex(M.detach())[1] == 0)
+
+
+def accelerations(
+    model: InverseDynamics,
+    q: Float[Tensor, "*b J"],
+    dq: Float[Tensor, "*b J"],
+    tau: Float[Tensor, "*b J"],
+    *,
+    indefinite: Literal["raise", "nan"] = "raise",
+    unit: float = UNIT,
+) -> Float[Tensor, "*b J"]:
+    """q'' = M(q)^-1 (tau - n(q, q')) [rad/s^2 or m/s^2], differentiable by all three.
+
+    n(q, q') = tau(q, q', 0) are the forces of gravity, of velocities and of friction.
+
+    Args:
+        model: of the inverse dynamics.
+        q: positions [rad or m].
+        dq: velocities [rad/s or m/s].
+        tau: torques [N m or N].
+        indefinite: what to do where M is not positive definite, so that a push may accelerate the
+            robot against itself: `raise`, or answer NaN there, for a rollout that leaves these
+            particles out.
+        unit: see `inertia`.
+
+    Raises:
+        NotPositiveDefiniteError: M is not positive definite somewhere.
+
+    Reference: Featherstone, Rigid Body Dynamics Algorithms (2008), section 6.1.
+    """
+    M = inertia(model, q, unit)
+    if indefinite == "raise" and not bool(M.positive.all()):
+        raise NotPositiveDefiniteError(_complaint(model, q, M))
+    n = model(torch.cat([q, dq, torch.zeros_like(q)], -1))
+    one = torch.eye(q.shape[-1], dtype=q.dtype)
+    L, _ = torch.linalg.cholesky_ex(torch.where(M.positive[..., None, None], M.matrix, one))
+    ddq = torch.cholesky_solve((tau - n)[..., None], L).squeeze(-1)
+    return torch.where(M.positive[..., None], ddq, torch.nan)
+
+
+def _complaint(model: InverseDynamics, q: Tensor, M: Inertia) -> str:
+    bad = ~M.positive
+    where = ", ".join(
+        f"{joint} = {value:.3g}"
+        for joint, value in zip(model.joints, q[bad][0].tolist(), strict=True)
+    )
+    return (
+        f"The learned inertia matrix is not positive definite at {int(bad.sum())} of {bad.numel()} "
+        f"positions, the first of them {where}; record more motions near there, stay within the "
+        'positions of the data, or ask for indefinite="nan".'
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FeedForward:
+    """tau = model(q_d, q'_d, q''_d) + K_p (q_d - q) + K_d (q'_d - q').
+
+    The model gives what the planned motion takes, the feedback mends what it gets wrong. Without a
+    model it is a PD controller.
+
+    Reference: Siciliano et al., Robotics: Modelling, Planning and Control (2009), section 8.5.
+    """
+
+    model: InverseDynamics | None
+    """None: feedback alone"""
+    proportional: Float[np.ndarray, " J"]
+    """K_p [N m/rad or N/m]"""
+    derivative: Float[np.ndarray, " J"]
+    """K_d [N m s/rad or N s/m]"""
+
+    def __post_init__(self) -> None:
+        for name in ("proportional", "derivative"):
+            gains = np.asarray(getattr(self, name))
+            if gains.ndim != 1 or not (np.isfinite(gains) & (gains >= 0)).all():
+                raise InputError(
+                    f"FeedForward.{name} must be a gain >= 0 for each joint, got {gains.tolist()}."
+                )
+
+    def plan(
+        self,
+        q: Float[np.ndarray, "T J"],
+        dq: Float[np.ndarray, "T J"],
+        ddq: Float[np.ndarray, "T J"],
+    ) -> Float[np.ndarray, "T J"]:
+        """Torques of a planned motion [N m or N]: once, before it begins."""
+        if self.model is None:
+            return np.zeros_like(q)
+        with torch.no_grad():
+            motion = torch.as_tensor(np.concatenate([q, dq, ddq], -1), dtype=torch.float64)
+            return self.model(motion).numpy()
+
+    def torque(
+        self,
+        planned: Float[np.ndarray, "*#b J"],
+        q_error: Float[np.ndarray, "*#b J"],
+        dq_error: Float[np.ndarray, "*#b J"],
+    ) -> Float[np.ndarray, "*#b J"]:
+        """What to command [N m or N].
+
+        Args:
+            planned: a row of `plan`.
+            q_error: q_d - q [rad or m].
+            dq_error: q'_d - q' [rad/s or m/s].
+        """
+        return planned + self.proportional * q_error + self.derivative * dq_error

@@ -1,25 +1,14 @@
-"""The kinematics of a robot from what a camera sees: its chain, and where its tip is."""
+"""The kinematics of an unknown robot, from markers that a camera sees (thesis chapter 2).
 
-from mcpilco.identification.kinematics.chain import Chain, Joint, Tolerance, find_chain
-from mcpilco.identification.kinematics.controller import Path, Reach, reach
-from mcpilco.identification.kinematics.forward import ForwardKinematics, fit_forward
-from mcpilco.identification.kinematics.triplets import TripletTests, triplet_tests
-from mcpilco.recordings import MarkerRecording, marker_recording, read_markers, write_markers
+`triplet_tests` asks of any two markers and a joint whether the joint connects their links;
+`find_chain` puts markers and joints in order, a `KinematicChain` of hinges and slides.
+`fit_forward` learns where the last marker is (`ForwardKinematics`), `prediction_errors` judges it
+on frames that it has not seen, and `reach` plans joint motions to a pose.
 
-__all__ = [
-    "Chain",
-    "ForwardKinematics",
-    "Joint",
-    "MarkerRecording",
-    "Path",
-    "Reach",
-    "Tolerance",
-    "TripletTests",
-    "find_chain",
-    "fit_forward",
-    "marker_recording",
-    "reach",
-    "read_markers",
-    "triplet_tests",
-    "write_markers",
-]
+Read `triplets`, `chain`, `forward`, `controller`. Recordings are
+`mcpilco.recordings.MarkerRecording`.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

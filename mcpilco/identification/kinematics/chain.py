@@ -1,4 +1,4 @@
-"""The kinematic structure of a robot: its markers and joints in order, and the joints' types."""
+"""The kinematic structure of a robot: its markers and joints in order, and the joints' kinds."""
 
 from __future__ import annotations
 
@@ -10,11 +10,101 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.identification.kinematics.checks import check_recording
 from mcpilco.identification.kinematics.triplets import TripletTests, standstill, triplet_tests
 from mcpilco.identification.report import Report
 from mcpilco.recordings import MarkerRecording
 from mcpilco.typing import InputError
+
+_TURNS = 50.0
+"""a joint that spans more is probably in degrees [rad]"""
+_LEAST_MOTION = 0.02
+"""a joint that spans less is told as hardly moved [rad or m]"""
+
+
+def check_recording(recording: MarkerRecording) -> list[str]:
+    """Sentences on what looks wrong.
+
+    Raises:
+        InputError: nothing can be found in the recording; the sentence says what to record.
+    """
+    _require_samples(recording)
+    _require_distinct(recording)
+    _require_sight(recording)
+    return _require_motion(recording)
+
+
+def fewest(joints: int) -> int:
+    """Two samples a joint, as few as can tell all triplets apart (thesis definition 2.3.4)."""
+    return 2 * joints
+
+
+def _require_samples(recording: MarkerRecording) -> None:
+    markers, joints = len(recording.marker_names), len(recording.joint_names)
+    if joints < markers - 1:
+        raise InputError(
+            f"{markers} markers in a chain need {markers - 1} joints, got {joints}; record the "
+            "positions of all joints, or leave second markers of a link out."
+        )
+    if len(recording) < fewest(joints):
+        raise InputError(
+            f"expected at least {fewest(joints)} samples for {joints} joints, got "
+            f"{len(recording)}; record each joint at many positions, 50 samples or more."
+        )
+
+
+def _require_distinct(recording: MarkerRecording) -> None:
+    backwards = np.flatnonzero(np.diff(recording.time) <= 0)
+    if len(backwards):
+        k = int(backwards[0])
+        raise InputError(
+            f"samples {k} and {k + 1} have the times {recording.time[k]:g} and "
+            f"{recording.time[k + 1]:g} s; time must rise: sort the rows, and remove repeated ones."
+        )
+    n = len(recording)
+    poses = np.nan_to_num(recording.positions).reshape(n, -1)
+    rows = np.concatenate(
+        [recording.q, poses, np.nan_to_num(recording.quaternions).reshape(n, -1)], 1
+    )
+    _, first, counts = np.unique(rows, axis=0, return_index=True, return_counts=True)
+    if len(first) < n:
+        k = int(first[counts > 1].min())
+        raise InputError(
+            f"{n - len(first)} of {n} samples repeat another one to the last digit, as sample {k}; "
+            "log each frame of the camera once, and remove the repetitions."
+        )
+
+
+def _require_sight(recording: MarkerRecording) -> None:
+    least = fewest(len(recording.joint_names))
+    for name, seen in zip(recording.marker_names, recording.seen.T, strict=True):
+        if not seen.any():
+            raise InputError(
+                f"marker {name} is never seen; turn it to the camera, or leave its columns out "
+                "together with the joint behind it."
+            )
+        if seen.sum() < least:
+            raise InputError(
+                f"marker {name} is seen in {seen.sum()} samples of {len(recording)}, expected at "
+                f"least {least}; turn it to the camera."
+            )
+
+
+def _require_motion(recording: MarkerRecording) -> list[str]:
+    sentences = []
+    for name, q in zip(recording.joint_names, recording.q.T, strict=True):
+        span = float(np.ptp(q))
+        if span == 0:
+            raise InputError(
+                f"joint {name} is {q[0]:g} throughout, so its place in the chain cannot be seen; "
+                "record it moving through its range, or leave its column out together with the "
+                "marker behind it."
+            )
+        if span < _LEAST_MOTION:
+            sentences.append(f"{name} spans only {span:.2g} rad or m; move it through its range.")
+        if span > _TURNS:
+            sentences.append(f"{name} spans {span:.0f}; is it in degrees? Expected rad or m.")
+    return sentences
+
 
 Kind = Literal["revolute", "prismatic"]
 LARGEST = 500
@@ -44,7 +134,7 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
-class Joint:
+class ChainJoint:
     """A joint of the chain, and the marker on the link behind it."""
 
     name: str
@@ -57,7 +147,7 @@ class Joint:
 
 
 @dataclass(frozen=True)
-class Chain:
+class KinematicChain:
     """An open kinematic chain, from the link that stands still to the last one.
 
     Reference: S_M, S_Q and S_q of thesis section 2.2.
@@ -65,7 +155,7 @@ class Chain:
 
     base: str
     """marker of the link that stands still"""
-    joints: tuple[Joint, ...]
+    joints: tuple[ChainJoint, ...]
     """in order, each with the next link's marker"""
     tests: TripletTests = field(repr=False, compare=False)
     """residuals of all triplets"""
@@ -77,7 +167,7 @@ class Chain:
         return (self.base, *(joint.marker for joint in self.joints))
 
 
-def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -> Chain:
+def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -> KinematicChain:
     """The chain in which all neighbours pass the tests, from the marker that stands still.
 
     Where several chains pass, the one of least residuals is returned, and the report warns.
@@ -118,10 +208,10 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
     if unused:
         warnings.append(f"{', '.join(unused)} connect no two markers and are left out.")
     report = Report(True, 0, unidentified=unused, warnings=tuple(warnings))
-    return Chain(recording.marker_names[base], joints, tests, report)
+    return KinematicChain(recording.marker_names[base], joints, tests, report)
 
 
-Step = tuple[int, int]
+_Hop = tuple[int, int]
 """a marker, and the joint before it; -1 for the base"""
 
 
@@ -171,15 +261,15 @@ def _between(
 
 def _paths(
     scores: Float[np.ndarray, "markers markers J"], base: int, recording: MarkerRecording
-) -> Iterator[list[Step]]:
+) -> Iterator[list[_Hop]]:
     """All chains through every marker whose triplets pass.
 
     Raises:
         InputError: there is none.
     """
-    longest: list[Step] = [(base, -1)]
+    longest: list[_Hop] = [(base, -1)]
     found = False
-    open_paths: list[list[Step]] = [[(base, -1)]]
+    open_paths: list[list[_Hop]] = [[(base, -1)]]
     while open_paths:
         path = open_paths.pop()
         longest = max(longest, path, key=len)
@@ -198,7 +288,7 @@ def _paths(
 
 
 def _dead_end(
-    scores: Float[np.ndarray, "markers markers J"], path: list[Step], recording: MarkerRecording
+    scores: Float[np.ndarray, "markers markers J"], path: list[_Hop], recording: MarkerRecording
 ) -> str:
     """Where the longest chain ends, and what is nearest to going on."""
     markers, joints = recording.marker_names, recording.joint_names
@@ -215,7 +305,7 @@ def _dead_end(
     )
 
 
-def _total(scores: Float[np.ndarray, "markers markers J"], path: list[Step]) -> float:
+def _total(scores: Float[np.ndarray, "markers markers J"], path: list[_Hop]) -> float:
     steps = pairwise(path)
     return float(sum(scores[first, m, k] for (first, _), (m, k) in steps))
 
@@ -226,13 +316,15 @@ def _joint(
     slides: Float[np.ndarray, "pairs J"],
     turns: Float[np.ndarray, "pairs J"],
     first: int,
-    step: Step,
-) -> Joint:
+    step: _Hop,
+) -> ChainJoint:
     """The joint between a marker and the next, by the better of its tests."""
     marker, k = step
     pair = int(np.flatnonzero((tests.pairs == sorted((first, marker))).all(1))[0])
     name, behind = recording.joint_names[k], recording.marker_names[marker]
     if slides[pair, k] < turns[pair, k]:
         residuals = float(tests.slide[pair, k]), float(tests.rigid[pair])
-        return Joint(name, "prismatic", behind, *residuals)
-    return Joint(name, "revolute", behind, float(tests.hinge[pair]), float(tests.turn[pair, k]))
+        return ChainJoint(name, "prismatic", behind, *residuals)
+    return ChainJoint(
+        name, "revolute", behind, float(tests.hinge[pair]), float(tests.turn[pair, k])
+    )

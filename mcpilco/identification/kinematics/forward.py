@@ -15,7 +15,7 @@ from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.gp import GP, FitReport, Posterior, cholesky
-from mcpilco.identification.kinematics.chain import Chain
+from mcpilco.identification.kinematics.chain import KinematicChain
 from mcpilco.identification.report import Report
 from mcpilco.kernels import Kernel, Kinematic, NestedKinematic
 from mcpilco.recordings import MarkerRecording, rotation
@@ -130,7 +130,7 @@ class ForwardKinematics:
 
 def fit_forward(
     recording: MarkerRecording,
-    chain: Chain,
+    chain: KinematicChain,
     samples: int = 300,
     kernel: str = "nested",
     seed: int = 0,
@@ -159,7 +159,7 @@ def fit_forward(
     marker = chain.markers[-1]
     rows = rows_for_fit(recording, marker, samples, seed)
     joints = tuple(joint.name for joint in chain.joints)
-    q, Y = samples_of(recording, joints, marker)
+    q, Y = pose_samples(recording, joints, marker)
     kinds = tuple(joint.kind for joint in chain.joints)
     gp, kept = _fit_without_outliers(kernel, kinds, q[rows], Y[rows])
     report = _report(gp, kinds, q[rows][kept], Y[rows][kept], int((~kept).sum()))
@@ -185,7 +185,7 @@ def rows_for_fit(recording: MarkerRecording, marker: str, samples: int, seed: in
     return np.sort(np.random.default_rng(seed).choice(seen, samples, replace=False))
 
 
-def samples_of(
+def pose_samples(
     recording: MarkerRecording, joints: Sequence[str], marker: str
 ) -> tuple[Float[Tensor, "N J"], Float[Tensor, "N E"]]:
     """Joint positions in this order, and `OUTPUTS`, NaN where the marker is not seen."""
@@ -270,3 +270,53 @@ def _report(
         jitter=tuple(jitter.tolist()),
         warnings=tuple(warnings),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """Measured pose less predicted one; the noise of the measurement is part of it."""
+
+    time: Float[np.ndarray, " N"]
+    """of the frames [s]"""
+    position: Float[np.ndarray, "N 3"]
+    """[m]"""
+    angle: Float[np.ndarray, " N"]
+    """of the rotation between the two [rad]"""
+
+    @property
+    def position_median(self) -> Float[np.ndarray, " 3"]:
+        """Of the magnitude on each axis [m]; wrong poses hardly change it."""
+        return np.median(np.abs(self.position), axis=0)
+
+    @property
+    def angle_median(self) -> float:
+        """The median of the angles [rad]."""
+        return float(np.median(self.angle))
+
+    def summary(self) -> dict[str, object]:
+        """Numbers for a file."""
+        return {
+            "samples": len(self.time),
+            "position_median_m": self.position_median.tolist(),
+            "position_rms_m": np.sqrt((self.position**2).mean(0)).tolist(),
+            "angle_median_rad": self.angle_median,
+            "angle_rms_rad": float(np.sqrt((self.angle**2).mean())),
+        }
+
+
+def prediction_errors(model: ForwardKinematics, recording: MarkerRecording) -> PoseErrors | None:
+    """Errors on frames whose joint positions are not among the model's; None without any."""
+    columns = [recording.joint_names.index(name) for name in model.joints]
+    place = recording.marker_names.index(model.marker)
+    used = {row.tobytes() for row in model.q.numpy()}
+    q = recording.q[:, columns]
+    new = np.array([row.tobytes() not in used for row in q])
+    rows = np.flatnonzero(new & recording.seen[:, place])
+    if not len(rows):
+        return None
+    with torch.no_grad():
+        p, R = (value.numpy() for value in model.pose(torch.as_tensor(q[rows])))
+    measured = rotation(recording.quaternions[rows, place]).as_matrix()
+    cosine = (np.einsum("nij,nij->n", measured, R) - 1.0) / 2.0
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return PoseErrors(recording.time[rows], recording.positions[rows, place] - p, angle)

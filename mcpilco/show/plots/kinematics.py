@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcpilco.identification.kinematics.chain import Chain, Tolerance, scores
-from mcpilco.identification.kinematics.validation import Errors
+from mcpilco.identification.kinematics import KinematicChain, PoseErrors, Tolerance, scores
 from mcpilco.recordings import MarkerRecording
 from mcpilco.show.plots.style import MODEL, SYSTEM, add_legend, new_axes
 
@@ -23,8 +22,8 @@ _LOWEST, _HIGHEST = 0.1, 10.0
 def draw_kinematics(
     path: Path,
     recording: MarkerRecording,
-    chain: Chain,
-    errors: Errors | None,
+    chain: KinematicChain,
+    errors: PoseErrors | None,
     tolerance: Tolerance,
 ) -> Path:
     """Write both pictures as one PNG.
@@ -46,7 +45,7 @@ def draw_kinematics(
 
 
 def plot_triplets(
-    recording: MarkerRecording, chain: Chain, tolerance: Tolerance, ax: Axes | None = None
+    recording: MarkerRecording, chain: KinematicChain, tolerance: Tolerance, ax: Axes | None = None
 ) -> Axes:
     """Residuals of all pairs of markers and all joints, in parts of the tolerance.
 
@@ -80,7 +79,7 @@ def plot_triplets(
     return ax
 
 
-def plot_pose_errors(errors: Errors, ax: Axes | None = None) -> Axes:
+def plot_pose_errors(errors: PoseErrors, ax: Axes | None = None) -> Axes:
     """How large errors of position and orientation are: the share of frames below each size."""
     ax = ax or new_axes()[0]
     share = (np.arange(len(errors.time)) + 1) / len(errors.time)

@@ -8,7 +8,7 @@ import pytest
 
 from envs.arms import ARMS, control_times, follow, load, random_sinusoids, record_sinusoids
 from envs.arms.control import SAFE
-from mcpilco.identification import check, motions, rigid_body
+from mcpilco.identification import RigidBody, check_links, random_motions
 from mcpilco.typing import InputError
 
 TERMS = ("viscous", "coulomb")
@@ -17,7 +17,7 @@ TERMS = ("viscous", "coulomb")
 def tracked(name: str, feedforward: bool, wrong: float = 0.0):
     """The head or the arm, following sinusoids for a second and a half."""
     model, rng = load(name), np.random.default_rng(2)
-    motion, body = random_sinusoids(model, rng), rigid_body(load(name), TERMS)
+    motion, body = random_sinusoids(model, rng), RigidBody.of(load(name), TERMS)
     at = motion.at(control_times(model, 1.5))
     forces = body.regressor(*at) @ body.nominal + wrong if feedforward else None
     return follow(model, motion, 1.5, rng, feedforward=forces)
@@ -30,9 +30,9 @@ def rms(followed) -> float:
 @pytest.mark.parametrize(("name", "joints"), [("vision_head", 7), ("arm_hand", 10)])
 def test_robots_are_made_of_bodies_that_can_exist(name, joints):
     model = load(name)
-    body = rigid_body(model, TERMS)
+    body = RigidBody.of(model, TERMS)
     assert len(body.chain.bodies) == joints
-    assert all(link.consistent for link in check(body, body.nominal))
+    assert all(link.consistent for link in check_links(body, body.nominal))
     assert (model.dof_frictionloss > 0.0).all()
     assert set(ARMS) == {"vision_head", "arm_hand"}
 
@@ -44,8 +44,8 @@ def test_forces_of_the_regressor_are_mujocos(name):
     model.dof_frictionloss[:] = 0.0
     model.jnt_limited[:] = 0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    body, data = rigid_body(model, ("viscous", "armature")), mujoco.MjData(model)
-    motion = motions(body, 50, rng)
+    body, data = RigidBody.of(model, ("viscous", "armature")), mujoco.MjData(model)
+    motion = random_motions(body, 50, rng)
     expected = []
     for data.qpos[:], data.qvel[:], data.qacc[:] in zip(*motion, strict=True):
         mujoco.mj_inverse(model, data)

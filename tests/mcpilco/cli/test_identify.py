@@ -11,16 +11,15 @@ import pytest
 
 from mcpilco.cli import main
 from mcpilco.identification import (
+    RigidBody,
     base_parameters,
-    load_robot,
-    motions,
-    projection,
-    read_robot,
-    rigid_body,
+    random_motions,
     write_identified_mjcf,
 )
+from mcpilco.identification.rigid_body import projection
+from mcpilco.recordings import load_robot, read_robot
 from mcpilco.typing import InputError
-from tests.mcpilco.identification.log import XML, heavier, segment, write
+from tests.mcpilco.identification.rigid_body.log import XML, heavier, segment, write
 
 PART = segment(heavier(), noise=1e-4, force_noise=0.05)
 
@@ -40,8 +39,8 @@ def refused(capsys, *arguments) -> str:
 
 def beta(model) -> np.ndarray:
     """Base parameters of a model."""
-    body = rigid_body(model, ("viscous",))
-    base = base_parameters(body.regressor(*motions(body, 300, np.random.default_rng(0))))
+    body = RigidBody.of(model, ("viscous",))
+    base = base_parameters(body.regressor(*random_motions(body, 300, np.random.default_rng(0))))
     return base.of(body.nominal)
 
 
@@ -87,13 +86,13 @@ def test_commands_of_motors_say_the_same_as_forces(tmp_path, robot):
 def test_a_written_model_has_the_parameters_that_were_given(tmp_path, robot):
     model = load_robot(robot)
     terms = ("viscous", "coulomb", "armature", "stiffness", "offset")
-    body = rigid_body(model, terms)
-    theta = rigid_body(heavier(), terms).nominal.reshape(-1, body.width).copy()
+    body = RigidBody.of(model, terms)
+    theta = RigidBody.of(heavier(), terms).nominal.reshape(-1, body.width).copy()
     theta[:, 10:] = [0.4, 0.2, 0.05, 3.0, -0.6]
     path = tmp_path / "deeper" / "written.xml"
     path.parent.mkdir()
     write_identified_mjcf(robot, body, theta.ravel(), path)
-    again = rigid_body(mujoco.MjModel.from_xml_path(str(path)), terms).nominal
+    again = RigidBody.of(mujoco.MjModel.from_xml_path(str(path)), terms).nominal
     np.testing.assert_allclose(again, theta.ravel(), rtol=1e-4, atol=1e-5)
     wrong = theta.copy()
     wrong[0, 0] = -1.0

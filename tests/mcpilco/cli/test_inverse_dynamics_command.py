@@ -13,7 +13,7 @@ import pytest
 
 from mcpilco.bodies import generalised_forces
 from mcpilco.cli import main
-from mcpilco.identification.inverse_dynamics import load
+from mcpilco.identification.inverse_dynamics import load_inverse_dynamics
 from mcpilco.plant import chain_of
 
 MODEL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 1 0"/>
@@ -62,14 +62,14 @@ def test_a_model_is_learned_tested_and_saved(run, tmp_path, capsys):
     assert list(report["nmse"]) == ["turn", "push"]
     assert f"{report['nmse']['push']:.2e}" == errors["push"]
     assert (tmp_path / "out" / "torques.png").stat().st_size > 1000
-    assert load(tmp_path / "out" / "model.npz").joints == JOINTS
+    assert load_inverse_dynamics(tmp_path / "out" / "model.npz").joints == JOINTS
 
 
 def test_a_geometry_comes_from_a_model(run, tmp_path, capsys):
     (tmp_path / "arm.xml").write_text(MODEL)
     log = write(tmp_path / "a.csv")
     assert run(log, "--model", "arm.xml", "--kernel", "fe", "--frictionless") == 0
-    assert load(tmp_path / "out" / "model.npz").fitted.kernel == "fe"
+    assert load_inverse_dynamics(tmp_path / "out" / "model.npz").fitted.kernel == "fe"
     errors = re.findall(r"nMSE (\S+),", capsys.readouterr().out)
     assert max(map(float, errors)) < 1e-3
 

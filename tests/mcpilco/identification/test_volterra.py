@@ -9,17 +9,18 @@ import pytest
 
 from mcpilco.gp import WeightSpaceGP
 from mcpilco.identification import (
-    Series,
     VolterraConfig,
     fit_percent,
     fit_volterra,
     load_volterra,
     save_volterra,
     third_order,
-    volterra_prior,
+    third_order_h2,
+    volterra,
     wiener,
 )
-from mcpilco.identification.volterra_systems import MEMORY, third_order_h2
+from mcpilco.identification.volterra import MEMORY
+from mcpilco.recordings import Series
 from mcpilco.typing import InputError, RunFolderError
 
 NOISE = 0.05
@@ -67,15 +68,15 @@ def test_maps_give_the_predictions(model) -> None:
     assert np.isnan(mean[:2]).all()
 
 
-@pytest.mark.parametrize("kernel", volterra_prior.KERNELS)
+@pytest.mark.parametrize("kernel", volterra.KERNELS)
 def test_weight_space_and_kernel_agree(kernel: str, monkeypatch) -> None:
     """The same hyperparameters, conditioned in both ways."""
     config = replace(SHORT, kernel=kernel, max_iterations=10)
     series, u = recorded(), np.random.default_rng(2).normal(size=40)
     small = fit_volterra(series, config)
     assert isinstance(small.gp, WeightSpaceGP)
-    monkeypatch.setattr(volterra_prior, "MANY_ORDERS", 0)
-    dense = volterra_prior.prior(config, ("y",), 1, 298)
+    monkeypatch.setattr(volterra, "MANY_ORDERS", 0)
+    dense = volterra.prior(config, ("y",), 1, 298)
     assert not isinstance(dense, WeightSpaceGP)
     dense.load_arrays(small.gp.to_arrays())
     again = replace(small, gp=dense, posterior=dense.condition(small.X, small.Y))
@@ -146,7 +147,7 @@ def test_many_samples_are_fitted_in_parts() -> None:
 def test_evidence_is_of_the_same_samples_in_weight_space_and_with_the_kernel(monkeypatch) -> None:
     config = VolterraConfig(lags=1, degree=1, kernel="pk", fit_samples=60)
     small = fit_volterra(recorded(), config)
-    monkeypatch.setattr(volterra_prior, "MANY_ORDERS", 0)
+    monkeypatch.setattr(volterra, "MANY_ORDERS", 0)
     dense = fit_volterra(recorded(), config)
     assert not isinstance(dense.gp, WeightSpaceGP)
     assert small.report.evidence == pytest.approx(dense.report.evidence, abs=1e-3)

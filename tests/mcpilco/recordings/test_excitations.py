@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mcpilco.recordings.excitations import PARTS, excitation, pulses
+from mcpilco.recordings import PARTS, excitation
+from mcpilco.recordings.excitations import pulses
 from mcpilco.typing import InputError
 
 DT = 0.02

@@ -9,11 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.identification.kinematics import (
-    marker_recording,
-    read_markers,
-    write_markers,
-)
+from mcpilco.recordings import marker_recording, read_markers, write_markers
 from mcpilco.typing import InputError, McPilcoError
 from tests.mcpilco.identification.kinematics.robots import recorded
 

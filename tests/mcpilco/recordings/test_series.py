@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.identification import Series, read_series
-from mcpilco.recordings.series import lagged, suspicions, usable
+from mcpilco.recordings import Series, lagged, read_series, suspicions, usable
 from mcpilco.typing import InputError, RecordingError
 
 

@@ -9,16 +9,14 @@ import numpy as np
 
 from envs.arms.sticky_arm import MODEL, SAMPLING_S, ArmLog, Push, StickyArm
 from envs.arms.waypoints import waypoints
-from mcpilco.identification import RigidBody, rigid_body
+from mcpilco.identification import Report, RigidBody
 from mcpilco.identification.collision import (
-    TERMS,
-    ArmSamples,
+    CURRENT_TERMS,
     CurrentConfig,
     CurrentModel,
     fit_currents,
-    samples_of,
 )
-from mcpilco.identification.report import Report
+from mcpilco.recordings import ArmSamples, arm_samples
 
 SMALL = {"points": 400, "fit_points": 120, "iterations": 15}
 DT = SAMPLING_S
@@ -31,7 +29,7 @@ def arm() -> StickyArm:
 
 @functools.cache
 def body() -> RigidBody:
-    return rigid_body(mujoco.MjModel.from_xml_path(str(MODEL)), terms=TERMS)
+    return RigidBody.of(mujoco.MjModel.from_xml_path(str(MODEL)), terms=CURRENT_TERMS)
 
 
 @functools.cache
@@ -42,7 +40,7 @@ def log(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmLog:
 
 @functools.cache
 def samples(seed: int, moves: int = 20, pushes: tuple[Push, ...] = ()) -> ArmSamples:
-    return samples_of(log(seed, moves, pushes))
+    return arm_samples(log(seed, moves, pushes))
 
 
 @functools.cache

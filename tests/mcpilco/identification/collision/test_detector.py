@@ -15,9 +15,9 @@ from mcpilco.identification.collision import (
     debounced,
     detect,
     events,
-    samples_of,
     thresholds,
 )
+from mcpilco.recordings import arm_samples
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.collision.free_arm import arm, fitted, log, samples
 
@@ -61,7 +61,7 @@ def test_sample_by_sample_is_all_at_once(model, config, velocity):
     detector = CollisionDetector(model, limits)
     one_by_one = [detector.update(sample) for sample in stream(told, velocity=velocity)]
     shown = told if velocity else dataclasses.replace(told, velocity=np.nan * told.velocity)
-    at_once = detect(model, limits, samples_of(shown))
+    at_once = detect(model, limits, arm_samples(shown))
     known = [d for d in one_by_one if np.isfinite(d.residual).all()]
     assert len(known) == len(at_once.time)
     assert at_once.collision.any()

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mcpilco.bodies import SLIDE, Body, Chain, generalised_forces
-from mcpilco.identification.inverse_dynamics import JointData
+from mcpilco.recordings import JointData
 
 
 def random_robot(kinds: Sequence[str], rng: np.random.Generator) -> Chain:

@@ -5,7 +5,12 @@ import pytest
 import torch
 
 from mcpilco.files import read_groups, write_groups
-from mcpilco.identification.inverse_dynamics import ESTIMATORS, fit, load, save
+from mcpilco.identification.inverse_dynamics import (
+    ESTIMATORS,
+    fit_inverse_dynamics,
+    load_inverse_dynamics,
+    save_inverse_dynamics,
+)
 from mcpilco.identification.inverse_dynamics.estimators import GEOMETRIES
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.identification.inverse_dynamics.robots import measured, random_robot
@@ -25,14 +30,16 @@ def data(robot):
 
 @pytest.fixture(scope="module")
 def models(robot, data):
-    return {name: fit(data, name, chain=robot, tuned_on=100) for name in ESTIMATORS}
+    return {
+        name: fit_inverse_dynamics(data, name, chain=robot, tuned_on=100) for name in ESTIMATORS
+    }
 
 
 @pytest.mark.parametrize("kinds", [TWO, ("slide", "hinge"), ("hinge", "hinge")])
 def test_gip_reproduces_a_random_robot_of_which_it_knows_the_kinds_of_joints_alone(kinds):
     rng = np.random.default_rng(3)
     robot = random_robot(kinds, rng)
-    model = fit(measured(robot, rng, 400), "gip", friction=False, tuned_on=200)
+    model = fit_inverse_dynamics(measured(robot, rng, 400), "gip", friction=False, tuned_on=200)
     assert model.nmse(measured(robot, rng, 200)).max() < 1e-6
 
 
@@ -40,7 +47,7 @@ def test_gip_reproduces_a_random_robot_of_which_it_knows_the_kinds_of_joints_alo
 def test_gip_reproduces_a_random_robot_of_three_joints():
     rng = np.random.default_rng(5)
     robot = random_robot(("hinge", "slide", "hinge"), rng)
-    model = fit(measured(robot, rng, 1500), "gip", friction=False)
+    model = fit_inverse_dynamics(measured(robot, rng, 1500), "gip", friction=False)
     assert model.nmse(measured(robot, rng, 500)).max() < 1e-6
 
 
@@ -48,7 +55,7 @@ def test_gip_reproduces_a_random_robot_of_three_joints():
 def test_estimators_with_the_true_geometry_reproduce_a_robot(name):
     rng = np.random.default_rng(4)
     robot = random_robot(TWO, rng)
-    model = fit(measured(robot, rng, 150), name, chain=robot, friction=False)
+    model = fit_inverse_dynamics(measured(robot, rng, 150), name, chain=robot, friction=False)
     assert model.nmse(measured(robot, rng, 100)).max() < 1e-6
 
 
@@ -56,7 +63,8 @@ def test_friction_is_learned_where_it_is_allowed(robot):
     rng = np.random.default_rng(6)
     train, test = (measured(robot, rng, 300, friction=2.0) for _ in range(2))
     told, untold = (
-        fit(train, "gip", friction=allowed, tuned_on=150).nmse(test) for allowed in (True, False)
+        fit_inverse_dynamics(train, "gip", friction=allowed, tuned_on=150).nmse(test)
+        for allowed in (True, False)
     )
     assert told.max() < 1e-5
     assert (untold > 1e-3).all()
@@ -84,17 +92,17 @@ def test_torques_are_differentiable_by_the_motion(models):
 def test_a_saved_model_is_the_model(models, data, tmp_path):
     motion = data.motion[:20]
     for name, model in models.items():
-        again = load(save(tmp_path / f"{name}.npz", model))
+        again = load_inverse_dynamics(save_inverse_dynamics(tmp_path / f"{name}.npz", model))
         torch.testing.assert_close(again(motion), model(motion), rtol=1e-8, atol=1e-8)
         assert again.fitted == model.fitted
 
 
 def test_a_damaged_model_is_refused(models, tmp_path):
-    about, groups = read_groups(save(tmp_path / "m.npz", models["gip"]))
+    about, groups = read_groups(save_inverse_dynamics(tmp_path / "m.npz", models["gip"]))
     del groups["joint_joint1"]
     write_groups(tmp_path / "m.npz", about, groups)
     with pytest.raises(RunFolderError, match=r"no model of inverse dynamics.*fit it again"):
-        load(tmp_path / "m.npz")
+        load_inverse_dynamics(tmp_path / "m.npz")
 
 
 def test_spread_of_a_prediction_grows_away_from_the_data(models, data):
@@ -105,7 +113,9 @@ def test_spread_of_a_prediction_grows_away_from_the_data(models, data):
 
 def test_equal_seeds_give_equal_models(robot, data):
     for name in ("rbf", "nn"):
-        first, again, other = (fit(data, name, tuned_on=60, seed=seed) for seed in (0, 0, 1))
+        first, again, other = (
+            fit_inverse_dynamics(data, name, tuned_on=60, seed=seed) for seed in (0, 0, 1)
+        )
         tau = [model(data.motion).detach() for model in (first, again, other)]
         assert torch.equal(tau[0], tau[1])
         assert not torch.equal(tau[0], tau[2])
@@ -119,20 +129,20 @@ def test_what_the_data_do_not_determine_is_named(models):
 
 def test_an_unexcited_joint_is_reported(robot):
     noisy = measured(robot, np.random.default_rng(7), 150, noise=500.0)
-    warnings = fit(noisy, "gip", tuned_on=100).report.warnings
+    warnings = fit_inverse_dynamics(noisy, "gip", tuned_on=100).report.warnings
     assert any("is taken for noise; record faster or larger motions" in line for line in warnings)
 
 
 @pytest.mark.parametrize("name", GEOMETRIES)
 def test_a_missing_or_wrong_geometry_is_refused(data, name):
     with pytest.raises(InputError, match="needs the robot's geometry"):
-        fit(data, name)
+        fit_inverse_dynamics(data, name)
     other = random_robot(("slide", "slide"), np.random.default_rng(0))
     with pytest.raises(InputError, match="give the chain of this robot"):
-        fit(data, name, chain=other)
+        fit_inverse_dynamics(data, name, chain=other)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_an_unknown_estimator_is_refused(data):
     with pytest.raises(InputError, match="kernel must be one of fe, pp, sp, gip, rbf, nn"):
-        fit(data, "gpi")
+        fit_inverse_dynamics(data, "gpi")

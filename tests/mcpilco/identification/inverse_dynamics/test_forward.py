@@ -6,15 +6,15 @@ import torch
 
 from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.bodies import mass_matrix
+from mcpilco.identification import Report
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
     InverseDynamics,
     accelerations,
-    fit,
+    fit_inverse_dynamics,
     inertia,
 )
 from mcpilco.identification.inverse_dynamics.model import Fitted
-from mcpilco.identification.report import Report
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 from tests.mcpilco.identification.inverse_dynamics.robots import measured, random_robot
 
@@ -27,13 +27,17 @@ def robot():
 @pytest.fixture(scope="module")
 def exact(robot):
     """A model with the true geometry, of torques without noise."""
-    return fit(measured(robot, np.random.default_rng(1), 200), "fe", chain=robot, friction=False)
+    return fit_inverse_dynamics(
+        measured(robot, np.random.default_rng(1), 200), "fe", chain=robot, friction=False
+    )
 
 
 @pytest.fixture(scope="module")
 def poor(robot):
     """A model that knows nothing, of few torques."""
-    return fit(measured(robot, np.random.default_rng(1), 80, noise=1.0), "rbf", tuned_on=50)
+    return fit_inverse_dynamics(
+        measured(robot, np.random.default_rng(1), 80, noise=1.0), "rbf", tuned_on=50
+    )
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +85,9 @@ def test_forward_dynamics_are_those_of_the_robot(robot, exact, states):
 def test_forward_dynamics_of_a_learned_polynomial_are_close():
     rng = np.random.default_rng(3)
     robot = random_robot(("hinge", "hinge"), rng)
-    model = fit(measured(robot, rng, 400, noise=1e-3), "gip", friction=False, tuned_on=150)
+    model = fit_inverse_dynamics(
+        measured(robot, rng, 400, noise=1e-3), "gip", friction=False, tuned_on=150
+    )
     test = measured(robot, rng, 50)
     q, dq, tau = (torch.as_tensor(array) for array in (test.q, test.dq, test.tau))
     np.testing.assert_allclose(accelerations(model, q, dq, tau).detach(), test.ddq, atol=0.1)

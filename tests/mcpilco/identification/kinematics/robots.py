@@ -6,7 +6,8 @@ import numpy as np
 
 from envs.arms.marked import IDEAL, Camera, MarkedArm, random_marked_arm
 from envs.arms.motions import sinusoids
-from mcpilco.identification.kinematics import Chain, MarkerRecording, marker_recording
+from mcpilco.identification.kinematics import KinematicChain
+from mcpilco.recordings import MarkerRecording, marker_recording
 
 
 def recorded(
@@ -20,6 +21,6 @@ def recorded(
     return arm, marker_recording(arm.log(time, q, camera, rng))
 
 
-def is_true(chain: Chain, arm: MarkedArm) -> bool:
+def is_true(chain: KinematicChain, arm: MarkedArm) -> bool:
     found = [(joint.name, joint.kind) for joint in chain.joints]
     return chain.markers == arm.markers and found == list(zip(arm.joints, arm.kinds, strict=True))

@@ -12,16 +12,15 @@ from scipy.spatial.transform import Rotation
 from envs.arms.dh import Link
 from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm
 from mcpilco.identification.kinematics import (
-    Chain,
     ForwardKinematics,
-    MarkerRecording,
+    KinematicChain,
     Reach,
     find_chain,
     fit_forward,
-    marker_recording,
     reach,
 )
 from mcpilco.identification.kinematics.controller import _rotation_vector
+from mcpilco.recordings import MarkerRecording, marker_recording
 from mcpilco.typing import InputError, RunFolderError
 
 LINKS = (
@@ -34,7 +33,7 @@ LINKS = (
 
 def seen_by(
     camera: Camera, samples: int = 150, seed: int = 0
-) -> tuple[MarkedArm, MarkerRecording, Chain]:
+) -> tuple[MarkedArm, MarkerRecording, KinematicChain]:
     rng = np.random.default_rng(seed)
     arm = marked_arm(LINKS, rng)
     q = rng.uniform(-1.0, 1.0, (samples, 4)) * [1.5, 1.5, 0.3, 1.5]

@@ -9,7 +9,8 @@ import pytest
 
 from envs.arms.dh import Link
 from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm
-from mcpilco.identification.kinematics import MarkerRecording, marker_recording, triplet_tests
+from mcpilco.identification.kinematics import triplet_tests
+from mcpilco.recordings import MarkerRecording, marker_recording
 from tests.mcpilco.identification.kinematics.robots import recorded
 
 EXACT, NOISY = (1e-6, 1e-5), (0.02, 0.1)

@@ -1,0 +1,285 @@
+"""The forces in a robot's joints, linear in its parameters: tau = Y(q, q', q'') theta.
+
+`RigidBody` is the chain with its regressor Y; `base_parameters` finds the parameters, and the sums
+of parameters, that forces depend on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import qr, solve_triangular
+
+from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
+from mcpilco.plant import chain_of
+from mcpilco.typing import InputError
+
+TURN_OVER = 2e-3
+"""velocity over which dry friction turns over, as tanh(q' / v_r) [rad/s or m/s]"""
+
+
+class Term(NamedTuple):
+    """A force in a joint that has one parameter."""
+
+    column: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    """what multiplies the parameter, of q, q' and q''"""
+    unit: str
+    """of the parameter; f is the joint's force, q its position"""
+    positive: bool = True
+    """whether a negative value makes no sense"""
+
+
+TERMS: Mapping[str, Term] = {
+    "viscous": Term(lambda q, dq, ddq: dq, "{f} s/{q}"),
+    "coulomb": Term(lambda q, dq, ddq: np.tanh(dq / TURN_OVER), "{f}"),
+    "armature": Term(lambda q, dq, ddq: ddq, "{f} s^2/{q}"),
+    "stiffness": Term(lambda q, dq, ddq: q, "{f}/{q}"),
+    "offset": Term(lambda q, dq, ddq: np.ones_like(q), "{f}", positive=False),
+}
+"""what a joint may have besides the body that it carries; the seed has viscous friction alone"""
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """An open chain of rigid bodies whose parameters are to be found.
+
+    theta has a block for each joint, in the order of q: the `INERTIAL` parameters of the joint's
+    body, about the origin of its frame in the joint, and then the joint's `terms`.
+    """
+
+    chain: Chain
+    """joints, frames and gravity, which are known; masses and inertias are the nominal ones"""
+    terms: tuple[str, ...]
+    """keys of `TERMS`"""
+    nominal: Float[np.ndarray, " D"]
+    """theta of the model that this was made of"""
+
+    @classmethod
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        terms: tuple[str, ...] = ("viscous", "coulomb", "armature"),
+    ) -> RigidBody:
+        """The parameters that a MuJoCo model has, and the regressor of their forces.
+
+        Y theta with the nominal theta is what `mujoco.mj_inverse` finds, where `terms` hold all
+        that the model's joints have. MuJoCo finds dry friction from its constraints, not from a
+        formula: while a joint moves faster than `TURN_OVER` the two agree.
+
+        Args:
+            model: an open chain of hinges and slides; its contacts and actuators do not matter.
+            terms: what each joint has, keys of `TERMS`.
+
+        Raises:
+            InputError: a term is unknown, or the model is no such chain.
+        """
+        unknown = [term for term in terms if term not in TERMS]
+        if unknown or len(set(terms)) != len(terms):
+            raise InputError(f"terms must be some of {', '.join(TERMS)}, each once, got {terms}.")
+        chain = chain_of(model)
+        dof = model.jnt_dofadr
+        rest = model.qpos_spring[model.jnt_qposadr]
+        values = {
+            "viscous": model.dof_damping[dof],
+            "coulomb": model.dof_frictionloss[dof],
+            "armature": model.dof_armature[dof],
+            "stiffness": model.jnt_stiffness,
+            "offset": -model.jnt_stiffness * rest,
+        }
+        blocks = [
+            np.append(inertial_parameters(body), [values[term][j] for term in terms])
+            for j, body in enumerate(chain.bodies)
+        ]
+        return cls(chain, terms, np.concatenate(blocks))
+
+    @property
+    def width(self) -> int:
+        """How many parameters a joint has."""
+        return len(INERTIAL) + len(self.terms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the D parameters: `<body>_m`, ..., `<joint>_viscous`."""
+        return tuple(
+            name
+            for body in self.chain.bodies
+            for name in (
+                *(f"{body.name}_{symbol}" for symbol in INERTIAL),
+                *(f"{body.joint}_{term}" for term in self.terms),
+            )
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the D parameters."""
+        inertial = ["kg", *["kg m"] * 3, *["kg m^2"] * 6]
+        found: list[str] = []
+        for body in self.chain.bodies:
+            f, q = ("N", "m") if body.kind == SLIDE else ("N m", "rad")
+            found += [*inertial, *(TERMS[term].unit.format(f=f, q=q) for term in self.terms)]
+        return tuple(found)
+
+    def regressor(
+        self,
+        q: Float[np.ndarray, "N J"],
+        dq: Float[np.ndarray, "N J"],
+        ddq: Float[np.ndarray, "N J"],
+    ) -> Float[np.ndarray, "N J D"]:
+        """Y(q, q', q''): a column of forces for each parameter [N or N m a unit of it].
+
+        Args:
+            q: joint positions [m or rad].
+            dq: joint velocities [m/s or rad/s].
+            ddq: joint accelerations [m/s^2 or rad/s^2].
+
+        Raises:
+            InputError: the arrays are no motion of this chain.
+        """
+        joints = len(self.chain.bodies)
+        for name, array in (("q", q), ("dq", dq), ("ddq", ddq)):
+            if np.shape(array) != (len(q), joints) or not np.isfinite(array).all():
+                raise InputError(
+                    f"{name} must hold finite numbers in the shape {(len(q), joints)}, a column "
+                    f"for each of {', '.join(self.chain.joints)}, got shape {np.shape(array)}; "
+                    "give all joints, and leave out rows with gaps."
+                )
+        Y = np.zeros((len(q), joints, joints, self.width))
+        Y[..., : len(INERTIAL)] = regressor(self.chain, q, dq, ddq)
+        each = np.arange(joints)
+        for place, term in enumerate(self.terms, len(INERTIAL)):
+            Y[:, each, each, place] = TERMS[term].column(q, dq, ddq)
+        return Y.reshape(len(q), joints, joints * self.width)
+
+
+def random_motions(
+    body: RigidBody, count: int, rng: np.random.Generator
+) -> tuple[
+    Float[np.ndarray, "N J"],
+    Float[np.ndarray, "N J"],
+    Float[np.ndarray, "N J"],
+]:
+    """Random q, q' and q'' that move everything: what can be told at all can be told of them.
+
+    Args:
+        body: whose joints.
+        count: N.
+        rng: what they are drawn from: positions all around [rad] or within a metre, velocities
+            and accelerations standard normal, three and ten times.
+    """
+    shape = (count, len(body.chain.bodies))
+    slides = np.array([b.kind == SLIDE for b in body.chain.bodies])
+    q = rng.uniform(-1.0, 1.0, shape) * np.where(slides, 1.0, np.pi)
+    return q, 3.0 * rng.normal(size=shape), 10.0 * rng.normal(size=shape)
+
+
+TOLERANCE = 1e-9
+"""relative size of a column of R below which it depends on those before"""
+ROUNDING = 1e-12
+"""length of a column, relative to the longest, below which it is 0"""
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Columns of a regressor that are independent, and how the others depend on them.
+
+        Y theta = Y[:, independent] beta,    beta = theta[independent] + K theta[dependent]
+
+    so that forces tell beta and nothing else.
+
+    Reference: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic
+    Systems 8 (4), 1991.
+    """
+
+    independent: Int[np.ndarray, " B"]
+    """ascending"""
+    dependent: Int[np.ndarray, " R"]
+    """ascending; also those that no force depends on"""
+    K: Float[np.ndarray, "B R"]
+    """0 where beta does not depend on a parameter"""
+
+    def __len__(self) -> int:
+        return len(self.independent)
+
+    def of(self, theta: Float[np.ndarray, " D"]) -> Float[np.ndarray, " B"]:
+        """beta, in the units of the independent parameters."""
+        return theta[self.independent] + self.K @ theta[self.dependent]
+
+    def columns(self, Y: Float[np.ndarray, "*b D"]) -> Float[np.ndarray, "*b B"]:
+        """The independent columns of a regressor."""
+        return Y[..., self.independent]
+
+    def lift(self, beta: Float[np.ndarray, " B"]) -> Float[np.ndarray, " D"]:
+        """The theta that has these base parameters, 0 for all dependent parameters."""
+        theta = np.zeros(len(self.independent) + len(self.dependent))
+        theta[self.independent] = beta
+        return theta
+
+    def near(
+        self, beta: Float[np.ndarray, " B"], theta: Float[np.ndarray, " D"]
+    ) -> Float[np.ndarray, " D"]:
+        """The parameters that have these base parameters, and theta's dependent parameters."""
+        found = theta.copy()
+        found[self.independent] = beta - self.K @ theta[self.dependent]
+        return found
+
+    def formulas(self, names: tuple[str, ...], least: float = 1e-6) -> tuple[str, ...]:
+        """Each base parameter as a sum of parameters, for readers.
+
+        Args:
+            names: of the D parameters.
+            least: size of a factor that is told [units of the quotient].
+        """
+        found = []
+        for row, first in zip(self.K, self.independent, strict=True):
+            parts = [
+                f"{'+' if factor > 0 else '-'} {abs(factor):.4g} {names[other]}"
+                for factor, other in zip(row, self.dependent, strict=True)
+                if abs(factor) > least
+            ]
+            found.append(" ".join([names[first], *parts]))
+        return tuple(found)
+
+
+def base_parameters(Y: Float[np.ndarray, "*b D"], tolerance: float = TOLERANCE) -> BaseParameters:
+    """The base parameters of a regressor, by a QR factorisation without pivots.
+
+    Of dependent columns the first stays. With Y of `random_motions` they are those of the robot;
+    with Y of a recording those that the recording determines.
+
+    Args:
+        Y: rows of any number of samples and joints, more than D of them.
+        tolerance: what is left of a column, relative to its length, when it is told by others.
+    """
+    rows = Y.reshape(-1, Y.shape[-1])
+    length = np.linalg.norm(rows, axis=0)
+    felt = length > ROUNDING * length.max(initial=0.0)
+    scale = np.where(felt, length, np.inf)
+    T, kept = _echelon(qr(rows / scale, mode="r")[0][: Y.shape[-1]], tolerance)
+    others = np.setdiff1d(np.arange(T.shape[1]), kept)
+    K = solve_triangular(T[: len(kept), kept], T[: len(kept), others])
+    return BaseParameters(kept, others, K * (length * felt)[others] / length[kept][:, None])
+
+
+def _echelon(
+    rows: Float[np.ndarray, "M D"], tolerance: float
+) -> tuple[Float[np.ndarray, "M D"], Int[np.ndarray, " B"]]:
+    """Q^T rows in echelon form, and the columns in which its steps are: Householder's reflections.
+
+    A column that is dependent takes no step, so none of the later ones is divided by next to 0.
+    """
+    T = rows.copy()
+    kept: list[int] = []
+    for column in range(T.shape[1]):
+        v = T[len(kept) :, column].copy()
+        size = np.linalg.norm(v)
+        if size > tolerance:
+            v[0] += np.copysign(size, v[0])
+            v /= np.linalg.norm(v)
+            T[len(kept) :] -= 2.0 * np.outer(v, v @ T[len(kept) :])
+            kept.append(column)
+    return T, np.array(kept, dtype=int)

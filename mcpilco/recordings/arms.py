@@ -1,0 +1,317 @@
+"""Recordings of an arm: their columns, and the samples that they hold.
+
+Nothing is resampled, and nothing that stands out is masked, for a push may begin as one sample that
+does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.recordings.stamps import increasing, sampling_time
+from mcpilco.recordings.table import Table, read_table
+from mcpilco.typing import InputError, RecordingError
+
+WINDOW = 3
+"""samples over which a derivative is taken"""
+
+
+@dataclass(frozen=True)
+class ArmSamples:
+    """N samples of J joints; those of several recordings stand one behind the other."""
+
+    time: Float[np.ndarray, " N"]
+    """since the start of its recording [s]"""
+    q: Float[np.ndarray, "N J"]
+    """position [rad or m]"""
+    dq: Float[np.ndarray, "N J"]
+    """velocity"""
+    ddq: Float[np.ndarray, "N J"]
+    """acceleration, of velocities up to this sample"""
+    eq: Float[np.ndarray, "N J"]
+    """error of position: target less measurement"""
+    deq: Float[np.ndarray, "N J"]
+    """error of velocity"""
+    ic: Float[np.ndarray, "N J"]
+    """current that the controller asks for [A]"""
+    i: Float[np.ndarray, "N J"]
+    """current measured [A]"""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def standard(self) -> Float[np.ndarray, "N D"]:
+        """x = [q, q', q''], thesis section 4.4.1."""
+        return np.hstack([self.q, self.dq, self.ddq])
+
+    @property
+    def augmented(self) -> Float[np.ndarray, "N D"]:
+        """[q, q', q'', e_q, e_q', i_c], thesis eq. (4.8)."""
+        return np.hstack([self.standard, self.eq, self.deq, self.ic])
+
+    def __getitem__(self, rows: slice | np.ndarray) -> ArmSamples:
+        return ArmSamples(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    def every(self, count: int) -> ArmSamples:
+        """About so many of the samples, at a constant step, thesis section 4.6.1."""
+        return self[np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)]
+
+    @classmethod
+    def joined(cls, parts: Sequence[ArmSamples]) -> ArmSamples:
+        """One behind the other."""
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def slopes(x: Float[np.ndarray, "N J"], dt: float, window: int) -> Float[np.ndarray, "N J"]:
+    """Slope of the straight line through the last `window` samples of x; NaN at the first ones."""
+    found = np.full_like(x, np.nan)
+    if len(x) >= window:
+        seen = np.lib.stride_tricks.sliding_window_view(x, window, axis=0)
+        found[window - 1 :] = seen @ _slope_weights(dt, window)
+    return found
+
+
+def _slope_weights(dt: float, window: int) -> Float[np.ndarray, " W"]:
+    """Least squares: sum_k (k - mean) x_k / sum_k (k - mean)^2 / dt."""
+    k = np.arange(window) - 0.5 * (window - 1)
+    return k / (k @ k) / dt
+
+
+class RunningSlope:
+    """`slopes`, one sample at a time.
+
+    Args:
+        dt: sampling time [s].
+        window: samples.
+    """
+
+    def __init__(self, dt: float, window: int) -> None:
+        self._weights = _slope_weights(dt, window)
+        self._last: deque[np.ndarray] = deque(maxlen=window)
+
+    def __call__(self, x: Float[np.ndarray, " J"]) -> Float[np.ndarray, " J"]:
+        """The slope up to this sample; NaN as long as there are too few."""
+        self._last.append(x)
+        if len(self._last) < len(self._weights):
+            return np.full_like(x, np.nan)
+        return self._weights @ np.stack(self._last)
+
+    def reset(self) -> None:
+        """Forgets all samples."""
+        self._last.clear()
+
+
+COLUMNS = (
+    "position",
+    "velocity",
+    "current",
+    "target_position",
+    "target_velocity",
+    "target_current",
+)
+"""of each joint, as `<joint>_<column>`; those of velocities may be absent"""
+_FEWEST = 10
+"""rows of a recording"""
+_LATE = 1.5
+"""sampling times after which a sample does not follow on the one before [-]"""
+_KNOWN = 0.5
+"""share of the samples at which all must be known [-]"""
+
+
+class ArmLog(Protocol):
+    """What a simulated arm, a driver or a file hands over: T samples of J joints."""
+
+    @property
+    def time(self) -> Float[np.ndarray, " T"]: ...
+    @property
+    def position(self) -> Float[np.ndarray, "T J"]: ...
+    @property
+    def velocity(self) -> Float[np.ndarray, "T J"]: ...
+    @property
+    def current(self) -> Float[np.ndarray, "T J"]: ...
+    @property
+    def target_position(self) -> Float[np.ndarray, "T J"]: ...
+    @property
+    def target_velocity(self) -> Float[np.ndarray, "T J"]: ...
+    @property
+    def target_current(self) -> Float[np.ndarray, "T J"]: ...
+
+
+@dataclass(frozen=True)
+class ArmRecording:
+    """What a file tells; NaN where a cell is empty."""
+
+    name: str
+    """stem of the file"""
+    time: Float[np.ndarray, " T"]
+    """from 0, increasing [s]"""
+    position: Float[np.ndarray, "T J"]
+    """[rad or m]"""
+    velocity: Float[np.ndarray, "T J"]
+    """[rad/s or m/s]; NaN where the file has none"""
+    current: Float[np.ndarray, "T J"]
+    """[A]"""
+    target_position: Float[np.ndarray, "T J"]
+    """[rad or m]"""
+    target_velocity: Float[np.ndarray, "T J"]
+    """[rad/s or m/s]"""
+    target_current: Float[np.ndarray, "T J"]
+    """[A]"""
+    force: Float[np.ndarray, "T 3"] | None = None
+    """at the end of the arm, where a simulation tells the truth [N]"""
+    remarks: tuple[str, ...] = ()
+    """sentences on what was left out"""
+
+
+FORCE = ("push_x", "push_y", "push_z")
+"""columns of the true force"""
+
+
+def columns_of(joints: Sequence[str]) -> tuple[str, ...]:
+    """Names of the columns of an arm's recording, besides `time`."""
+    return tuple(f"{joint}_{column}" for joint in joints for column in COLUMNS)
+
+
+def read_arm(
+    path: str | Path,
+    joints: Sequence[str],
+    columns: Mapping[str, str] | None = None,
+    dt: float | None = None,
+) -> ArmRecording:
+    """The recording of an arm in a file: CSV with a header row, `.npz` or `.parquet`.
+
+    Args:
+        path: of the file.
+        joints: names, in the robot's order.
+        columns: the file's name for `time` or one of `columns_of`, where it differs.
+        dt: sampling time that it must have [s]; one that is sampled so many times as often is
+            thinned. Its own when None.
+
+    Raises:
+        RecordingError: the file cannot be read; the sentence names row and column.
+        InputError: `columns` cannot be meant.
+    """
+    table, names = read_table(path), columns_of(joints)
+    sources = _sources(table, names, columns or {})
+    time, rows, remarks = _in_order(table, sources["time"])
+    rows, time = _thinned(table, rows, time, dt)
+    arrays = {
+        column: np.column_stack([_numbers(table, sources, f"{j}_{column}", rows) for j in joints])
+        for column in COLUMNS
+    }
+    force = None
+    if all(name in table.columns for name in FORCE):
+        force = np.nan_to_num(np.column_stack([table.numbers(name)[rows] for name in FORCE]))
+    for joint, column in zip(joints, arrays["current"].T, strict=True):
+        if not np.isfinite(column).any():
+            raise RecordingError(
+                f"{path}: expected the measured current of {joint}, got empty cells only; log the "
+                "currents of all motors."
+            )
+    return ArmRecording(
+        Path(path).stem, time, force=force, remarks=(*table.remarks, *remarks), **arrays
+    )
+
+
+def _sources(table: Table, names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
+    """The file's name for each column; a velocity that is absent is left out."""
+    unknown = sorted(set(columns) - {"time", *names})
+    if unknown:
+        raise InputError(
+            f"columns are renamed as NAME=NAME_IN_THE_FILE, with NAME one of time, "
+            f"{', '.join(names[:3])} and so on, got {', '.join(unknown)}."
+        )
+    sources = {name: columns.get(name, name) for name in ("time", *names)}
+    optional = {name for name in names if name == sources[name] and _is_measured_velocity(name)}
+    missing = [n for n, source in sources.items() if source not in {*table.columns, *optional}]
+    if missing:
+        raise RecordingError(
+            f"{table.path}: expected a column for each of {', '.join(missing)}; say "
+            f"which they are, for example --columns {missing[0]}=NAME."
+        )
+    return {name: source for name, source in sources.items() if source in table.columns}
+
+
+def _is_measured_velocity(name: str) -> bool:
+    return name.endswith("_velocity") and not name.endswith("_target_velocity")
+
+
+def _numbers(
+    table: Table, sources: Mapping[str, str], name: str, rows: np.ndarray
+) -> Float[np.ndarray, " T"]:
+    if name not in sources:
+        return np.full(len(rows), np.nan)
+    return table.numbers(sources[name])[rows]
+
+
+def _in_order(table: Table, column: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The time from 0, the rows that are in its order, and a remark on the others."""
+    stamps = table.numbers(column)
+    known = np.flatnonzero(np.isfinite(stamps))
+    rows = known[increasing(stamps[known])] if len(known) else known
+    if len(rows) < _FEWEST:
+        raise RecordingError(
+            f"{table.path}: expected at least {_FEWEST} rows with a time stamp of their own, got "
+            f"{len(rows)}; record for longer."
+        )
+    lost = len(stamps) - len(rows)
+    told = f"{lost} rows left out, whose time stamps are missing, repeat or run backwards."
+    return stamps[rows] - stamps[rows[0]], rows, [told] if lost else []
+
+
+def _thinned(
+    table: Table, rows: np.ndarray, time: np.ndarray, dt: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Every so many of the rows, so that they are dt apart."""
+    if dt is None:
+        return rows, time
+    own = sampling_time(time)
+    every = max(round(dt / own), 1)
+    if abs(every * own - dt) > 0.02 * dt:
+        raise RecordingError(
+            f"{table.path}: expected samples every {dt:g} s, or so many times as often, got "
+            f"{own:g} s; record at that rate, or learn a model at this one."
+        )
+    return rows[::every], time[::every]
+
+
+def arm_samples(log: ArmLog, window: int = WINDOW) -> ArmSamples:
+    """The samples of a recording at which all is known.
+
+    Derivatives see the past only, as a detector does; the first samples after a gap have none and
+    are left out.
+
+    Args:
+        log: the recording.
+        window: samples over which a derivative is taken.
+
+    Raises:
+        InputError: at half of the samples something is not known.
+    """
+    dt = sampling_time(log.time)
+    parts = []
+    breaks = np.flatnonzero(np.diff(log.time) > _LATE * dt) + 1
+    absent = ~np.isfinite(log.velocity).any(axis=0)
+    for rows in np.split(np.arange(len(log.time)), breaks):
+        q = log.position[rows]
+        dq = np.where(absent, slopes(q, dt, window), log.velocity[rows])
+        eq, deq = log.target_position[rows] - q, log.target_velocity[rows] - dq
+        ddq, ic = slopes(dq, dt, window), log.target_current[rows]
+        parts.append(ArmSamples(log.time[rows], q, dq, ddq, eq, deq, ic, log.current[rows]))
+    whole = ArmSamples.joined(parts)
+    known = np.isfinite(np.hstack([whole.augmented, whole.i])).all(axis=1)
+    if known.mean() < _KNOWN:
+        raise InputError(
+            f"expected samples at which positions, currents and targets of all joints are known, "
+            f"got {known.sum()} of {len(known)}, the others hold NaN or empty cells; log all "
+            "joints at the same instants."
+        )
+    return whole[known]
