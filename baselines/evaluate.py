@@ -5,7 +5,7 @@
         print(found.experience_s, found.mean("is_success"), found.cpu_s)
 
 A judge has an env of its own, with the starts and noises of its seed: equal judges put every agent
-before the same episodes. Success rule, time up and distance are the env's (`envs.judge`).
+before the same episodes. Success and all measures are those that the env reports.
 """
 
 from __future__ import annotations
@@ -23,14 +23,6 @@ from mcpilco.agent import Act, horizon_of, make_env, remembering, task_of
 from mcpilco.data import Spent, Stopwatch
 from mcpilco.sweep.fresh import FreshEpisodes
 from mcpilco.typing import InputError
-
-MEASURES: Mapping[str, str] = {
-    "return": "return [-]",
-    "is_success": "success",
-    "time_up_s": "time up [s]",
-    "mean_abs_cart_m": "mean |cart position| [m]",
-}
-"""what is told of each episode, and what it is called; but for the return, where the env tells"""
 
 
 class Actor(Protocol):
@@ -63,18 +55,18 @@ class Judgement:
     cpu_s: float
     """processor time that it was learned in, all before it included [s]"""
     outcomes: Mapping[str, Float[np.ndarray, " M"]]
-    """of each episode, by the names of `MEASURES`"""
+    """of each episode: `return` [-], and what the env reports: `is_success`, its measures"""
     wall_s: float = 0.0
     """time on the clock that it was learned in, all before it included [s]"""
 
     def mean(self, name: str) -> float | None:
-        """Mean over the episodes; None where the env does not tell."""
+        """Mean over the episodes; None where the env does not report it."""
         values = self.outcomes.get(name)
         return None if values is None else float(values.mean())
 
     def to_json(self) -> dict[str, Any]:
         """As JSON has it: the means, and the number of episodes."""
-        means = {name: self.mean(name) for name in MEASURES}
+        means = {name: self.mean(name) for name in ("is_success", *self.outcomes)}
         names = ("experience_s", "cpu_s", "wall_s")
         costs = {name: getattr(self, name) for name in names}
         return {**costs, "episodes": len(self.outcomes["return"]), **means}

@@ -20,6 +20,7 @@ import gymnasium as gym
 
 from baselines.evaluate import Judge, Judgement, learning_curve
 from mcpilco.agent import find_after_import, make_env
+from mcpilco.data import is_measure
 from mcpilco.logbook import read_json, versions, write_json
 from mcpilco.sweep.job import FORMAT, Settings, machine, one_thread
 from mcpilco.typing import InputError
@@ -129,8 +130,7 @@ def _row(trial: int, found: Judgement, before: Judgement) -> dict[str, Any]:
         "experience_s": found.experience_s,
         "success": None if success is None else bool(success),
         "p": fresh.get("is_success"),
-        "time_up_s": test.get("time_up_s"),
-        "mean_abs_cart_m": test.get("mean_abs_cart_m"),
+        **{name: value for name, value in test.items() if is_measure(name)},
         "predicted_cost": None,
         "real_cost": None,
         "return": test["return"],

@@ -1,4 +1,4 @@
-"""Measured data: rows for the models, one rollout of the system, one row of a run's table."""
+"""Measured data: rows for the models, one rollout of the system, the result of one trial."""
 
 from __future__ import annotations
 
@@ -10,6 +10,50 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.typing import InputError
+
+UNITS: Mapping[str, str] = {
+    "s": "s",
+    "m": "m",
+    "rad": "rad",
+    "deg": "deg",
+    "m_per_s": "m/s",
+    "rad_per_s": "rad/s",
+    "N": "N",
+    "Nm": "N m",
+    "J": "J",
+    "W": "W",
+    "kg": "kg",
+    "V": "V",
+    "A": "A",
+    "K": "K",
+    "percent": "%",
+}
+"""units that the name of a measure may end with, as they are printed"""
+SPENT = ("experience_s", "wall_s", "cpu_s")
+"""what a trial takes; these names are no env's"""
+
+
+def is_measure(name: str) -> bool:
+    """True for the name of a measure that an env may report: it ends with its unit.
+
+    An env reports measures of an episode as numbers in `info`, such as `info["time_up_s"]` [s];
+    whether the episode was a success is `info["is_success"]`.
+    """
+    return name[:1] != "_" and name not in SPENT and _unit_suffix(name) is not None
+
+
+def title_of(measure: str) -> str:
+    """The name of a measure with its unit in brackets: `time_up_s` is "time up [s]"."""
+    suffix = _unit_suffix(measure)
+    if suffix is None:
+        return measure.replace("_", " ")
+    return f"{measure.removesuffix('_' + suffix).replace('_', ' ')} [{UNITS[suffix]}]"
+
+
+def _unit_suffix(name: str) -> str | None:
+    """The longest unit that a name ends with."""
+    found = [unit for unit in UNITS if name.endswith(f"_{unit}") and len(name) > len(unit) + 1]
+    return max(found, key=len, default=None)
 
 
 def _check_finite(name: str, array: np.ndarray) -> None:
@@ -95,8 +139,8 @@ class Rollout:
     states: Float[np.ndarray, "T_plus_1 X"] | None = None
     """true states, where the env tells them in `info["state"]`"""
     outcome: Mapping[str, float] = field(default_factory=dict)
-    """the env's own measures of the episode at its last step, see
-    `mcpilco.agent.episode.OUTCOMES`"""
+    """what the env reports of the episode in `info` at its last step: `is_success`, and numbers
+    whose names end with their unit, see `is_measure`"""
     estimates: Float[np.ndarray, "T_plus_1 X"] | None = None
     """where states are measured in part: what was known of them at each step, by then"""
     smoothed: Float[np.ndarray, "T_plus_1 X"] | None = None
@@ -163,11 +207,7 @@ class TrialResult:
     real_cost: float
     """what came: sum of the task's cost over the steps of the rollout on the system [-]"""
     success: bool | None
-    """`info["is_success"]` at the end of the rollout; None where the env does not tell"""
-    time_up_s: float | None
-    """`info["time_up_s"]` at the end of the rollout [s]"""
-    mean_abs_cart_m: float | None
-    """`info["mean_abs_cart_m"]` at the end of the rollout [m]"""
+    """`info["is_success"]` at the end of the rollout; None where the env does not report it"""
     noise_std: tuple[float, ...]
     """noise standard deviation that each GP learned, in the unit of its target"""
     policy_steps: int
@@ -185,6 +225,11 @@ class TrialResult:
     be learned, and the last one was tried again"""
     failure: str | None = None
     """why no new policy could be learned, or why the rollout broke off; None where all went well"""
+
+    @property
+    def outcome(self) -> Mapping[str, float]:
+        """The measures that the env reports of the rollout, by names that end with their unit."""
+        return {name: value for name, value in self.rollout.outcome.items() if is_measure(name)}
 
 
 @dataclass(frozen=True)

@@ -103,8 +103,6 @@ class SB3Agent(TrialAgent):
             predicted_cost_std=math.nan,
             real_cost=float(held(costs_of(self.task.cost, record), self.horizon).sum()),
             success=None if success is None else bool(success),
-            time_up_s=record.outcome.get("time_up_s"),
-            mean_abs_cart_m=record.outcome.get("mean_abs_cart_m"),
             noise_std=(),
             policy_steps=self.learner._n_updates - updates,
             starts=0,

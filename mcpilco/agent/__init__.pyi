@@ -4,7 +4,7 @@ from .agent_file import Groups, SavedAgent, difference
 from .algorithms import Agent, find, find_after_import
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .controller import Act, remembering
-from .episode import OUTCOMES, BrokenEpisodeError, run_episode
+from .episode import BrokenEpisodeError, reported, run_episode
 from .guess import guess_task
 from .inspection import inspect_env
 from .model import Model
@@ -17,7 +17,6 @@ from .trial_agent import TrialAgent
 
 __all__ = [
     "MCPILCO",
-    "OUTCOMES",
     "AbsentEnv",
     "Act",
     "Agent",
@@ -40,6 +39,7 @@ __all__ = [
     "load_task",
     "make_env",
     "remembering",
+    "reported",
     "run_episode",
     "task_of",
     "write_policy",

@@ -10,11 +10,8 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.data import Rollout
+from mcpilco.data import Rollout, is_measure
 from mcpilco.typing import EnvError
-
-OUTCOMES = ("is_success", "time_up_s", "mean_abs_cart_m")
-"""entries of `info` that are kept as the env's own measures of an episode"""
 
 
 class BrokenEpisodeError(EnvError):
@@ -71,6 +68,18 @@ def run_episode(
     return record.rollout()
 
 
+def reported(info: Mapping[str, Any], shape: tuple[int, ...] = ()) -> dict[str, Any]:
+    """What an env reports of an episode in `info`: `is_success` and its measures.
+
+    Args:
+        info: of a step.
+        shape: of each value; `(M,)` for a batch of M envs. What has another is passed over.
+    """
+    named = {k: np.asarray(v) for k, v in info.items() if k == "is_success" or is_measure(k)}
+    fitting = {k: v for k, v in named.items() if v.shape == shape and v.dtype.kind in "biuf"}
+    return {name: value.astype(float) if shape else float(value) for name, value in fitting.items()}
+
+
 class _Record:
     """An episode so far: whole steps only."""
 
@@ -103,7 +112,7 @@ class _Record:
         observation = _checked(observation, self._shape, "observation", step)
         reward = float(_checked(np.squeeze(np.asarray(reward)), (), "reward", step))
         state = self._true_state(info)
-        self._outcome = {key: float(info[key]) for key in OUTCOMES if key in info}
+        self._outcome = reported(info)
         self._observations.append(observation)
         self._states.append(state)
         self._inputs.append(action.astype(np.float64))

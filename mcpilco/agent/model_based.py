@@ -222,8 +222,6 @@ class ModelBasedAgent(TrialAgent):
             predicted_cost_std=math.nan if found is None else found.best.cost_std,
             real_cost=float(self._costs(record).sum()),
             success=None if success is None else bool(success),
-            time_up_s=record.outcome.get("time_up_s"),
-            mean_abs_cart_m=record.outcome.get("mean_abs_cart_m"),
             noise_std=self.model.noise_std,
             policy_steps=0 if found is None else found.steps,
             starts=0 if found is None else found.starts,

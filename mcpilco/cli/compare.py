@@ -60,11 +60,11 @@ def _print_last(found: LineUp) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mcpilco.sweep.comparison.statistics import MEASURES, estimate
+    from mcpilco.sweep.comparison.statistics import estimate, measures
 
     told = [
         measure
-        for measure in MEASURES
+        for measure in measures(found.runs)
         if measure.short and any(run.at(run.amounts[-1], measure.key) for run in found.runs)
     ]
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False, caption=_CAPTION)

@@ -15,12 +15,6 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     from mcpilco.agent import Agent
 
-_MEASURES = {
-    "return": "return [-]",
-    "time_up_s": "time up [s]",
-    "mean_abs_cart_m": "mean |cart position| [m]",
-}
-
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -98,9 +92,8 @@ def _report(samples: Mapping[str, Any]) -> dict[str, Any]:
     report: dict[str, Any] = {}
     if "is_success" in samples:
         report["success_rate"] = float(np.mean(samples["is_success"]))
-    for name in _MEASURES:
-        if name in samples:
-            values = samples[name]
+    for name, values in samples.items():
+        if name != "is_success":
             report[name] = {
                 "mean": float(values.mean()),
                 "std": float(values.std()),
@@ -115,13 +108,16 @@ def _print_table(report: Mapping[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from mcpilco.data import title_of
+
     table = Table(title=f"trial {report['trial']}: {report['episodes']} fresh rollouts")
     table.add_column("measure")
     for statistic in ("mean", "std", "min", "max"):
         table.add_column(statistic, justify="right")
-    for name, label in _MEASURES.items():
-        if name in report:
-            table.add_row(Text(label), *(f"{value:.3f}" for value in report[name].values()))
+    for name, numbers in report.items():
+        if isinstance(numbers, dict):
+            label = "return [-]" if name == "return" else title_of(name)
+            table.add_row(Text(label), *(f"{value:.3f}" for value in numbers.values()))
     console = Console()
     console.print(table)
     if "success_rate" in report:

@@ -168,16 +168,17 @@ def _print_table(summary: Any) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, rows
+    from mcpilco.sweep.summary import LEGEND, conclusion, table
 
-    table = Table(box=SIMPLE_HEAD, caption=LEGEND, padding=(0, 0, 0, 1), pad_edge=False)
-    for name in HEADER:
+    header, rows = table(summary)
+    shown = Table(box=SIMPLE_HEAD, caption=LEGEND, padding=(0, 0, 0, 1), pad_edge=False)
+    for name in header:
         heading = Text("\n".join(name.rsplit(" ", 1)))  # a unit is no markup
-        table.add_column(heading, justify="right", vertical="bottom")
-    for row in rows(summary):
-        table.add_row(*(cell.replace(" (", "\n(") for cell in row))  # to fit 80 columns
+        shown.add_column(heading, justify="right", vertical="bottom")
+    for row in rows:
+        shown.add_row(*(cell.replace(" (", "\n(") for cell in row))  # to fit 80 columns
     console = Console()
-    console.print(table)
+    console.print(shown)
     for seed, reason in summary["failed"].items():
         console.print(f"seed {seed} failed: {reason}", markup=False, highlight=False)
     console.print(conclusion(summary), highlight=False)

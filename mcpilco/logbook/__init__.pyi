@@ -10,7 +10,7 @@ from .history import (
     read_transitions,
     read_trial,
 )
-from .metrics import values_of
+from .metrics import measures_in, values_of
 from .run_folder import READABLE, RunFolder, read_json, versions, write_json
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "RunFolder",
     "TensorBoard",
     "as_callback",
+    "measures_in",
     "read_history",
     "read_json",
     "read_search",

@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mcpilco.data import TrialResult
+from mcpilco.data import TrialResult, is_measure
 from mcpilco.files import damaged, read_text, write_bytes
 from mcpilco.typing import RunFolderError
 
@@ -31,13 +31,13 @@ METRICS: Mapping[str, Callable[[str], Any]] = {
     "predicted_cost": _optional(float),
     "real_cost": _optional(float),
     "success": _optional(_flag),
-    "time_up_s": _optional(float),
-    "mean_abs_cart_m": _optional(float),
     "wall_s": float,
     "cpu_s": float,
     "failure": _optional(str),
 }
-"""columns of metrics.csv and how each is read; empty: not told, or not finite; success: 1 or 0"""
+"""columns of metrics.csv and how each is read; empty: not known, or not finite; success: 1 or 0.
+Behind `success` come the measures that the env reports, numbers named with their unit"""
+_measure = _optional(float)
 ABSENT_IN_FORMAT_1 = ("failure",)
 """columns that the first run folders did not have"""
 
@@ -45,7 +45,13 @@ ABSENT_IN_FORMAT_1 = ("failure",)
 def values_of(result: TrialResult) -> dict[str, Any]:
     """A trial's result but for its arrays, as JSON values; None for what is not finite."""
     names = [field.name for field in fields(result) if field.name not in ("rollout", "prediction")]
-    return {name: _json(getattr(result, name)) for name in names}
+    values = {name: _json(getattr(result, name)) for name in names}
+    return values | {name: _json(value) for name, value in result.outcome.items()}
+
+
+def measures_in(row: Iterable[str]) -> list[str]:
+    """The env's measures among the names in a trial's row or values."""
+    return [name for name in row if is_measure(name)]
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -58,23 +64,26 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
         header, *rows = list(csv.reader(read_text(path).splitlines())) or [[]]
     except csv.Error as error:
         raise damaged(path, error) from error
-    older = [name for name in METRICS if name not in ABSENT_IN_FORMAT_1]
-    if header not in (list(METRICS), older):
-        expected, found = ",".join(METRICS), ",".join(header)
-        raise RunFolderError(f"{path} is damaged: line 1 must be {expected}, got {found!r}.")
+    expected = _columns(measures_in(header))
+    older = [name for name in expected if name not in ABSENT_IN_FORMAT_1]
+    if header not in (expected, older):
+        raise RunFolderError(
+            f"{path} is damaged: line 1 must be {','.join(expected)}, got {','.join(header)!r}."
+        )
     return [_row(path, header, trial, row) for trial, row in enumerate(rows, start=1)]
 
 
 def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write metrics.csv: the columns of `METRICS`, of rows that may hold more.
+    """Write metrics.csv: the columns of `METRICS` and the env's measures, of rows with more.
 
     Raises:
         RunFolderError: the file cannot be written.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(METRICS)
-    writer.writerows([_cell(row[column]) for column in METRICS] for row in rows)
+    columns = _columns(measures_in(dict.fromkeys(name for row in rows for name in row)))
+    writer.writerow(columns)
+    writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
     write_bytes(path, text.getvalue().encode())
 
 
@@ -88,7 +97,8 @@ def check_values(path: Path, values: Mapping[str, Any]) -> None:
     Raises:
         RunFolderError: an entry is missing, or of another type.
     """
-    for column, read in METRICS.items():
+    for column in _columns(measures_in(values)):
+        read = METRICS.get(column, _measure)
         try:
             value = values[column]
             if read(_cell(value)) != value:
@@ -104,7 +114,7 @@ def check_values(path: Path, values: Mapping[str, Any]) -> None:
 def _row(path: Path, header: list[str], trial: int, cells: list[str]) -> dict[str, Any]:
     try:
         pairs = zip(header, cells, strict=True)
-        row = {column: METRICS[column](text) for column, text in pairs}
+        row = {column: METRICS.get(column, _measure)(text) for column, text in pairs}
         if row["trial"] != trial:
             raise ValueError
     except (ValueError, KeyError) as error:
@@ -112,7 +122,14 @@ def _row(path: Path, header: list[str], trial: int, cells: list[str]) -> dict[st
             f"{path} is damaged: line {trial + 1} must hold the {len(header)} values "
             f"{','.join(header)} of trial {trial}, got {','.join(cells)!r}."
         ) from error
-    return {column: row.get(column) for column in METRICS}
+    return {column: row.get(column) for column in _columns(measures_in(header))}
+
+
+def _columns(measures: Sequence[str]) -> list[str]:
+    """The header of metrics.csv."""
+    columns = list(METRICS)
+    place = columns.index("success") + 1
+    return [*columns[:place], *measures, *columns[place:]]
 
 
 def _cell(value: float | bool | str | None) -> str:

@@ -13,7 +13,7 @@ from mcpilco.files import write_bytes
 from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
 from mcpilco.show.plots.style import add_legend
 from mcpilco.sweep.comparison.runs import Run
-from mcpilco.sweep.comparison.statistics import MEASURES, Measure, Row, common_amounts
+from mcpilco.sweep.comparison.statistics import Measure, Row, common_amounts, measures
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
         RunFolderError: the file cannot be written.
     """
     panels = []
-    for measure in MEASURES:
+    for measure in measures(runs):
         curves = {
             place: curve
             for place, run in enumerate(runs)
@@ -57,7 +57,7 @@ def write_seeds(path: Path, runs: Sequence[Run]) -> Path:
     """
     common = common_amounts(runs)
     panels = []
-    for measure in (measure for measure in MEASURES if not measure.share):
+    for measure in (measure for measure in measures(runs) if not measure.share):
         reached = {}
         for place, run in enumerate(runs):
             amount = common[-1] if common else float(run.amounts[-1])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mcpilco.data import Prediction, Rollout, Transitions, TrialResult
-from mcpilco.logbook import Agent, Callback, RunFolder, values_of, write_json
+from mcpilco.logbook import Agent, Callback, RunFolder, measures_in, values_of, write_json
 from mcpilco.policies import costs_of
 from mcpilco.task import TaskSpec
 
@@ -110,15 +110,13 @@ OUTCOME = (
     "predicted_cost",
     "predicted_cost_std",
     "real_cost",
-    "time_up_s",
-    "mean_abs_cart_m",
     "failure",
 )
-"""the numbers that a trial is judged by"""
+"""the numbers that a trial is judged by, beside the env's measures"""
 
 
 def _outcome(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: values.get(key) for key in OUTCOME}
+    return {key: values.get(key) for key in (*OUTCOME, *measures_in(values))}
 
 
 def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:

@@ -13,7 +13,7 @@ from typing import Any
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult, RayEngine
 from mcpilco.sweep.folder import SweepFolder
 from mcpilco.sweep.job import SeedJob, Settings
-from mcpilco.sweep.summary import HEADER, LEGEND, conclusion, markdown, rows, summarise
+from mcpilco.sweep.summary import LEGEND, conclusion, markdown, summarise, table
 
 __all__ = [
     "Engine",
@@ -62,6 +62,6 @@ def sweep(
         (engine or LocalEngine()).run(jobs, keep)
     finally:  # also when it is interrupted
         summary = summarise(folder.results(), folder.failures())
-        table = markdown(HEADER, rows(summary))
-        folder.write_summary(summary, f"{table}\n{LEGEND}\n\n{conclusion(summary)}\n")
+        text = markdown(*table(summary))
+        folder.write_summary(summary, f"{text}\n{LEGEND}\n\n{conclusion(summary)}\n")
     return summary

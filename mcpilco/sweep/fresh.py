@@ -11,11 +11,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from jaxtyping import Float
 
-from mcpilco.agent import OUTCOMES, make_env, run_episode
+from mcpilco.agent import make_env, reported, run_episode
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 Outcomes = dict[str, Float[np.ndarray, " M"]]
-"""`return` [-] of each of M episodes, and what the env tells of `mcpilco.agent.episode.OUTCOMES`"""
+"""`return` [-] of each of M episodes, and what the env reports of them (`agent.reported`)"""
 
 _BEYOND_TRAINING = 2**32
 """training seeds are below, seeds of fresh episodes above"""
@@ -85,10 +85,9 @@ def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcome
         actions = np.clip(act(observations), space.low, space.high).astype(space.dtype)
         observations, rewards, terminated, truncated, infos = env.step(actions)
         outcomes["return"][running] += rewards[running]
-        for name in OUTCOMES:
-            if name in infos:
-                last = outcomes.setdefault(name, np.full(env.num_envs, np.nan))
-                last[running] = infos[name][running]
+        for name, values in reported(infos, (env.num_envs,)).items():
+            last = outcomes.setdefault(name, np.full(env.num_envs, np.nan))
+            last[running] = values[running]
         running &= ~(terminated | truncated)
         if not running.any():
             break

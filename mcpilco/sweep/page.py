@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcpilco.data import title_of
 from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
+from mcpilco.sweep.summary import markdown, mean_cell, measures_of, rate_cell, spread_cell
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -85,11 +87,10 @@ def outcomes(summary: Mapping[str, Any]) -> str:
     Args:
         summary: of `mcpilco.sweep.summary.summarise`.
     """
-    rows = {
+    rows: dict[str, Callable[[Mapping[str, Any]], str]] = {
         "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
         "p over fresh rollouts of each policy [%]": lambda trial: mean_cell(trial["p"]),
-        "time within 10 degrees of upright [s]": lambda trial: spread_cell(trial["time_up_s"], 2),
-        "distance of the cart [m]": lambda trial: spread_cell(trial["mean_abs_cart_m"], 2),
+        **{title_of(name): partial(_spread_of, name) for name in measures_of(summary)},
         "predicted cost [-]": lambda trial: spread_cell(trial["predicted_cost"], 1),
         "real cost [-]": lambda trial: spread_cell(trial["real_cost"], 1),
     }
@@ -101,6 +102,10 @@ def outcomes(summary: Mapping[str, Any]) -> str:
         "In brackets: 95 % intervals for success and p, Wilson's and the bootstrap's over seeds; "
         "for all else the quartiles, beside the median. Costs are sums over an episode."
     )
+
+
+def _spread_of(name: str, trial: Mapping[str, Any]) -> str:
+    return spread_cell(trial.get(name), 2)
 
 
 def costs(summaries: Mapping[str, Mapping[str, Any]]) -> str:

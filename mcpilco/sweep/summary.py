@@ -8,35 +8,26 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.data import title_of
+from mcpilco.logbook import measures_in
+
 CONFIDENCE = 0.95
 """level of every interval"""
 
 _RESAMPLES = 10_000
 
-HEADER = (
-    "after [s]",
-    "success [%]",
-    "p [%]",
-    "return",
-    "time up [s]",
-    "cart [m]",
-    "CPU [s]",
-)
-"""columns of `rows`"""
 
 LEGEND = (
     "after: experience; success: of the one test rollout, with its "
     f"{CONFIDENCE:.0%} Wilson interval; p: mean success over fresh rollouts of each policy, mean "
     f"over seeds with its {CONFIDENCE:.0%} bootstrap interval; all else: median (quartiles) over "
-    "seeds; cart: mean distance from the origin; CPU: of the trial."
+    "seeds; CPU: of the trial."
 )
-"""what the columns of `rows` hold"""
+"""the meaning of the columns of `table`"""
 
 _SPREADS = (
     "return",
     "fresh_return",
-    "time_up_s",
-    "mean_abs_cart_m",
     "predicted_cost",
     "real_cost",
     "starts",
@@ -141,20 +132,27 @@ def summarise(
     }
 
 
-def rows(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """The summary as cells under `HEADER`, a row a trial; blank where the env does not tell."""
-    return [
+def table(summary: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The summary as a header and a row a trial; blank where the env does not report a number."""
+    measures = measures_of(summary)
+    titles = ("after [s]", "success [%]", "p [%]", "return", *map(title_of, measures), "CPU [s]")
+    rows = [
         (
             f"{trial['experience_s']:g}",
             rate_cell(trial["success"]),
             mean_cell(trial["p"]),
             spread_cell(trial["return"], 1),
-            spread_cell(trial["time_up_s"], 2),
-            spread_cell(trial["mean_abs_cart_m"], 2),
+            *(spread_cell(trial.get(name), 2) for name in measures),
             spread_cell(trial["cpu_s"], 1),
         )
         for trial in summary["trials"]
     ]
+    return titles, rows
+
+
+def measures_of(summary: Mapping[str, Any]) -> list[str]:
+    """The env's measures in a summary."""
+    return measures_in(dict.fromkeys(name for trial in summary["trials"] for name in trial))
 
 
 def conclusion(summary: Mapping[str, Any]) -> str:
@@ -197,12 +195,13 @@ def spread_cell(found: Mapping[str, float] | None, digits: int) -> str:
 
 
 def _trial(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    measures = measures_in(dict.fromkeys(name for row in rows for name in row))
     return {
         "trial": rows[0]["trial"],
         "experience_s": float(np.median([row["experience_s"] for row in rows])),
         "success": rate(row["success"] for row in rows),
         "p": mean(row["p"] for row in rows),
-        **{key: spread(row[key] for row in rows) for key in _SPREADS},
+        **{key: spread(row.get(key) for row in rows) for key in (*_SPREADS, *measures)},
     }
 
 

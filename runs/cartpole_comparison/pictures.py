@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from mcpilco.show.plots.comparison import Curve, plain_log_axis, plot_curves
 from mcpilco.show.plots.style import SYSTEM
 from mcpilco.sweep.comparison import Run
-from mcpilco.sweep.comparison.statistics import MEASURES, Measure, estimate
+from mcpilco.sweep.comparison.statistics import Measure, estimate, measure_of
 from mcpilco.sweep.page import write_picture
 
-_BY_KEY = {measure.key: measure for measure in MEASURES}
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}
 """of the thesis's figures"""
 
@@ -33,7 +32,7 @@ def write_trials(path: Path, runs: Sequence[Run], published: bool) -> None:
     figure = Figure(figsize=(11.5, 3.2), layout="constrained")
     axes = figure.subplots(1, 3)
     for ax, key in zip(axes, ("time_up_s", "mean_abs_cart_m", "return"), strict=True):
-        measure = _BY_KEY[key]
+        measure = measure_of(key)
         plot_curves({k: _spread(run, measure) for k, run in enumerate(runs)}, measure.title, ax)
         for name, values in PUBLISHED.get(key, {}).items() if published else ():
             ax.plot(EXPERIENCE, values, _LINES[name], color=SYSTEM, label=f"{name}, thesis")
@@ -45,7 +44,7 @@ def write_experience(path: Path, runs: Sequence[Run]) -> None:
     """Success over experience and over processor time, with 95 % bootstrap intervals over seeds."""
     figure = Figure(figsize=(11.5, 3.6), layout="constrained")
     axes = figure.subplots(1, 2)
-    measure = _BY_KEY["p"]
+    measure = measure_of("p")
     curves = {place: _interval(run, measure) for place, run in enumerate(runs)}
     plot_curves(curves, measure.title, axes[0])
     spent = {place: _over_time(curve, runs[place]) for place, curve in curves.items()}

@@ -10,7 +10,7 @@ from cartpole_swingup.run import cells, spreads, table
 
 from mcpilco.logbook import read_json
 from mcpilco.sweep.comparison import Run
-from mcpilco.sweep.comparison.statistics import MEASURES, all_amounts, estimate, same
+from mcpilco.sweep.comparison.statistics import all_amounts, estimate, measure_of, same
 from mcpilco.sweep.comparison.tables import cell, solved
 from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread, spread_cell
 
@@ -92,7 +92,7 @@ def overview(runs: Sequence[Run]) -> Sequence[str]:
 
 def reached(runs: Sequence[Run], key: str) -> str:
     """A table of one measure after `AMOUNTS` of experience, where it was judged."""
-    measure = next(measure for measure in MEASURES if measure.key == key)
+    measure = measure_of(key)
     rows = []
     for run in runs:
         told = []

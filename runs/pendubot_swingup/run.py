@@ -136,9 +136,15 @@ def learned(config: Config, seed: int, trials: int) -> Iterator[dict[str, Any]]:
 
 
 def _row(result: Any, p: float) -> dict[str, Any]:
-    numbers = ("experience_s", "time_up_s", "predicted_cost", "real_cost", "starts", "cpu_s")
+    numbers = ("experience_s", "predicted_cost", "real_cost", "starts", "cpu_s")
     told = {name: getattr(result, name) for name in numbers}
-    return {"trial": result.trial, "success": bool(result.success), "p": p, **told}
+    return {
+        "trial": result.trial,
+        "success": bool(result.success),
+        "p": p,
+        **told,
+        **result.outcome,
+    }
 
 
 def solved(row: Mapping[str, Any]) -> bool:

@@ -70,12 +70,16 @@ def test_the_test_rollout_is_none_of_the_fresh_ones():
     found = seed_curve.Judgement(
         3.0,
         7.0,
-        {"return": np.array([9.0, 1, 2, 3, 4]), "is_success": np.array([1.0, 0, 0, 0, 0])},
+        {
+            "return": np.array([9.0, 1, 2, 3, 4]),
+            "reach_m": np.arange(5.0),
+            "is_success": np.array([1.0, 0, 0, 0, 0]),
+        },
         8.0,
     )
     row = seed_curve._row(1, found, seed_curve.Judgement(1.5, 2.0, {}, 2.5))
     assert (row["success"], row["p"], row["return"], row["fresh_return"]) == (True, 0.0, 9.0, 2.5)
-    assert (row["cpu_s"], row["wall_s"], row["time_up_s"]) == (5.0, 5.5, None)
+    assert (row["cpu_s"], row["wall_s"], row["reach_m"]) == (5.0, 5.5, 0.0)
 
 
 def test_it_is_swept_and_compared_as_others_are(tmp_path):

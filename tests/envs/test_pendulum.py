@@ -112,4 +112,4 @@ def test_default_preset_swings_it_up():
     while not agent.results[-1].success and len(agent.results) < 4:
         agent.learn(40)
     assert agent.results[-1].success
-    assert agent.results[-1].time_up_s > 1.0
+    assert agent.results[-1].outcome["time_up_s"] > 1.0

@@ -52,8 +52,6 @@ def make_result(trial: int = 1, rollout: Rollout | None = None, told: bool = Tru
         predicted_cost_std=0.5,
         real_cost=float((1 - rollout.rewards).sum()),
         success=bool(rollout.outcome["is_success"]) if "is_success" in rollout.outcome else None,
-        time_up_s=rollout.outcome.get("time_up_s"),
-        mean_abs_cart_m=rollout.outcome.get("mean_abs_cart_m"),
         noise_std=(0.01, 0.02),
         policy_steps=3,
         starts=1,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.data import Rollout, Transitions
+from mcpilco.data import Rollout, Transitions, is_measure, title_of
 from mcpilco.typing import InputError
 
 
@@ -74,3 +74,23 @@ def test_without_true_states_the_observations_are_shown() -> None:
     seen = np.ones((3, 2))
     rollout = Rollout(dt=0.1, observations=seen, inputs=np.zeros((2, 1)), rewards=np.zeros(2))
     assert rollout.shown_states is seen
+
+
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [
+        ("time_up_s", "time up [s]"),
+        ("tip_speed_m_per_s", "tip speed [m/s]"),
+        ("work_J", "work [J]"),
+    ],
+)
+def test_a_measure_is_named_with_its_unit(name, title):
+    assert is_measure(name)
+    assert title_of(name) == title
+
+
+@pytest.mark.parametrize(
+    "name", ["score", "_time_up_s", "wall_s", "experience_s", "_s", "is_success"]
+)
+def test_what_has_no_unit_or_is_no_envs_is_no_measure(name):
+    assert not is_measure(name)

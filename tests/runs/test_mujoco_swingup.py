@@ -14,7 +14,7 @@ def test_run_trains_its_seeds_and_writes_its_page(run, hasty, tmp_path, monkeypa
     assert "after 12 s: **does not hold** (0.0 %, 1 seeds)." in text
     assert "| after | 3 s | 6 s | 9 s | 12 s |" in text
     assert "| MuJoCo, one rollout a policy | 0.0 (0–79) |" in text
-    assert "| distance of the cart [m] |" in text
+    assert "| mean abs cart [m] |" in text
     assert "Not measured yet" not in text
 
 

@@ -12,19 +12,9 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from mcpilco.data import Rollout, TrialResult
+from mcpilco.data import Rollout, TrialResult, title_of
 from mcpilco.logbook.callbacks.base import Agent, Callback
 
-_COLUMNS = (
-    "trial",
-    "experience [s]",
-    "predicted cost",
-    "real cost",
-    "success",
-    "time up [s]",
-    "GP noise",
-    "wall [s]",
-)
 _REFRESH_HZ = 2.0  # drawing shares one core with the learning
 
 
@@ -32,18 +22,18 @@ def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _row(result: TrialResult) -> tuple[str, ...]:
-    success = {True: "yes", False: "no", None: "-"}[result.success]
-    return (
-        str(result.trial),
-        _number(result.experience_s, 1),
-        _predicted(result),
-        _number(result.real_cost, 2),
-        success,
-        _number(result.time_up_s, 2),
-        " ".join(f"{std:.2g}" for std in result.noise_std) or "-",
-        _number(result.wall_s, 1),
-    )
+def _row(result: TrialResult) -> dict[str, str]:
+    """The cells of a trial, by the titles of their columns."""
+    return {
+        "trial": str(result.trial),
+        "experience [s]": _number(result.experience_s, 1),
+        "predicted cost": _predicted(result),
+        "real cost": _number(result.real_cost, 2),
+        "success": {True: "yes", False: "no", None: "-"}[result.success],
+        **{title_of(name): _number(value, 2) for name, value in result.outcome.items()},
+        "GP noise": " ".join(f"{std:.2g}" for std in result.noise_std) or "-",
+        "wall [s]": _number(result.wall_s, 1),
+    }
 
 
 def _predicted(result: TrialResult) -> str:
@@ -64,17 +54,14 @@ class Progress(Callback):
         self._live: Live | None = None
         self._trials = 0
         self._trial = 0
+        self._rows: list[dict[str, str]] = []
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
         """Starts an empty table."""
         self.close()
         self._trials = getattr(agent, "trials", 0) + trials
         self._models = getattr(agent, "model", True) is not None
-        self._table = Table(box=SIMPLE_HEAD, caption="costs are sums over an episode")
-        for name in _COLUMNS:
-            # As Text, for a unit is no markup; on two lines, for the table to fit 80 columns.
-            heading = Text("\n".join(name.rsplit(" ", 1)))
-            self._table.add_column(heading, justify="right", vertical="bottom")
+        self._rows = []
         self._bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -117,9 +104,10 @@ class Progress(Callback):
 
     def on_trial_end(self, result: TrialResult) -> None:
         """Adds the trial's row."""
-        row = _row(result)
-        self._table.add_row(*row)
-        self._say(", ".join(f"{name} {value}" for name, value in zip(_COLUMNS, row, strict=True)))
+        self._rows.append(_row(result))
+        if self._live is not None:
+            self._live.update(Group(self._table, self._bar))
+        self._say(", ".join(f"{name} {value}" for name, value in self._rows[-1].items()))
 
     def on_training_end(self) -> None:
         """Takes the bar away."""
@@ -131,6 +119,20 @@ class Progress(Callback):
             self._live.update(self._table, refresh=True)
             self._live.stop()
             self._live = None
+
+    @property
+    def _table(self) -> Table:
+        """The rows so far, under the columns that any of them has."""
+        caption = "costs are sums over an episode"
+        table = Table(box=SIMPLE_HEAD, caption=caption, padding=(0, 0, 0, 1), pad_edge=False)
+        columns = max(self._rows, key=len, default={})
+        for name in columns:
+            # As Text, for a unit is no markup; a word a line, for the table to fit 80 columns.
+            heading = Text(name.replace(" ", "\n"))
+            table.add_column(heading, justify="right", vertical="bottom")
+        for row in self._rows:
+            table.add_row(*(row.get(name, "-") for name in columns))
+        return table
 
     @property
     def _heading(self) -> str:

@@ -15,7 +15,7 @@ from mcpilco.typing import InputError, RunFolderError
 
 
 def trial_values(result: TrialResult) -> dict[str, float]:
-    """The numbers of one trial under their logging keys; what the env does not tell is left out."""
+    """The numbers of one trial under their logging keys; without those that are not known."""
     values = {
         "rollout/experience_s": result.experience_s,
         "rollout/predicted_cost": result.predicted_cost,
@@ -23,8 +23,7 @@ def trial_values(result: TrialResult) -> dict[str, float]:
         "rollout/real_cost": result.real_cost,
         "rollout/ep_return": float(result.rollout.rewards.sum()),
         "rollout/success": result.success,
-        "rollout/time_up_s": result.time_up_s,
-        "rollout/mean_abs_cart_m": result.mean_abs_cart_m,
+        **{f"rollout/{name}": value for name, value in result.outcome.items()},
         "policy/steps": result.policy_steps,
         "policy/starts": result.starts,
         "time/wall_s": result.wall_s,

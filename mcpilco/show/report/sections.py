@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from mcpilco.agent import find
-from mcpilco.logbook import History, PastTrial, read_search
+from mcpilco.data import title_of
+from mcpilco.logbook import History, PastTrial, measures_in, read_search
 from mcpilco.show.plots.models import plot_coverage, plot_errors, plot_policy
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
 from mcpilco.show.plots.training import plot_learning, plot_search, plot_times
@@ -33,10 +34,9 @@ def learning(history: History) -> Section:
     """The learning curve, and a table of the trials."""
     measured = [
         name
-        for name in ("success", "time_up_s", "mean_abs_cart_m")
+        for name in ("success", *measures_in(history.learned[-1].row if history.learned else ()))
         if any(trial.row.get(name) is not None for trial in history.learned)
     ]
-    titles = {"time_up_s": "time up [s]", "mean_abs_cart_m": "mean |cart position| [m]"}
     header = ("trial", "experience [s]", "predicted cost", "real cost")
     rows = [
         (
@@ -54,7 +54,7 @@ def learning(history: History) -> Section:
         "before it was tried, with the standard deviation over particles, and what came. "
         "A filled dot is a success.",
         [draw("Cost of each trial over experience", partial(plot_learning, history.learned))],
-        [Table((*header, *(titles.get(name, name) for name in measured)), rows)],
+        [Table((*header, *map(title_of, measured)), rows)],
     )
 
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.logbook import RunFolder, read_json
+from mcpilco.logbook import RunFolder, measures_in, read_json
 from mcpilco.sweep.job import FORMAT
 from mcpilco.typing import RunFolderError
 
-SHOWN = ("success", "p", "return", "fresh_return", "time_up_s", "mean_abs_cart_m")
-"""what a trial tells of its policy, by the names that a sweep gives it"""
+SHOWN = ("success", "p", "return", "fresh_return")
+"""numbers of a trial's policy, by the names that a sweep gives them, beside the env's measures"""
 SPENT = "cpu_s"
 """processor time; of a trial in a sweep, here of all trials up to it"""
 _SOLVED = 0.9
@@ -54,7 +54,7 @@ class Course:
     experience_s: Float[np.ndarray, " T"]
     """duration of the data behind each policy [s]"""
     values: Mapping[str, Float[np.ndarray, " T"]]
-    """of each name in `SHOWN` and of `SPENT`; NaN where it is not told"""
+    """of each name in `SHOWN`, of the env's measures and of `SPENT`; NaN where it is not known"""
 
     @property
     def succeeded_s(self) -> float:
@@ -102,6 +102,11 @@ class Run:
     """file of what the agent was told of the env; None: what the env shows, or a guess"""
 
     @property
+    def measures(self) -> list[str]:
+        """Names of the measures that the env reports, as `time_up_s`."""
+        return measures_in(dict.fromkeys(name for c in self.courses.values() for name in c.values))
+
+    @property
     def amounts(self) -> Float[np.ndarray, " T"]:
         """Experience behind each policy, median over seeds [s]."""
         trials = max(len(course.experience_s) for course in self.courses.values())
@@ -110,7 +115,7 @@ class Run:
     def at(self, amount: float, measure: str) -> dict[int, float]:
         """What the seeds reached after an amount of experience that is one of `amounts`."""
         k = int(np.argmin(np.abs(self.amounts - amount)))
-        reached = {s: c.values[measure] for s, c in self.courses.items()}
+        reached = {s: c.values[measure] for s, c in self.courses.items() if measure in c.values}
         told = {s: float(v[k]) for s, v in reached.items() if k < len(v)}
         return {seed: value for seed, value in told.items() if math.isfinite(value)}
 
@@ -219,7 +224,8 @@ def _course(rows: Sequence[Mapping[str, Any]]) -> Course:
     """
     if not rows:
         raise ValueError("there is no trial")
-    values = {name: np.array([_number(row.get(name)) for row in rows]) for name in SHOWN}
+    names = [*SHOWN, *measures_in(dict.fromkeys(name for row in rows for name in row))]
+    values = {name: np.array([_number(row.get(name)) for row in rows]) for name in names}
     values[SPENT] = np.cumsum([float(row[SPENT]) for row in rows])
     return Course(np.array([float(row["experience_s"]) for row in rows]), values)
 

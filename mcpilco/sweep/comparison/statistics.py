@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import trim_mean
 
+from mcpilco.data import title_of
 from mcpilco.sweep.comparison.runs import SPENT, Run
 from mcpilco.sweep.summary import bootstrapped, rate
 
@@ -61,18 +62,33 @@ class Measure:
         return f"{self.label} [{self.unit}]"
 
 
-MEASURES = (
+_OF_POLICIES = (
     Measure(
         "success", "success of the test rollout", "%", 1, "success", ("mean",), 100.0, share=True
     ),
     Measure("p", "success of fresh rollouts", "%", 1, "p", ("mean", "iqm", "median"), 100.0),
     Measure("return", "return of the test rollout", "-", 1, "return"),
     Measure("fresh_return", "return of fresh rollouts", "-", 1),
-    Measure("time_up_s", "time up", "s", 2, "time up"),
-    Measure("mean_abs_cart_m", "mean distance of the cart", "m", 2, "cart"),
-    Measure(SPENT, "processor time so far", "s", 1, "CPU"),
 )
-"""what is compared, in the order of tables"""
+_TIME = Measure(SPENT, "processor time so far", "s", 1, "CPU")
+
+
+def measures(runs: Sequence[Run]) -> list[Measure]:
+    """Everything that these runs can be compared in, in the order of tables.
+
+    Success and returns, then the measures that the envs report, then processor time.
+    """
+    reported = dict.fromkeys(name for run in runs for name in run.measures)
+    return [*_OF_POLICIES, *map(measure_of, reported), _TIME]
+
+
+def measure_of(key: str) -> Measure:
+    """The measure of this name: success, a return, processor time, or one that an env reports."""
+    for measure in (*_OF_POLICIES, _TIME):
+        if measure.key == key:
+            return measure
+    label, _, unit = title_of(key).removesuffix("]").rpartition(" [")
+    return Measure(key, label, unit, 2, label)
 
 
 @dataclass(frozen=True)
@@ -134,7 +150,7 @@ def estimates(runs: Sequence[Run]) -> list[Row]:
     """Every statistic of every measure, after each amount of experience of each run."""
     return [
         Row(run.name, measure, statistic, float(amount), found)
-        for measure in MEASURES
+        for measure in measures(runs)
         for run in runs
         for statistic in measure.statistics
         for amount in run.amounts
@@ -146,7 +162,7 @@ def differences(runs: Sequence[Run]) -> list[Row]:
     """Every pair of runs with seeds in common, after each amount of experience that both have."""
     return [
         Row(run.name, measure, measure.statistics[0], amount, found, other.name)
-        for measure in MEASURES
+        for measure in measures(runs)
         for other, run in itertools.combinations(runs, 2)
         for amount in common_amounts([other, run])
         if (found := difference(run, other, measure, amount))

@@ -10,9 +10,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from mcpilco.sweep.comparison.line_up import LineUp
-from mcpilco.sweep.comparison.runs import SHOWN, SPENT, Run
+from mcpilco.sweep.comparison.runs import SHOWN, SPENT, Course, Run
 from mcpilco.sweep.comparison.statistics import (
-    MEASURES,
     Estimate,
     Measure,
     Row,
@@ -34,13 +33,19 @@ LEGEND = (
 
 def seeds_csv(runs: Sequence[Run]) -> str:
     """What every seed of every run reached after each amount of experience."""
+    names = [*SHOWN, *dict.fromkeys(name for run in runs for name in run.measures), SPENT]
     rows = (
-        (run.name, seed, k + 1, float(amount), *(course.values[n][k] for n in (*SHOWN, SPENT)))
+        (run.name, seed, k + 1, float(amount), *(_at(course, name, k) for name in names))
         for run in runs
         for seed, course in run.courses.items()
         for k, amount in enumerate(course.experience_s)
     )
-    return _csv(("run", "seed", "trial", "experience_s", *SHOWN, SPENT), rows)
+    return _csv(("run", "seed", "trial", "experience_s", *names), rows)
+
+
+def _at(course: Course, name: str, k: int) -> float:
+    """A number of the k-th trial; NaN where this course has none."""
+    return course.values[name][k] if name in course.values else math.nan
 
 
 def estimates_csv(rows: Iterable[Row]) -> str:
@@ -110,8 +115,8 @@ def _until(rising: Sequence[float]) -> tuple[str, str]:
 def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:
     """A heading and a table for each measure that a run tells."""
     parts = []
-    for measure in MEASURES:
-        of_it = [row for row in rows if row.measure is measure]
+    for measure in dict.fromkeys(row.measure for row in rows):
+        of_it = [row for row in rows if row.measure == measure]
         lines = dict.fromkeys((row.run, row.statistic) for row in of_it)
         cells = [
             (name, _NAMES[statistic], *_along(amounts, of_it, (name, statistic), measure))
@@ -126,8 +131,8 @@ def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:
 def difference_tables(runs: Sequence[Run], gains: Sequence[Row]) -> list[str]:
     """A table for each measure: each pair of runs that have seeds and amounts in common."""
     parts = []
-    for measure in MEASURES:
-        of_it = [row for row in gains if row.measure is measure]
+    for measure in dict.fromkeys(row.measure for row in gains):
+        of_it = [row for row in gains if row.measure == measure]
         amounts = [a for a in all_amounts(runs) if any(same(a, r.experience_s) for r in of_it)]
         cells = []
         for pair in dict.fromkeys((row.run, row.other) for row in of_it):

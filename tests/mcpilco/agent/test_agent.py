@@ -153,7 +153,7 @@ def test_the_result_tells_what_happened() -> None:
     assert result.real_cost == pytest.approx(float(costs.sum()), rel=1e-12)
     assert result.real_cost == pytest.approx((1 - rollout.rewards).sum(), rel=1e-12)
     assert result.success == bool(rollout.outcome["is_success"])
-    assert result.time_up_s is None
+    assert result.outcome == {}
     assert result.predicted_cost == pytest.approx(prediction.costs.mean(1).sum(), rel=1e-12)
     assert prediction.states.shape == (STEPS + 1, 8, 2)
     assert result.noise_std == agent.model.noise_std

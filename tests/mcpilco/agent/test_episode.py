@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.agent.episode import BrokenEpisodeError, run_episode
+from mcpilco.agent.episode import BrokenEpisodeError, reported, run_episode
 from mcpilco.data import Rollout
 from mcpilco.typing import EnvError
 from tests.mcpilco.point import DT, PointEnv
@@ -143,3 +143,12 @@ def test_what_the_env_raises_is_named(monkeypatch: pytest.MonkeyPatch, method: s
 def test_an_error_of_the_policy_is_not_blamed_on_the_env() -> None:
     with pytest.raises(ZeroDivisionError):
         run_episode(PointEnv(), lambda _: 1 / 0, 3, DT)
+
+
+def test_numbers_named_with_their_unit_are_reported_and_all_else_is_not():
+    info = {"is_success": True, "reach_m": np.float32(0.5), "reward": 1.0, "path_m": np.zeros(3)}
+    assert reported(info) == {"is_success": 1.0, "reach_m": 0.5}
+    batch = {"reach_m": np.array([1.0, 2.0]), "_reach_m": np.array([True, True])}
+    assert {name: list(value) for name, value in reported(batch, (2,)).items()} == {
+        "reach_m": [1.0, 2.0]
+    }

@@ -160,7 +160,13 @@ def test_progress_writes_one_line_a_trial_where_there_is_no_terminal():
 def test_progress_marks_what_the_env_does_not_tell():
     screen = console(terminal=False)
     play(Progress(screen), trials=1, told=False)
-    assert "success -, time up [s] -" in screen.file.getvalue()
+    assert "success -, GP noise" in screen.file.getvalue()
+
+
+def test_progress_shows_the_measures_of_the_env():
+    screen = console(terminal=False)
+    play(Progress(screen), trials=1)
+    assert "success yes, time up [s] 0.30, mean abs cart [m] 0.25" in screen.file.getvalue()
 
 
 def test_progress_draws_a_table_and_a_bar_on_a_terminal():

@@ -125,7 +125,25 @@ def test_later_format_asks_for_a_newer_program(run):
 
 
 def test_metrics_have_exactly_the_promised_columns(run):
-    assert (run.path / "metrics.csv").read_text() == COLUMNS + "\n"
+    fixed = COLUMNS.replace(",time_up_s,mean_abs_cart_m", "")
+    assert (run.path / "metrics.csv").read_text() == fixed + "\n"
+    run.add_metrics(make_result(1))
+    assert (run.path / "metrics.csv").read_text().startswith(COLUMNS + "\n1,")
+
+
+def test_metrics_keep_measures_that_another_env_reports(run):
+    outcome = {"is_success": 0.0, "distance_m": 1.25, "spin_rad_per_s": 7.5, "score": 3.0}
+    result = make_result(1, replace(make_result(1).rollout, outcome=outcome))
+    run.add_metrics(result)
+    (row,) = run.metrics()
+    assert (row["distance_m"], row["spin_rad_per_s"]) == (1.25, 7.5)
+    assert not {"score", "time_up_s"} & row.keys()
+
+
+def test_metrics_of_earlier_versions_with_empty_measures_are_read(run):
+    (run.path / "metrics.csv").write_text(COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,\n")
+    (row,) = run.metrics()
+    assert row["time_up_s"] is row["mean_abs_cart_m"] is None
 
 
 def test_metrics_read_back_equal(run):
@@ -133,7 +151,8 @@ def test_metrics_read_back_equal(run):
     for result in results:
         run.add_metrics(result)
     for row, result in zip(run.metrics(), results, strict=True):
-        assert row == {column: getattr(result, column) for column in METRICS}
+        measures = dict.fromkeys(("time_up_s", "mean_abs_cart_m")) | dict(result.outcome)
+        assert row == {column: getattr(result, column) for column in METRICS} | measures
     assert run.finished_trials() == [1, 2, 3]
     assert leftovers(run) == []
 
@@ -267,7 +286,7 @@ def test_a_result_reads_back_as_it_was(run):
     assert read["failure"] == "no robot, no result"
     assert read["noise_std"] == list(result.noise_std)
     run.add_metrics(result)
-    assert run.metrics() == [{column: read[column] for column in METRICS}]
+    assert run.metrics() == [{column: read[column] for column in (*METRICS, *result.outcome)}]
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def prediction(task: TaskSpec) -> Prediction:
 def results(rollout: Rollout, prediction: Prediction) -> list[TrialResult]:
     first = TrialResult(
         trial=1, experience_s=3.0, predicted_cost=14.0, predicted_cost_std=2.0, real_cost=20.0,
-        success=False, time_up_s=0.0, mean_abs_cart_m=0.4, noise_std=(0.01, 0.02), policy_steps=100,
+        success=False, noise_std=(0.01, 0.02), policy_steps=100,
         starts=1, wall_s=1.0, cpu_s=1.0, rollout=rollout, prediction=prediction,
     )  # fmt: skip
     second = dataclasses.replace(

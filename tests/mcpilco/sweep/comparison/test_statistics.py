@@ -5,25 +5,23 @@ import pytest
 
 from mcpilco.sweep.comparison import read_run
 from mcpilco.sweep.comparison.statistics import (
-    MEASURES,
     all_amounts,
     common_amounts,
     difference,
     differences,
     estimate,
     estimates,
+    measure_of,
 )
 from tests.mcpilco.sweep.comparison.folders import trials_of, write_sweep
-
-BY_KEY = {measure.key: measure for measure in MEASURES}
 
 
 def test_interquartile_mean_is_that_of_the_middle_half():
     values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 70.0, -900.0]
-    found = estimate(values, BY_KEY["time_up_s"], "iqm")
+    found = estimate(values, measure_of("time_up_s"), "iqm")
     assert found.value == pytest.approx(np.mean([2.0, 3.0, 4.0, 5.0]))
     assert found.seeds == 8
-    assert estimate(values, BY_KEY["time_up_s"], "median").value == 3.5
+    assert estimate(values, measure_of("time_up_s"), "median").value == 3.5
 
 
 @pytest.mark.parametrize("statistic", ["mean", "median", "iqm"])
@@ -31,23 +29,23 @@ def test_intervals_cover_the_truth_at_about_their_level(statistic):
     """All three estimate the middle of a symmetric distribution."""
     rng, covered = np.random.default_rng(0), 0
     for _ in range(100):
-        found = estimate(rng.normal(5.0, 2.0, 20), BY_KEY["time_up_s"], statistic)
+        found = estimate(rng.normal(5.0, 2.0, 20), measure_of("time_up_s"), statistic)
         covered += found.low <= 5.0 <= found.high
     assert 85 <= covered < 100
 
 
 def test_shares_are_percent_and_have_wilsons_interval_where_seeds_say_yes_or_no():
-    found = estimate([1.0] * 10, BY_KEY["success"], "mean")
+    found = estimate([1.0] * 10, measure_of("success"), "mean")
     z = 1.959963984540054
     assert (found.value, found.high) == (100.0, 100.0)
     assert found.low == pytest.approx(100 * 10 / (10 + z**2))
-    assert estimate([0.5, 0.7], BY_KEY["p"], "mean").value == pytest.approx(60.0)
+    assert estimate([0.5, 0.7], measure_of("p"), "mean").value == pytest.approx(60.0)
 
 
 def test_one_seed_has_no_interval_and_none_no_estimate():
-    found = estimate([3.0], BY_KEY["time_up_s"], "iqm")
+    found = estimate([3.0], measure_of("time_up_s"), "iqm")
     assert (found.value, found.low, found.high) == (3.0, None, None)
-    assert estimate([], BY_KEY["time_up_s"], "iqm") is None
+    assert estimate([], measure_of("time_up_s"), "iqm") is None
 
 
 def make_run(path, times, **rows):
@@ -61,10 +59,10 @@ def test_differences_are_taken_seed_by_seed(tmp_path):
     luck = 100.0 * np.random.default_rng(0).standard_normal(20)
     one = make_run(tmp_path / "a", dict(enumerate(luck)))
     two = make_run(tmp_path / "b", dict(enumerate(luck + 0.25)) | {30: 1e9})
-    found = difference(two, one, BY_KEY["time_up_s"], 3.0)
+    found = difference(two, one, measure_of("time_up_s"), 3.0)
     assert found.seeds == 20
     assert (found.low, found.value, found.high) == pytest.approx((0.25, 0.25, 0.25))
-    apart = estimate(list(one.at(3.0, "time_up_s").values()), BY_KEY["time_up_s"], "iqm")
+    apart = estimate(list(one.at(3.0, "time_up_s").values()), measure_of("time_up_s"), "iqm")
     assert apart.high - apart.low > 10.0
 
 
