@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+import grimp
 import jaxtyping
 import pytest
 import torch
@@ -90,3 +94,89 @@ def test_wrong_arrays_are_caught_while_tests_run() -> None:
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_wrong_arrays_reach_the_code_where_a_test_asks_for_it() -> None:
     assert cart_pole_cost()(INTEGERS).shape == ()
+
+
+# --- the house ------------------------------------------------------------------------------------
+
+TOPS = ("mcpilco", "envs", "baselines")
+ROOMS = sorted(init.parent.name for init in (ROOT / "mcpilco").glob("*/__init__.py"))
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def sources(*folders: str) -> list[Path]:
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def source_of(package: str) -> Path:
+    """The file with a package's public names: its stub where it loads them lazily."""
+    folder = ROOT.joinpath(*package.split("."))
+    stub = folder / "__init__.pyi"
+    return stub if stub.exists() else folder / "__init__.py"
+
+
+@cache
+def public_names(package: str) -> frozenset[str]:
+    for node in tree(source_of(package)).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return frozenset(ast.literal_eval(node.value))
+    return frozenset()
+
+
+def packages() -> list[str]:
+    inits = [path for path in sources(*TOPS) if path.name == "__init__.py"]
+    return [".".join(path.parent.relative_to(ROOT).parts) for path in inits]
+
+
+def test_the_top_has_few_files_and_rooms() -> None:
+    assert len(list((ROOT / "mcpilco").glob("*.py"))) <= 7
+    assert len(ROOMS) <= 20
+
+
+def _strongly_connected(edges: dict[str, set[str]]) -> Iterator[list[str]]:
+    """The groups of modules that reach each other (Tarjan's algorithm)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+
+    def visit(node: str) -> Iterator[list[str]]:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for target in sorted(edges[node]):
+            if target not in index:
+                yield from visit(target)
+                low[node] = min(low[node], low[target])
+            elif target in stack:
+                low[node] = min(low[node], index[target])
+        if low[node] == index[node]:
+            group = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(group) > 1:
+                yield group
+
+    for node in sorted(edges):
+        if node not in index:
+            yield from visit(node)
+
+
+def test_no_imports_go_in_a_circle() -> None:
+    """Neither those of functions nor those that a room makes when a name of its is first used."""
+    graph = grimp.build_graph(*TOPS, exclude_type_checking_imports=True, cache_dir=None)
+    edges = {
+        module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules
+    }
+    for package in packages():
+        for node in tree(source_of(package)).body:
+            if isinstance(node, ast.ImportFrom) and node.level:
+                module = f"{package}.{node.module}" if node.module else package
+                inner = {f"{module}.{name.name}" for name in node.names}
+                edges[package] |= ({module} | inner) & set(edges) - {package}
+    assert list(_strongly_connected(edges)) == []
+
+
+def test_a_circle_would_be_found() -> None:
+    edges = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}
+    assert [sorted(group) for group in _strongly_connected(edges)] == [["a", "b", "c"]]
