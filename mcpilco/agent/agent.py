@@ -6,11 +6,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import gymnasium as gym
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.agent.model import Model
+from mcpilco.agent.model import KernelFactory, Model
 from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
@@ -36,6 +37,35 @@ class MCPILCO(ModelBasedAgent):
     policy_name = "SumOfGaussians"
     config_type = Config
     presets = PRESETS
+
+    def __init__(
+        self,
+        policy: str,
+        env: gym.Env | str,
+        *,
+        kernel: KernelFactory | None = None,
+        **settings: Any,
+    ) -> None:
+        """An agent that has learned nothing yet.
+
+        Args:
+            policy: "SumOfGaussians".
+            env: a Gymnasium env with one-dimensional Box spaces, or its id.
+            kernel: a kernel of your own in place of the one that `config.model.kernel` names: a
+                subclass of `mcpilco.kernels.Kernel`, or a function of (width, batch) that makes
+                one. It is no part of the file that `save` writes: give it to `load` again.
+            **settings: preset, config, seed, verbose, task, as of
+                `mcpilco.agent.trial_agent.TrialAgent`.
+
+        Raises:
+            InputError: an argument is unknown, or the kernel or the task does not fit.
+            EnvError: the env does not fit.
+        """
+        self.kernel = kernel
+        super().__init__(policy, env, **settings)
+
+    def _new_model(self) -> Model:
+        return Model(self.config.model, self.task, self.kernel)
 
     @staticmethod
     def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:

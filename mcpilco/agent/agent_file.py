@@ -32,6 +32,10 @@ A = TypeVar("A", bound="TrialAgent")
 S = TypeVar("S", bound="SavedAgent[Any]")
 
 
+class MissingObjectError(RunFolderError):
+    """An agent was made with an object that its file cannot hold, and `load` was given another."""
+
+
 @dataclass(frozen=True)
 class SavedAgent(ABC, Generic[A]):
     """What an agent's file holds; reading it checks nothing yet."""
@@ -137,7 +141,7 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
         )
     try:
         yield kind(about, arrays)
-    except EnvError:
+    except (EnvError, MissingObjectError):
         raise
     except Exception as error:  # what a damaged file says may lead to almost anything
         raise RunFolderError(

@@ -41,6 +41,10 @@ ITERATIONS = {"lbfgs": 200, "adam": 1500}
 """most steps of each optimiser of the marginal likelihood; the authors later give Adam 1501"""
 
 
+KernelFactory = Callable[[int, tuple[int, ...]], Kernel]
+"""makes a kernel of D regressors for a batch of outputs, `(E,)`; a kernel's class is one"""
+
+
 def make_kernel(
     config: ModelConfig,
     width: int,
@@ -83,19 +87,46 @@ def make_kernel(
     return sum(others, start=first)
 
 
+def _fitting(kernel: Any, width: int, batch: tuple[int, ...]) -> Kernel:
+    """The kernel, checked.
+
+    Raises:
+        InputError: it is no kernel, or of other regressors or outputs.
+    """
+    if not isinstance(kernel, Kernel):
+        raise InputError(
+            "kernel must be a class or function that makes a mcpilco.kernels.Kernel of "
+            f"(width, batch), got one that makes a {type(kernel).__name__}."
+        )
+    if (kernel.width, kernel.batch) != (width, batch):
+        raise InputError(
+            f"kernel must make a kernel of width {width} and batch {batch}, as it is asked to, "
+            f"got width {kernel.width} and batch {kernel.batch}."
+        )
+    return kernel
+
+
 class Model:
     """Gaussian processes for the changes of the state, refitted from scratch to new data."""
 
-    def __init__(self, config: ModelConfig, task: TaskSpec) -> None:
+    def __init__(
+        self, config: ModelConfig, task: TaskSpec, kernel: KernelFactory | None = None
+    ) -> None:
         """A model that has seen nothing yet.
 
         Args:
             config: kernel, mean, optimiser, what is predicted.
             task: names, angles and velocities of the state.
+            kernel: makes the kernel of [z, u] in place of the one that `config` names.
 
         Raises:
-            InputError: there is no plant for physics, or it does not fit the task.
+            InputError: there is no plant for physics, or it does not fit the task; the kernel
+                does not fit the regressors.
         """
+        if kernel is not None and config.sampling == "path":
+            raise InputError("A kernel of your own has no paths to draw; choose sampling step.")
+        self.parts: tuple[str, ...] = () if kernel else tuple(config.kernel.split("+"))
+        """of the kernel that the configuration names; none where another was given"""
         self.config = config
         self.task = task
         U, memory = len(task.input_names), config.memory
@@ -112,8 +143,12 @@ class Model:
         self.names = tuple(task.state_names[i] for i in self.increment.predicted)
         self.features, counts = self._features()
         width = self.augmentation.width + U * (2 if self.delay.part else 1)
-        kernel = make_kernel(config, width, len(self.names), counts, self._lags())
-        self.gp = GP(kernel, noise_floor=config.noise_floor, names=self.names)
+        batch = (len(self.names),)
+        if kernel is None:
+            made = make_kernel(config, width, *batch, counts, self._lags())
+        else:
+            made = _fitting(kernel(width, batch), width, batch)
+        self.gp = GP(made, noise_floor=config.noise_floor, names=self.names)
         self.physics = self._mean() if config.mean == "physics" else None
 
     @property
@@ -130,7 +165,7 @@ class Model:
     def _features(self) -> tuple[Program | None, tuple[int, ...]]:
         """Further regressors, and how many each linear part of the kernel sees."""
         config, task = self.config, self.task
-        linear = [name for name in config.kernel.split("+") if name in LINEAR_PARTS]
+        linear = [name for name in self.parts if name in LINEAR_PARTS]
         if not linear and not self.delay.part:
             return None, ()
         U = len(task.input_names)
@@ -165,7 +200,7 @@ class Model:
             config.memory,
             config.uncertainty,
             config.plant_step,
-            FORCE_PART in config.kernel.split("+"),
+            FORCE_PART in self.parts,
         )
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:

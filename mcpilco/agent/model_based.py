@@ -81,7 +81,7 @@ class ModelBasedAgent(TrialAgent):
 
     def _set_up(self) -> None:
         self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
-        self.model = self.make_model(self.config, self.task)
+        self.model = self._new_model()
         partly = self.task.measured is not None
         self.perception = Perception(self.config.estimator, self.task) if partly else None
         self.reference_cost = 1.0
@@ -106,6 +106,10 @@ class ModelBasedAgent(TrialAgent):
     @abstractmethod
     def make_model(config: Any, task: TaskSpec) -> Model:
         """A model that has seen nothing yet."""
+
+    def _new_model(self) -> Model:
+        """The agent's model, which has seen nothing yet."""
+        return self.make_model(self.config, self.task)
 
     @abstractmethod
     def _random_policy(self, generator: torch.Generator) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from mcpilco.agent.agent_file import Groups, SavedAgent
+from mcpilco.agent.agent_file import Groups, MissingObjectError, SavedAgent
 from mcpilco.agent.guess import guess_task
 from mcpilco.data import Transitions
 from mcpilco.policies import RewardCost
@@ -21,6 +21,13 @@ from mcpilco.typing import Cost
 
 if TYPE_CHECKING:
     from mcpilco.agent.model_based import ModelBasedAgent
+
+
+def _own_kernel(agent: ModelBasedAgent) -> str | None:
+    """The name of the kernel's class where the agent was given one; None: its configuration's."""
+    if getattr(agent, "kernel", None) is None:
+        return None
+    return type(agent.model.gp.kernel).__name__
 
 
 class SavedModelBased(SavedAgent["ModelBasedAgent"]):
@@ -39,6 +46,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
             "cost": _told(agent.task.cost),
             "reference_cost": agent.reference_cost,
             "fitted_rows": agent.fitted_rows,
+            **({} if (name := _own_kernel(agent)) is None else {"kernel": name}),
         }
         groups = {
             "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
@@ -65,6 +73,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
 
     def restore(self, agent: ModelBasedAgent) -> None:
         self.require_structure(agent)
+        self._require_kernel(agent)
         trials, reference_cost = self.about["trials"], float(self.about["reference_cost"])
         if type(trials) is not int or trials < 0 or (trials and "transitions" not in self.arrays):
             raise ValueError(f"its trials are {trials!r}")
@@ -85,6 +94,21 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
             agent.transitions = rows
             agent.fitted_rows = self._fitted_rows(len(rows))
             agent.look_ahead()
+
+    def _require_kernel(self, agent: ModelBasedAgent) -> None:
+        """Raises MissingObjectError where the agent's kernel is not that of the saved one."""
+        saved, given = self.about.get("kernel"), _own_kernel(agent)
+        if saved == given:
+            return
+        if saved is None:
+            raise MissingObjectError(
+                f"The saved agent has the kernel {agent.config.model.kernel} of its configuration, "
+                f"got the kernel {given}; load it without `kernel`."
+            )
+        raise MissingObjectError(
+            f"The saved agent has a kernel of its own, {saved!s:.80}, got "
+            f"{given or 'none'}; give `load` the same one: kernel={saved!s:.80}."
+        )
 
     def _fitted_rows(self, most: int) -> int:
         """How many of the rows the model was fitted to; files of before are of prompt actuators."""

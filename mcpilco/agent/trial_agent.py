@@ -241,7 +241,12 @@ class TrialAgent(ABC):
 
     @classmethod
     def load(
-        cls, path: str | Path, env: gym.Env | str | None = None, *, task: TaskSpec | None = None
+        cls,
+        path: str | Path,
+        env: gym.Env | str | None = None,
+        *,
+        task: TaskSpec | None = None,
+        **objects: Any,
     ) -> Self:
         """The agent that `save` wrote: it predicts the same, and `learn` goes on where it ended.
 
@@ -254,6 +259,7 @@ class TrialAgent(ABC):
             task: what to know of the env, where it does not show it; else what it knew when it was
                 saved, but for a cost that was given as a function: it cannot learn on without, if
                 it learns from costs.
+            **objects: what the agent was made with and no file can hold, as `kernel` of MCPILCO.
 
         Raises:
             RunFolderError: the file is missing, damaged, or not an agent of this class and env.
@@ -264,6 +270,6 @@ class TrialAgent(ABC):
             if task is None and getattr(env.unwrapped, "task", None) is None:
                 task = saved.task_for(env)
             config, seed = saved.config(cls.config_type), saved.about["seed"]
-            agent = cls(cls.policy_name, env, config=config, seed=seed, task=task)
+            agent = cls(cls.policy_name, env, config=config, seed=seed, task=task, **objects)
             saved.restore(agent)
         return agent

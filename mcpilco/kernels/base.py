@@ -1,7 +1,22 @@
-"""What a kernel is, and the algebra that makes new kernels of old ones.
+"""The base class of covariance functions, and the algebra that makes new kernels of old ones.
 
 A kernel is one `nn.Module` for all E outputs at once: its hyperparameters have a batch shape,
 `(E,)` in a GP, and its matrices carry that batch in front, `(E, N, M)`.
+
+A kernel of one's own is a class with its hyperparameters and one method, the formula:
+
+    class Matern12(Kernel):
+        variance, lengthscale = Positive(), Positive()
+
+        def __init__(self, width, batch=()):
+            super().__init__(width, batch)
+            self.variance, self.lengthscale = self.spread(1.0), self.spread(1.0, width)
+
+        def forward(self, X1, X2):
+            scale = self.lengthscale[..., None, :]
+            return self.variance[..., None, None] * torch.exp(-torch.cdist(X1 / scale, X2 / scale))
+
+    agent = MCPILCO("SumOfGaussians", env, kernel=Matern12)
 """
 
 from __future__ import annotations
@@ -113,6 +128,10 @@ class Canonical:
 class Kernel(nn.Module, ABC):
     """A covariance function of regressors of a given width, one for each entry of a batch.
 
+    A subclass needs `forward` only. It overrides `diag` where the diagonal is cheaper than N
+    matrices of one row, `start_from` where the data say more than below, and `terms` where the
+    kernel is a sum of canonical terms: compiled rollouts know it then.
+
     Args:
         width: D, how many regressors it sees.
         batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
@@ -133,16 +152,32 @@ class Kernel(nn.Module, ABC):
     ) -> Float[Tensor, "*#b N M"]:
         """The matrix k(X1, X2); leading axes broadcast with the kernel's batch."""
 
-    @abstractmethod
     def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         """The diagonal of k(X, X), without the matrix."""
+        lead = torch.broadcast_shapes(self.batch, X.shape[:-2])
+        rows = X.expand(*lead, *X.shape[-2:]).movedim(-2, 0)[..., None, :]  # (N, *b, 1, D)
+        return self(rows, rows)[..., 0, 0].movedim(0, -1)
 
-    @abstractmethod
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
         """Set, in place, hyperparameters from which a fit to these data may start.
 
-        The prior variance, averaged over the data, becomes the mean square of the targets.
+        The prior variance, averaged over the data, becomes the mean square of the targets. By
+        default a hyperparameter `lengthscale` that is one for each regressor, or one for all,
+        becomes their standard deviation times sqrt(D), and `variance` is scaled to the targets;
+        hyperparameters of other names stay as they are.
         """
+        if (lengthscale := self._hyperparameter("lengthscale")) is not None:
+            typical = typical_size(X) * self.width**0.5
+            several = lengthscale.shape[len(self.batch) :] == (self.width,)
+            self.lengthscale = (typical if several else typical.mean()).expand(lengthscale.shape)
+        if (variance := self._hyperparameter("variance")) is not None:
+            with torch.no_grad():
+                self.variance = variance * mean_square(Y) / self.diag(X).mean(-1)
+
+    def _hyperparameter(self, name: str) -> Tensor | None:
+        """The positive hyperparameter of this name; None where the class has none."""
+        positive = isinstance(getattr(type(self), name, None), Positive)
+        return getattr(self, name) if positive else None
 
     def terms(self) -> list[Term]:
         """The kernel as a sum of canonical terms, differentiable in its hyperparameters.
@@ -330,6 +365,13 @@ class ActiveDims(Kernel):
         W = form.W.new_zeros(self.width, form.W.shape[1]).index_copy(0, self.dims, form.W)
         dims = torch.cat([self.dims, torch.arange(self.width, sum(W.shape))])
         return Canonical(W, [term.scattered(dims, sum(W.shape)) for term in form.terms])
+
+
+def typical_size(X: Float[Tensor, "N D"]) -> Float[Tensor, " D"]:
+    """The standard deviation of each regressor; the size of one that is constant, or else 1."""
+    std, size = X.std(0, correction=0), X.abs().amax(0)
+    size = torch.where(size > 0, size, torch.ones_like(size))
+    return torch.where(std > 1e-9 * size, std, size)
 
 
 def mean_square(Y: Float[Tensor, " N *b"]) -> Float[Tensor, "*b"]:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
+from mcpilco.kernels.base import Kernel, Positive, Term, mean_square, typical_size
 
 
 class RBF(Kernel):
@@ -61,9 +61,7 @@ class RBF(Kernel):
 
         A constant regressor, which no lengthscale can matter to, gets its own size.
         """
-        std, size = X.std(0, correction=0), X.abs().amax(0)
-        size = torch.where(size > 0, size, torch.ones_like(size))
-        self.lengthscale = torch.where(std > 1e-9 * size, std, size) * self.width**0.5
+        self.lengthscale = typical_size(X) * self.width**0.5
         self.variance = mean_square(Y)
 
     def terms(self) -> list[Term]:

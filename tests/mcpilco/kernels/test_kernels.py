@@ -17,6 +17,7 @@ from mcpilco.kernels import (
     Linear,
     NestedKinematic,
     NoCanonicalFormError,
+    Positive,
     Scaled,
     VolterraMPK,
 )
@@ -25,7 +26,24 @@ from mcpilco.typing import InputError
 
 WIDTH = 3
 
+
+class Matern12(Kernel):
+    """A user's kernel, k = variance exp(-|x - x'| / lengthscale): the formula and nothing else."""
+
+    variance, lengthscale = Positive(), Positive()
+
+    def __init__(self, width, batch=()):
+        super().__init__(width, batch)
+        self.variance, self.lengthscale = self.spread(1.0), self.spread(1.0, width)
+
+    def forward(self, X1, X2):
+        scale = self.lengthscale[..., None, :]
+        apart = ((X1 / scale)[..., :, None, :] - (X2 / scale)[..., None, :, :]).square().sum(-1)
+        return self.variance[..., None, None] * torch.exp(-(apart + 1e-18).sqrt())
+
+
 KERNELS = {
+    "a user's": lambda batch: Matern12(WIDTH, batch),
     "RBF": lambda batch: RBF(WIDTH, batch),
     "Linear": lambda batch: Linear(WIDTH, batch),
     "Linear without bias": lambda batch: Linear(WIDTH, batch, bias=False),
@@ -91,11 +109,11 @@ def test_diag_is_the_diagonal(make):
 
 
 def terms_of(kernel: Kernel) -> list:
-    """Those of a kernel with a canonical form; none of a SEDMPK, which has none."""
+    """Those of a kernel with a canonical form; none of a SEDMPK or a user's, which have none."""
     try:
         return kernel.terms()
     except NoCanonicalFormError:
-        assert any(isinstance(part, SEDMPK) for part in kernel.modules())
+        assert any(isinstance(part, SEDMPK | Matern12) for part in kernel.modules())
         return []
 
 
