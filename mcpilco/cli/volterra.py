@@ -83,8 +83,11 @@ class Volterra:
         if not self.kernel:
             raise InputError("--kernel must name at least one kernel.")
         series = read_series(self.recording, self.inputs, self.outputs)
+        _print_remarks(series)
         if self.test is not None:
-            return series, read_series(self.test, self.inputs, self.outputs)
+            test = read_series(self.test, self.inputs, self.outputs)
+            _print_remarks(test)
+            return series, test
         if not 0.0 < self.held_out < 1.0:
             raise InputError(f"--held-out must lie between 0 and 1, got {self.held_out}.")
         last = len(series) - round(self.held_out * len(series))
@@ -126,6 +129,11 @@ class Volterra:
             print(f"mcpilco: without a picture: {error}", file=sys.stderr)
             return []
         return ["volterra.png"]
+
+
+def _print_remarks(series: Series) -> None:
+    for remark in series.remarks:
+        print(f"mcpilco: warning: {remark}", file=sys.stderr)
 
 
 def _tell(model: VolterraModel, train: Series, test: Series) -> None:

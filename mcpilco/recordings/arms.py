@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.recordings.stamps import increasing, sampling_time
-from mcpilco.recordings.table import Table, read_table
+from mcpilco.recordings.reader import LogRows, read_rows
+from mcpilco.recordings.stamps import sampling_time
 from mcpilco.typing import InputError, RecordingError
 
 WINDOW = 3
@@ -118,8 +118,6 @@ COLUMNS = (
     "target_current",
 )
 """of each joint, as `<joint>_<column>`; those of velocities may be absent"""
-_FEWEST = 10
-"""rows of a recording"""
 _LATE = 1.5
 """sampling times after which a sample does not follow on the one before [-]"""
 _KNOWN = 0.5
@@ -199,88 +197,36 @@ def read_arm(
         RecordingError: the file cannot be read; the sentence names row and column.
         InputError: `columns` cannot be meant.
     """
-    table, names = read_table(path), columns_of(joints)
-    sources = _sources(table, names, columns or {})
-    time, rows, remarks = _in_order(table, sources["time"])
-    rows, time = _thinned(table, rows, time, dt)
-    arrays = {
-        column: np.column_stack([_numbers(table, sources, f"{j}_{column}", rows) for j in joints])
-        for column in COLUMNS
-    }
-    force = None
-    if all(name in table.columns for name in FORCE):
-        force = np.nan_to_num(np.column_stack([table.numbers(name)[rows] for name in FORCE]))
-    for joint, column in zip(joints, arrays["current"].T, strict=True):
-        if not np.isfinite(column).any():
+    optional = [f"{joint}_velocity" for joint in joints]
+    rows = read_rows(path, columns_of(joints), optional=optional, columns=columns or {})
+    rows = _thinned(rows, dt)
+    arrays = {column: rows.columns([f"{j}_{column}" for j in joints]) for column in COLUMNS}
+    for joint, current in zip(joints, arrays["current"].T, strict=True):
+        if not np.isfinite(current).any():
             raise RecordingError(
                 f"{path}: expected the measured current of {joint}, got empty cells only; log the "
                 "currents of all motors."
             )
-    return ArmRecording(
-        Path(path).stem, time, force=force, remarks=(*table.remarks, *remarks), **arrays
-    )
+    force = None
+    if all(name in rows.table.columns for name in FORCE):
+        pushes = [rows.table.numbers(name)[rows.kept] for name in FORCE]
+        force = np.nan_to_num(np.column_stack(pushes))
+    return ArmRecording(Path(path).stem, rows.time, force=force, remarks=rows.remarks, **arrays)
 
 
-def _sources(table: Table, names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
-    """The file's name for each column; a velocity that is absent is left out."""
-    unknown = sorted(set(columns) - {"time", *names})
-    if unknown:
-        raise InputError(
-            f"columns are renamed as NAME=NAME_IN_THE_FILE, with NAME one of time, "
-            f"{', '.join(names[:3])} and so on, got {', '.join(unknown)}."
-        )
-    sources = {name: columns.get(name, name) for name in ("time", *names)}
-    optional = {name for name in names if name == sources[name] and _is_measured_velocity(name)}
-    missing = [n for n, source in sources.items() if source not in {*table.columns, *optional}]
-    if missing:
-        raise RecordingError(
-            f"{table.path}: expected a column for each of {', '.join(missing)}; say "
-            f"which they are, for example --columns {missing[0]}=NAME."
-        )
-    return {name: source for name, source in sources.items() if source in table.columns}
-
-
-def _is_measured_velocity(name: str) -> bool:
-    return name.endswith("_velocity") and not name.endswith("_target_velocity")
-
-
-def _numbers(
-    table: Table, sources: Mapping[str, str], name: str, rows: np.ndarray
-) -> Float[np.ndarray, " T"]:
-    if name not in sources:
-        return np.full(len(rows), np.nan)
-    return table.numbers(sources[name])[rows]
-
-
-def _in_order(table: Table, column: str) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The time from 0, the rows that are in its order, and a remark on the others."""
-    stamps = table.numbers(column)
-    known = np.flatnonzero(np.isfinite(stamps))
-    rows = known[increasing(stamps[known])] if len(known) else known
-    if len(rows) < _FEWEST:
-        raise RecordingError(
-            f"{table.path}: expected at least {_FEWEST} rows with a time stamp of their own, got "
-            f"{len(rows)}; record for longer."
-        )
-    lost = len(stamps) - len(rows)
-    told = f"{lost} rows left out, whose time stamps are missing, repeat or run backwards."
-    return stamps[rows] - stamps[rows[0]], rows, [told] if lost else []
-
-
-def _thinned(
-    table: Table, rows: np.ndarray, time: np.ndarray, dt: float | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(rows: LogRows, dt: float | None) -> LogRows:
     """Every so many of the rows, so that they are dt apart."""
     if dt is None:
-        return rows, time
-    own = sampling_time(time)
-    every = max(round(dt / own), 1)
-    if abs(every * own - dt) > 0.02 * dt:
+        rows.require_seconds()
+        return rows
+    own = sampling_time(rows.time)
+    step = max(round(dt / own), 1)
+    if abs(step * own - dt) > 0.02 * dt:
         raise RecordingError(
-            f"{table.path}: expected samples every {dt:g} s, or so many times as often, got "
+            f"{rows.table.path}: expected samples every {dt:g} s, or so many times as often, got "
             f"{own:g} s; record at that rate, or learn a model at this one."
         )
-    return rows[::every], time[::every]
+    return rows.every(step)
 
 
 def arm_samples(log: ArmLog, window: int = WINDOW) -> ArmSamples:

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -17,8 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from mcpilco.files import write_bytes
-from mcpilco.recordings.table import read_table
+from mcpilco.recordings.reader import LogRows, read_rows
+from mcpilco.recordings.table import write_table
 from mcpilco.typing import InputError, RecordingError
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -169,12 +167,15 @@ def read_markers(*paths: str | Path) -> tuple[MarkerRecording, tuple[str, ...]]:
         RecordingError: a file cannot be read, or the files share no time.
         InputError: the columns are no recording.
     """
-    match [(_columns(path), path) for path in paths]:
+    read = [(read_rows(path), path) for path in paths]
+    remarks = tuple(remark for rows, _ in read for remark in rows.remarks)
+    match [(_columns(rows), path) for rows, path in read]:
         case [(columns, path)]:
-            remarks: tuple[str, ...] = ()
+            pass
         case [(first, path), (second, other)]:
             poses, joints = (first, second) if any(map(is_pose, first)) else (second, first)
-            columns, remarks = _joined(poses, joints, f"{path} and {other}")
+            columns, outside = _joined(poses, joints, f"{path} and {other}")
+            remarks += outside
         case _:
             raise InputError(f"expected one file or two, poses and joints, got {len(paths)}.")
     try:
@@ -189,18 +190,13 @@ def write_markers(path: str | Path, recording: MarkerRecording) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    columns = recording.columns()
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    table = np.column_stack(list(columns.values())).tolist()
-    writer.writerows([["" if v != v else repr(v) for v in row] for row in table])
-    return write_bytes(Path(path), text.getvalue().encode())
+    return write_table(path, recording.columns())
 
 
-def _columns(path: str | Path) -> Columns:
-    table = read_table(path)
-    return {name: table.numbers(name) for name in table.columns}
+def _columns(rows: LogRows) -> Columns:
+    """All columns of a file, with its own time stamps: two files share a clock."""
+    names = [name for name in rows.sources if name != "time"]
+    return {"time": rows.stamps} | dict(zip(names, rows.columns(names).T, strict=True))
 
 
 def _joined(
@@ -209,9 +205,6 @@ def _joined(
     files: str,
 ) -> tuple[Columns, tuple[str, ...]]:
     """Joints at the times of the poses, by linear interpolation."""
-    for columns, kind in ((poses, "poses"), (joints, "joints")):
-        if "time" not in columns:
-            raise RecordingError(f"{files}: the file of {kind} has no column `time`; add it [s].")
     mixed = [name for name in poses if name != "time" and not is_pose(name)]
     if mixed or any(map(is_pose, joints)):
         raise RecordingError(
@@ -219,8 +212,6 @@ def _joined(
             "that file alone, or move the columns."
         )
     time, when = joints["time"], poses["time"]
-    if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
-        raise RecordingError(f"{files}: the time of the joints must rise; sort and mend its rows.")
     inside = (when >= time[0]) & (when <= time[-1])
     if not inside.any():
         raise RecordingError(

@@ -1,14 +1,18 @@
-"""From a log file to a recording: columns by name, a uniform grid, and what is wrong is said."""
+"""The one reader of log files: columns by name, rows in the order of time, remarks on the rest.
+
+`read_rows` reads what every kind of recording begins with; `read_recording` makes states and inputs
+on a uniform grid of it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mcpilco.recordings.recording import Gaps, Recording
 from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, readings, resampled
@@ -34,6 +38,169 @@ _SPARSE = 20  # samples of the grid a row, beyond which the stamps are wrong
 _PAUSE = 10_000  # samples that a pause of the log may take besides
 
 Pairs = Sequence[tuple[int, int]]
+
+
+# rows of any log ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LogRows:
+    """Rows of a log file in the order of their time stamps: what all recordings are read from."""
+
+    table: Table
+    """the file"""
+    sources: Mapping[str, str]
+    """the file's name for `time` and each other column that it has"""
+    kept: Int[np.ndarray, " N"]
+    """places of the rows in the table"""
+    stamps: Float[np.ndarray, " N"]
+    """their time stamps, increasing [s]"""
+    remarks: tuple[str, ...]
+    """sentences on rows that were left out"""
+
+    @property
+    def time(self) -> Float[np.ndarray, " N"]:
+        """From 0 [s]."""
+        return self.stamps - self.stamps[0]
+
+    def columns(self, names: Sequence[str]) -> Float[np.ndarray, "N U"]:
+        """Some columns side by side, NaN where one is absent.
+
+        Raises:
+            RecordingError: a cell is no number.
+        """
+        absent, of = np.full(len(self.kept), np.nan), self.sources
+        found = [self.table.numbers(of[n])[self.kept] if n in of else absent for n in names]
+        return np.column_stack(found) if found else np.empty((len(self.kept), 0))
+
+    def every(self, step: int) -> LogRows:
+        """Each step-th of the rows."""
+        return replace(self, kept=self.kept[::step], stamps=self.stamps[::step])
+
+    def row(self, k: int) -> int:
+        """Place of the k-th row in the file, as its messages count."""
+        return int(self.table.rows[self.kept[k]])
+
+    def require_seconds(self) -> None:
+        """Raises RecordingError where the time stamps are no seconds, by their step."""
+        step = float(np.median(np.diff(self.time)))
+        if step >= _LONGEST_STEP_S:
+            raise RecordingError(
+                f"{self.table.path}, column {self.sources['time']!r}: expected seconds, got a "
+                f"median step of {step:g}, which looks like milliseconds or less; convert the "
+                "column to seconds, or give dt."
+            )
+
+
+def read_rows(
+    path: str | Path,
+    names: Sequence[str] | None = None,
+    *,
+    optional: Collection[str] = (),
+    columns: Mapping[str, str] | None = None,
+) -> LogRows:
+    """The rows of a log file, ordered by its column `time`, with some of its columns.
+
+    Rows without a time stamp, and those whose stamps repeat or run backwards, are left out with a
+    remark; where they are many, the file is refused.
+
+    Args:
+        path: of a CSV with a header row, an `.npz` or a `.parquet`.
+        names: of the columns besides `time`; all that the file has by default.
+        optional: which of them may be absent; `time` too: then rows count as seconds.
+        columns: the file's name for `time` or another column, where it differs; None where names
+            cannot be mapped.
+
+    Raises:
+        RecordingError: the file cannot be read; the sentence names row and column.
+        InputError: `columns` cannot be meant.
+    """
+    table = read_table(path)
+    if names is None:
+        names = [name for name in table.columns if name != "time"]
+    sources = _sources(table, ("time", *names), optional, columns)
+    if "time" not in sources:
+        every = np.arange(len(table.rows))
+        return LogRows(table, sources, every, every.astype(float), table.remarks)
+    kept, stamps, remarks = _in_order(table, sources["time"])
+    return LogRows(table, sources, kept, stamps, (*table.remarks, *remarks))
+
+
+def _sources(
+    table: Table, names: Sequence[str], optional: Collection[str], mapped: Mapping[str, str] | None
+) -> dict[str, str]:
+    """The file's name for each column; one that is optional and absent is left out."""
+    columns = mapped or {}
+    unknown = sorted(set(columns) - set(names))
+    if unknown:
+        raise InputError(
+            f"A column map expected names of the plant ({_cut(', '.join(names))}) before the "
+            f"equals sign, got {', '.join(unknown)}; write NAME_OF_THE_PLANT=NAME_IN_THE_FILE."
+        )
+    sources = {name: columns.get(name, name) for name in names}
+    missing = [
+        name
+        for name, source in sources.items()
+        if source not in table.columns and (name not in optional or name in columns)
+    ]
+    if missing:
+        wanted = ", ".join(sources[name] for name in missing)
+        present = _cut(", ".join(table.columns) or "none")
+        remedy = f"say which they are, for example --columns {missing[0]}=NAME"
+        raise RecordingError(
+            f"{table.path}: expected a column for each of {wanted}, got the columns {present}; "
+            f"{'rename them' if mapped is None else remedy}."
+        )
+    return {name: source for name, source in sources.items() if source in table.columns}
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 400 else f"{text[:400]}..."
+
+
+def _in_order(
+    table: Table, column: str
+) -> tuple[Int[np.ndarray, " N"], Float[np.ndarray, " N"], list[str]]:
+    """The rows that are in the order of time, their stamps [s], and remarks on the others."""
+    stamps = table.numbers(column, largest=_LATEST)
+    known = np.flatnonzero(np.isfinite(stamps))
+    _require_rows(table, len(known))
+    kept = known[increasing(stamps[known])]
+    remarks = list(_about_order(table, column, stamps, known, kept))
+    _require_rows(table, len(kept))
+    if not np.all(np.diff(stamps[kept] - stamps[kept[0]]) > 0):  # the difference was rounded
+        raise table.error(column, kept[0], "a stamp near the others", f"{stamps[kept[0]]:g}")
+    return kept, stamps[kept], remarks
+
+
+def _about_order(
+    table: Table, column: str, stamps: np.ndarray, known: np.ndarray, kept: np.ndarray
+) -> Iterator[str]:
+    """Remarks on the rows without a stamp (not `known`) and out of order (not `kept`)."""
+    if len(known) < len(stamps):
+        row = table.rows[np.flatnonzero(~np.isfinite(stamps))[0]]
+        count = _count(len(stamps) - len(known), "row")
+        yield f"{count} without a time stamp left out, the first of them row {row}."
+    lost = np.setdiff1d(known, kept)
+    if len(lost) > max(1, _DISORDER * len(known)):
+        got = f"{stamps[lost[0]]:g} s and {len(lost)} rows like it, that repeat or run backwards"
+        raise table.error(column, lost[0], "time to increase from row to row", got)
+    if len(lost):
+        yield (
+            f"{_count(len(lost), 'row')} left out, whose time stamps repeat or run backwards, "
+            f"the first of them row {table.rows[lost[0]]}."
+        )
+
+
+def _require_rows(table: Table, count: int) -> None:
+    if count < FEWEST:
+        raise RecordingError(
+            f"{table.path}: expected at least {FEWEST} rows with a time stamp of their own, got "
+            f"{count}; record for longer."
+        )
+
+
+# states and inputs on a grid ----------------------------------------------------------------------
 
 
 def read_recordings(
@@ -94,19 +261,18 @@ def read_recording(
         RecordingError: the file cannot be read; the sentence names row and column.
         InputError: `columns` or `dt` cannot be meant.
     """
-    names = (*state_names, *input_names)
-    _check(names, columns or {}, dt)
-    table = read_table(path)
+    if dt is not None and not (math.isfinite(dt) and dt > 0):
+        raise InputError(f"dt must be positive [s], got {dt}.")
     optional = {state_names[velocity] for _, velocity in velocities}
-    sources = _sources(table, ("time", *names), optional, columns or {})
-    time, kept, remarks = _in_order(table, sources["time"], dt)
-    states = _columns(table, sources, state_names, kept)
-    log = Log(time, states, _columns(table, sources, input_names, kept))
-    _require_inputs(table, log, input_names)
-    remarks += list(_clean(log, state_names, angles))
-    own = sampling_time(time)
+    rows = read_rows(path, (*state_names, *input_names), optional=optional, columns=columns or {})
+    if dt is None:
+        rows.require_seconds()
+    log = Log(rows.time, rows.columns(state_names), rows.columns(input_names))
+    _require_inputs(rows.table, log, input_names)
+    remarks = [*rows.remarks, *_clean(log, state_names, angles)]
+    own = sampling_time(log.time)
     step = own if dt is None else dt
-    _require_grid(table, kept, log, step)
+    _require_grid(rows, log, step)
     blank = Recording(
         name=Path(path).stem,
         time=step * np.arange(2),
@@ -119,7 +285,7 @@ def read_recording(
         resolution=tuple(quantisation_step(column) for column in log.states.T),
     )
     read: tuple[Log, ...] = (log,)
-    if step < AVERAGED * own and not on_grid(time, own):
+    if step < AVERAGED * own and not on_grid(log.time, own):
         read = readings(log, own, lambda reading: _recorded(reading, blank, own))
         remarks += about_clock(read, own)
     log = read[0]
@@ -128,10 +294,9 @@ def read_recording(
     recording = _recorded(log, blank, step)
     if len(read) > 1:
         recording = replace(recording, by_clock=_recorded(read[1], blank, step).inputs)
-    _require_positions(table, recording)
-    remarks += about_gaps(recording.gaps)
-    told = (*table.remarks, *remarks, *suspicions(recording))
-    return replace(recording, remarks=told)
+    _require_positions(rows.table, recording)
+    remarks += [*about_gaps(recording.gaps), *suspicions(recording)]
+    return replace(recording, remarks=tuple(remarks))
 
 
 def _recorded(log: Log, blank: Recording, dt: float) -> Recording:
@@ -147,102 +312,6 @@ def _positions(recording: Recording) -> tuple[int, ...]:
     """States that are no velocities."""
     still = {velocity for _, velocity in recording.velocities}
     return tuple(k for k in range(len(recording.state_names)) if k not in still)
-
-
-# columns ------------------------------------------------------------------------------------------
-
-
-def _check(names: Sequence[str], columns: Mapping[str, str], dt: float | None) -> None:
-    unknown = sorted(set(columns) - {"time", *names})
-    if unknown:
-        raise InputError(
-            f"A column map expected names of the plant ({', '.join(('time', *names))}) before the "
-            f"equals sign, got {', '.join(unknown)}; write NAME_OF_THE_PLANT=NAME_IN_THE_FILE."
-        )
-    if dt is not None and not (math.isfinite(dt) and dt > 0):
-        raise InputError(f"dt must be positive [s], got {dt}.")
-
-
-def _sources(
-    table: Table, names: Sequence[str], optional: set[str], columns: Mapping[str, str]
-) -> dict[str, str]:
-    """The file's name for each of the plant's; a velocity that is absent is left out."""
-    sources = {name: columns.get(name, name) for name in names}
-    missing = [
-        name
-        for name, source in sources.items()
-        if source not in table.columns and (name not in optional or name in columns)
-    ]
-    if missing:
-        wanted = ", ".join(sources[name] for name in missing)
-        present = ", ".join(table.columns) or "none"
-        shown = present if len(present) <= 400 else f"{present[:400]}..."
-        raise RecordingError(
-            f"{table.path}: expected a column for each of {wanted}, got the columns {shown}; "
-            f"say which they are, for example --columns {missing[0]}=NAME."
-        )
-    return {name: source for name, source in sources.items() if source in table.columns}
-
-
-def _columns(
-    table: Table, sources: Mapping[str, str], names: Sequence[str], kept: np.ndarray
-) -> Float[np.ndarray, "N U"]:
-    """Some columns side by side, NaN where one is absent."""
-    absent = np.full(len(kept), np.nan)
-    found = [table.numbers(sources[n])[kept] if n in sources else absent for n in names]
-    return np.column_stack(found) if found else np.empty((len(kept), 0))
-
-
-# rows ---------------------------------------------------------------------------------------------
-
-
-def _in_order(
-    table: Table, column: str, dt: float | None
-) -> tuple[Float[np.ndarray, " N"], np.ndarray, list[str]]:
-    """The time from 0 [s], the rows that are in its order, and remarks on the others."""
-    stamps = table.numbers(column, largest=_LATEST)
-    known = np.flatnonzero(np.isfinite(stamps))
-    _require_rows(table, len(known))
-    kept = known[increasing(stamps[known])]
-    remarks = list(_about_order(table, column, stamps, known, kept))
-    _require_rows(table, len(kept))
-    time = stamps[kept] - stamps[kept[0]]
-    if not np.all(np.diff(time) > 0):  # the difference was rounded
-        raise table.error(column, kept[0], "a stamp near the others", f"{stamps[kept[0]]:g}")
-    step = float(np.median(np.diff(time)))
-    if dt is None and step >= _LONGEST_STEP_S:
-        raise RecordingError(
-            f"{table.path}, column {column!r}: expected seconds, got a median step of {step:g}, "
-            "which looks like milliseconds or less; convert the column to seconds, or give dt."
-        )
-    return time, kept, remarks
-
-
-def _about_order(
-    table: Table, column: str, stamps: np.ndarray, known: np.ndarray, kept: np.ndarray
-) -> Iterator[str]:
-    """Remarks on the rows without a stamp (not `known`) and out of order (not `kept`)."""
-    if len(known) < len(stamps):
-        row = table.rows[np.flatnonzero(~np.isfinite(stamps))[0]]
-        count = _count(len(stamps) - len(known), "row")
-        yield f"{count} without a time stamp left out, the first of them row {row}."
-    lost = np.setdiff1d(known, kept)
-    if len(lost) > max(1, _DISORDER * len(known)):
-        got = f"{stamps[lost[0]]:g} s and {len(lost)} rows like it, that repeat or run backwards"
-        raise table.error(column, lost[0], "time to increase from row to row", got)
-    if len(lost):
-        yield (
-            f"{_count(len(lost), 'row')} left out, whose time stamps repeat or run backwards, "
-            f"the first of them row {table.rows[lost[0]]}."
-        )
-
-
-def _require_rows(table: Table, count: int) -> None:
-    if count < FEWEST:
-        raise RecordingError(
-            f"{table.path}: expected at least {FEWEST} rows with a time stamp of their own, got "
-            f"{count}; record for longer."
-        )
 
 
 def _require_inputs(table: Table, log: Log, names: Sequence[str]) -> None:
@@ -265,7 +334,7 @@ def _require_positions(table: Table, recording: Recording) -> None:
             )
 
 
-def _require_grid(table: Table, kept: np.ndarray, log: Log, dt: float) -> None:
+def _require_grid(rows: LogRows, log: Log, dt: float) -> None:
     """Raises where the step does not suit the stamps."""
     steps = np.diff(log.time)
     if dt < log.step / 2:
@@ -277,13 +346,13 @@ def _require_grid(table: Table, kept: np.ndarray, log: Log, dt: float) -> None:
     if count > _SPARSE * len(log.time) + _PAUSE:
         worst = int(steps.argmax())
         raise RecordingError(
-            f"{table.path}, row {table.rows[kept[worst + 1]]}: expected time stamps about "
+            f"{rows.table.path}, row {rows.row(worst + 1)}: expected time stamps about "
             f"{log.step:g} s apart, got a jump of {steps[worst]:g} s; correct the stamp, or split "
             "the file there."
         )
     if count + 1 < FEWEST:
         raise RecordingError(
-            f"{table.path}: expected at least {FEWEST} samples at a step of {dt:g} s, got "
+            f"{rows.table.path}: expected at least {FEWEST} samples at a step of {dt:g} s, got "
             f"{count + 1:.0f}; record for longer, or give a smaller dt."
         )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from mcpilco.data import Rollout
-from mcpilco.files import write_bytes
+from mcpilco.recordings.table import write_table
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -101,17 +99,14 @@ def write_recording(path: str | Path, recording: Recording) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    present = np.flatnonzero(recording.measured)
     inputs = recording.inputs.copy()
     for start, end in recording.gaps:
         inputs[round(start / recording.dt) : round(end / recording.dt)] = np.nan
-    table = np.column_stack([recording.time, recording.states[:, present], inputs])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [recording.state_names[place] for place in present]
-    writer.writerow(["time", *names, *recording.input_names])
-    writer.writerows([["" if v != v else repr(v) for v in row] for row in table.tolist()])
-    return write_bytes(Path(path), text.getvalue().encode())
+    columns = {"time": recording.time}
+    for place in np.flatnonzero(recording.measured):
+        columns[recording.state_names[place]] = recording.states[:, place]
+    columns |= dict(zip(recording.input_names, inputs.T, strict=True))
+    return write_table(path, columns)
 
 
 def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:

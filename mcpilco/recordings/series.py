@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.recordings.table import Table, read_table
+from mcpilco.recordings.reader import LogRows, read_rows
 from mcpilco.typing import InputError, RecordingError
 
 _FEWEST = 20
@@ -34,6 +34,8 @@ class Series:
     """likewise"""
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
+    """sentences on rows of the file that were left out"""
 
     @classmethod
     def of(cls, inputs: np.ndarray, outputs: np.ndarray) -> Series:
@@ -56,7 +58,7 @@ class Series:
 
     def __getitem__(self, rows: slice) -> Series:
         """Some of the times, in their order."""
-        return Series(self.inputs[rows], self.outputs[rows], self.input_names, self.output_names)
+        return replace(self, inputs=self.inputs[rows], outputs=self.outputs[rows])
 
 
 def _names(letter: str, count: int) -> tuple[str, ...]:
@@ -87,29 +89,22 @@ def read_series(path: str | Path, inputs: Sequence[str], outputs: Sequence[str])
     Raises:
         RecordingError: the file cannot be read, lacks a column, or its steps are uneven.
     """
-    table = read_table(path)
-    missing = [name for name in (*inputs, *outputs) if name not in table.columns]
-    if missing:
-        raise RecordingError(
-            f"{path} has no column {', '.join(map(repr, missing))}; it has "
-            f"{', '.join(table.columns)}."
-        )
-    if "time" in table.columns:
-        _require_even(table)
-    u, y = (np.stack([table.numbers(name) for name in names], 1) for names in (inputs, outputs))
-    return Series(u, y, tuple(inputs), tuple(outputs))
+    rows = read_rows(path, (*inputs, *outputs), optional=["time"])
+    _require_even(rows)
+    u, y = rows.columns(inputs), rows.columns(outputs)
+    return Series(u, y, tuple(inputs), tuple(outputs), rows.remarks)
 
 
-def _require_even(table: Table) -> None:
-    steps = np.diff(table.numbers("time"))
+def _require_even(rows: LogRows) -> None:
+    steps = np.diff(rows.time)
     dt = float(np.median(steps)) if len(steps) else 0.0
-    wrong = np.flatnonzero(~(np.abs(steps - dt) <= _UNEVEN * abs(dt)) | (steps <= 0.0))
+    wrong = np.flatnonzero(np.abs(steps - dt) > _UNEVEN * dt)
     if len(wrong):
-        row = table.rows[wrong[0] + 1]
         raise RecordingError(
-            f"{table.path}, row {row}: expected a step of {dt:g} s as in most rows, got "
-            f"{steps[wrong[0]]:g} s ({len(wrong)} such steps in all); a Volterra series counts "
-            "samples: record at an even rate, or resample, with empty cells where values are lost."
+            f"{rows.table.path}, row {rows.row(wrong[0] + 1)}: expected a step of {dt:g} s as in "
+            f"most rows, got {steps[wrong[0]]:g} s ({len(wrong)} such steps in all); a Volterra "
+            "series counts samples: record at an even rate, or resample, with empty cells where "
+            "values are lost."
         )
 
 

@@ -63,7 +63,9 @@ def test_another_recording_can_be_the_test(tmp_path, capsys) -> None:
 def test_bad_data_are_refused_with_a_sentence(tmp_path, capsys) -> None:
     good, out = recording(tmp_path / "a.csv"), tmp_path / "out"
     assert "There is no file" in refused(capsys, tmp_path / "none.csv", out)
-    assert "has no column 'x'" in refused(capsys, good, out, "--inputs", "x")
+    assert "a column for each of x, got the columns valve, flow; rename them" in refused(
+        capsys, good, out, "--inputs", "x"
+    )
     assert "kernel must be one of" in refused(capsys, good, out, "--kernel", "rbf")
     assert "--held-out must lie" in refused(capsys, good, out, "--held-out", "1")
     assert "--held-out leaves 3 of 300 rows" in refused(

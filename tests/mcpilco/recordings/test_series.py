@@ -101,8 +101,8 @@ def test_columns_are_read_by_name(tmp_path) -> None:
 
 
 def test_a_column_that_is_not_there_is_named(tmp_path) -> None:
-    path = write(tmp_path / "a.csv", np.arange(5), noise(5), noise(5))
-    with pytest.raises(RecordingError, match="has no column 'u'; it has time, valve, flow"):
+    path = write(tmp_path / "a.csv", np.arange(15), noise(15), noise(15))
+    with pytest.raises(RecordingError, match="each of u, got the columns time, valve, flow"):
         read_series(path, ["u"], ["flow"])
 
 
