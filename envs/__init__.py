@@ -1,77 +1,36 @@
-"""Environments; importing this package registers them with Gymnasium.
+"""Environments: plants with a task and a scene; importing this package registers them.
 
-import envs, gymnasium
-env = gymnasium.make("mcpilco/CartPoleSwingUp-v0")
+    import envs, gymnasium
+    env = gymnasium.make("mcpilco/CartPoleSwingUp-v0")
+
+To read in this order: `plants` (the bodies and joints that move, and `register`), `cartpole` (a
+task with a scene), `swing_up` (how plant and task fit), `swing_up_env` (episodes, single and in
+batches), `motion` (the simulation), `judge` (success). `mujoco_cartpole` is the same task with
+MuJoCo as its engine; `arms` are robots that are only recorded. A new system is a plant in `plants`
+and a module such as `pendulum`; in a file of your own it is both, and a call of `register`.
 """
 
 from __future__ import annotations
 
-import gymnasium
-
 from envs.cartpole import CartPoleSwingUpEnv
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.cartpole_vector import CartPoleSwingUpVectorEnv
 from envs.double_pendulum import AcrobotEnv, PendubotEnv
-from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
-from envs.double_pendulum_vector import AcrobotVectorEnv, PendubotVectorEnv
 from envs.judge import UprightJudge
 from envs.pendulum import PendulumEnv
-from envs.pendulum_dynamics import PendulumDynamics
-from envs.pendulum_vector import PendulumVectorEnv
-from envs.plants import PLANTS
+from envs.plants import PLANTS, register, rod
+from envs.swing_up import SwingUp
+from envs.swing_up_env import PlantEnv, SwingUpEnv, SwingUpVectorEnv
 
 __all__ = [
     "PLANTS",
-    "AcrobotDynamics",
     "AcrobotEnv",
-    "AcrobotVectorEnv",
-    "CartPoleDynamics",
     "CartPoleSwingUpEnv",
-    "CartPoleSwingUpVectorEnv",
-    "PendubotDynamics",
     "PendubotEnv",
-    "PendubotVectorEnv",
-    "PendulumDynamics",
     "PendulumEnv",
-    "PendulumVectorEnv",
+    "PlantEnv",
+    "SwingUp",
+    "SwingUpEnv",
+    "SwingUpVectorEnv",
     "UprightJudge",
+    "register",
+    "rod",
 ]
-
-gymnasium.register(
-    id="mcpilco/CartPoleSwingUp-v0",
-    entry_point="envs.cartpole:CartPoleSwingUpEnv",
-    vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
-    max_episode_steps=30,
-)
-# named only, so that MuJoCo is loaded where it is used
-gymnasium.register(
-    id="mcpilco/MujocoCartPoleSwingUp-v0",
-    entry_point="envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv",
-    vector_entry_point="envs.mujoco_cartpole_vector:MujocoCartPoleSwingUpVectorEnv",
-    max_episode_steps=30,
-)
-gymnasium.register(
-    id="mcpilco/CartPoleSwingUpPositions-v0",
-    entry_point="envs.cartpole:CartPoleSwingUpEnv",
-    vector_entry_point="envs.cartpole_vector:CartPoleSwingUpVectorEnv",
-    max_episode_steps=30,
-    kwargs={"measured": "positions"},
-)
-gymnasium.register(
-    id="mcpilco/Pendulum-v0",
-    entry_point="envs.pendulum:PendulumEnv",
-    vector_entry_point="envs.pendulum_vector:PendulumVectorEnv",
-    max_episode_steps=40,
-)
-gymnasium.register(
-    id="mcpilco/Pendubot-v0",
-    entry_point="envs.double_pendulum:PendubotEnv",
-    vector_entry_point="envs.double_pendulum_vector:PendubotVectorEnv",
-    max_episode_steps=50,
-)
-gymnasium.register(
-    id="mcpilco/Acrobot-v0",
-    entry_point="envs.double_pendulum:AcrobotEnv",
-    vector_entry_point="envs.double_pendulum_vector:AcrobotVectorEnv",
-    max_episode_steps=50,
-)

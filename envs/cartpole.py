@@ -1,47 +1,144 @@
-"""The cart-pole swing-up, one at a time."""
+"""The cart-pole swing-up: its task, what it looks like, and the env."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from typing import Literal
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.cartpole_views import picture, scene
-from envs.checks import read_array, read_stds, require_positive
-from envs.correcting import Effects, correct
+from envs.checks import read_array, require_positive
+from envs.drawing import (
+    BACKGROUND,
+    FIXED_COLOR,
+    HEIGHT,
+    INPUT_COLOR,
+    POLE_COLOR,
+    POLE_RADIUS,
+    TARGET_COLOR,
+    WIDTH,
+    Canvas,
+    hanging,
+    hanging_end,
+    upright,
+)
 from envs.plants import cart_pole
 from envs.swing_up import SwingUp
-from envs.swing_up_env import SwingUpEnv
-from envs.system import System
+from envs.swing_up_env import PlantEnv
 from mcpilco.plant import Plant
 from mcpilco.policies import cart_pole_cost
+from mcpilco.show.scene import Pose, Scene, Shape
 from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)
 """of the default cost: cart position [m], pole angle [rad]"""
-
 MEASURED = {"all": None, "positions": (0, 2)}
 """which states the keyword `measured` stands for; None: all"""
 
-OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
+SWING_UP = SwingUp(
+    plant=cart_pole(),
+    input_limit=10.0,
+    dt=0.1,
+    start_std=0.1,
+    noise_std=0.01,
+    cost=cart_pole_cost(*LENGTHSCALES),
+    links=(2,),
+    cart=0,
+)
+
+CART_COLOR = (64, 84, 120)
+
+# sizes in pole lengths [-], so that a cart-pole of any size looks the same
+CART_HALF = (0.24, 0.14, 0.11)
+RAIL_HALF = (6.0, 0.03, 0.02)
+
+VIEW_WIDTH = 5.4
+"""width of a picture, in pole lengths [-]"""
+VIEW_MARGIN = 1.6
+"""how far from the middle the cart may be before the view follows it, in pole lengths [-]"""
 
 
-class CartPoleSwingUpEnv(SwingUpEnv):
+def scene(plant: Plant) -> Scene:
+    """The cart-pole in 3D: in the x-z plane, the hinge at z = 0; the marker is the pole's tip."""
+    length = plant.values["pole_length"]
+
+    def tip(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+        end = hanging_end(length, states[..., 2])
+        end[..., 0] += states[..., 0]
+        return end
+
+    def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
+        hinge = np.zeros((len(states), 3))
+        hinge[:, 0] = states[:, 0]
+        return {
+            "cart": Pose(hinge, upright(len(states))),
+            "pole": Pose(0.5 * (hinge + tip(states)), hanging(states[:, 2])),
+        }
+
+    shapes = {
+        "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
+        "pole": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), POLE_COLOR),
+    }
+    rail = Shape("box", tuple(length * half for half in RAIL_HALF), FIXED_COLOR)
+    return Scene(
+        shapes=shapes,
+        poses=poses,
+        marker=tip,
+        fixed=((rail, (0.0, 0.0, 0.0)),),
+        target=(0.0, 0.0, length),
+    )
+
+
+def picture(
+    plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float = 0.0
+) -> UInt8[np.ndarray, "H W 3"]:
+    """The cart-pole from the side, with its rail, the target of the tip and the force.
+
+    Args:
+        plant: says how long the pole is.
+        scene: says where its tip is.
+        state: [q1, q1', q2, q2'] [m, m/s, rad, rad/s].
+        push: force on the cart, relative to its limit, in [-1, 1].
+    """
+    length = plant.values["pole_length"]
+    cart = float(state[0]) / length
+    tip_x, _, tip_z = (scene.marker(state) / length).tolist()
+    middle = cart - min(max(cart, -VIEW_MARGIN), VIEW_MARGIN)
+    left, right = middle - VIEW_WIDTH, middle + VIEW_WIDTH
+
+    # the picture's unit is the length of the pole
+    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (middle, 0.0), BACKGROUND)
+    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], FIXED_COLOR)
+    for tick in map(float, range(round(left), round(right) + 1)):
+        canvas.line((tick, -0.06), (tick, 0.06), 0.008, FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
+    canvas.disc((0.0, 1.0), 0.02, TARGET_COLOR)
+    canvas.box((cart, 0.0), CART_HALF[::2], 0.04, CART_COLOR)
+    if push:
+        side = cart + math.copysign(CART_HALF[0] + 0.06, push)
+        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, INPUT_COLOR)
+    canvas.line((cart, 0.0), (tip_x, tip_z), POLE_RADIUS, POLE_COLOR)
+    canvas.disc((cart, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
+    return canvas.image()
+
+
+class CartPoleSwingUpEnv(PlantEnv):
     """Swing a hanging pole up and hold it there, by pushing the cart it hangs from.
 
     ## Description
 
     A cart runs on a rail; a uniform pole is hinged to it and hangs down. A horizontal force on the
     cart, held for 0.1 s at a time, must swing the pole up, balance it, and keep the cart near the
-    origin. The equations of motion and their constants are those of PILCO's cart-pole [1],
-    integrated to rounding error; see `envs.cartpole_dynamics.CartPoleDynamics`.
+    origin. The equations of motion and their constants are those of PILCO's cart-pole [1]; with
+    a = m_p l / 2, the first moment of the pole's mass, and u the force:
+
+        [ m_c + m_p    a cos q2    ] [ q1'' ]   [ u - b q1' + a sin(q2) q2'^2 ]
+        [ a cos q2     m_p l^2 / 3 ] [ q2'' ] = [ - a g sin q2                ]
 
     The id is `mcpilco/CartPoleSwingUp-v0`, known after `import envs`; `gymnasium.make_vec` makes a
-    `CartPoleSwingUpVectorEnv` of it.
+    `SwingUpVectorEnv` of it.
 
     ## Action Space
 
@@ -122,10 +219,9 @@ class CartPoleSwingUpEnv(SwingUpEnv):
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
     what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the
-    nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
-    observation, before its noise; `info["state"]` stays the true state, and the force of the cost
-    the one that was asked for. Before an episode the motor was off.
+    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
+    on the observation, before its noise; `info["state"]` stays the true state, and the force of the
+    cost the one that was asked for. Before an episode the motor was off.
 
     ## References
 
@@ -136,82 +232,49 @@ class CartPoleSwingUpEnv(SwingUpEnv):
     - v0: first version.
     """
 
+    nominal = SWING_UP
+
     def __init__(
         self,
         *,
-        cart_mass: float = 0.5,
-        pole_mass: float = 0.5,
-        pole_length: float = 0.5,
-        cart_friction: float = 0.1,
-        gravity: float = 9.82,
-        force_limit: float = 10.0,
-        dt: float = 0.1,
-        start_std: OneOrFour = 0.1,
-        noise_std: OneOrFour = 0.01,
-        effects: Effects | None = None,
         measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
-        render_mode: str | None = None,
+        **keywords: Any,
     ) -> None:
         """The keywords are listed above under Arguments."""
-        dynamics = CartPoleDynamics(
-            cart_mass=cart_mass,
-            pole_mass=pole_mass,
-            pole_length=pole_length,
-            cart_friction=cart_friction,
-            gravity=gravity,
+        super().__init__(
+            measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )
-        dynamics, plant = correct(dynamics, cart_pole(), effects)
-        swing_up = cart_pole_swing_up(
-            dynamics,
-            force_limit=force_limit,
-            dt=dt,
-            start_std=start_std,
-            noise_std=noise_std,
-            cost=cost,
-            cost_lengthscales=cost_lengthscales,
-            plant=plant,
-            measured=measured,
-        )
-        super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
+
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        return scene(plant)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        return picture(plant, scene, state, push)
 
 
-def cart_pole_swing_up(
-    dynamics: System,
-    *,
-    force_limit: float,
-    dt: float,
-    start_std: OneOrFour,
-    noise_std: OneOrFour,
-    cost: Cost | None,
-    cost_lengthscales: Sequence[float],
-    plant: Plant | None = None,
-    measured: Literal["all", "positions"],
-) -> SwingUp:
-    """The task of `CartPoleSwingUpEnv`, whatever simulates it; the keywords are its arguments.
+def observed(measured: Literal["all", "positions"]) -> tuple[int, ...] | None:
+    """The states that the keyword `measured` of a cart-pole stands for; None: all.
 
     Raises:
-        InputError: a value does not fit.
+        InputError: another word.
     """
     if measured not in MEASURED:
         raise InputError(f'measured must be "all" or "positions", got {measured!r}.')
-    return SwingUp(
-        dynamics=dynamics,
-        input_limit=force_limit,
-        dt=dt,
-        start_std=read_stds("start_std", start_std, 4),
-        noise_std=read_stds("noise_std", noise_std, 4),
-        cost=_read_cost(cost, cost_lengthscales),
-        links=(2,),
-        cart=0,
-        plant=plant,
-        measured=MEASURED[measured],
-    )
+    return MEASURED[measured]
 
 
-def _read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:
-    """The cost given, or the default with its lengthscales."""
+def read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:
+    """The cost given, or a cart-pole's default with its lengthscales.
+
+    Raises:
+        InputError: a lengthscale is not positive, or both are given.
+    """
     cart, angle = read_array("cost_lengthscales", lengthscales, (2,)).tolist()
     require_positive("cost_lengthscales[0]", cart, "m")
     require_positive("cost_lengthscales[1]", angle, "rad")

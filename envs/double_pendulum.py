@@ -1,69 +1,141 @@
-"""Swing-ups of a double pendulum with one motor: pendubot and acrobot."""
+"""Swing-ups of a double pendulum with one motor, pendubot and acrobot: tasks, looks and envs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
-from envs.checks import read_stds
-from envs.correcting import Effects, correct
-from envs.double_pendulum_dynamics import (
-    AcrobotDynamics,
-    DoublePendulumDynamics,
-    PendubotDynamics,
+from envs.drawing import (
+    BACKGROUND,
+    FIXED_COLOR,
+    HEIGHT,
+    POLE_COLOR,
+    POLE_RADIUS,
+    TARGET_COLOR,
+    WIDTH,
+    Canvas,
+    Point,
+    hanging,
+    hanging_end,
+    twist,
 )
-from envs.double_pendulum_views import picture, scene
 from envs.plants import acrobot, pendubot
 from envs.swing_up import SwingUp
-from envs.swing_up_env import SwingUpEnv
+from envs.swing_up_env import PlantEnv
 from mcpilco.plant import Plant
 from mcpilco.policies import SaturatingCost
-from mcpilco.typing import Cost
+from mcpilco.show.scene import Pose, Scene, Shape
 
-OneOrFour = float | Sequence[float] | Float[np.ndarray, " 4"]
+PENDUBOT = SwingUp(
+    plant=pendubot(),
+    input_limit=6.0,
+    dt=0.05,
+    start_std=0.01,
+    noise_std=(0.001, 0.02, 0.001, 0.02),
+    cost=SaturatingCost((0, 2), (math.pi, 0.0), (1.5, 0.75), (True, True)),
+    links=(0, 2),
+)
+ACROBOT = replace(PENDUBOT, plant=acrobot())
 
-COST = SaturatingCost((0, 2), (math.pi, 0.0), (1.5, 0.75), (True, True))
-"""the default cost, of both angles"""
-NOISE_STD = 0.001, 0.02, 0.001, 0.02
-"""of the measured states [rad, rad/s]"""
+# sizes in lengths of both links together [-], so that one of any size looks the same
+JOINT_RADIUS = 0.05
+TIP_RADIUS = 0.04
+MOTOR_HALF = (0.07, 0.1, 0.07)
+ARC_RADIUS = 0.2
+
+VIEW_WIDTH = 4.4
+"""width of a picture, in lengths of both links together [-]"""
 
 
-class DoublePendulumEnv(SwingUpEnv):
-    """What the envs with one motor have in common; each says in its docstring which it is."""
+def scene(plant: Plant) -> Scene:
+    """The links in 3D: in the x-z plane, the shoulder at the origin; the marker is the tip."""
+    upper_length, lower_length = plant.values["upper_length"], plant.values["lower_length"]
+    reach = upper_length + lower_length
+    radius = POLE_RADIUS * reach
 
-    equations: ClassVar[type[DoublePendulumDynamics]]
-    plant: ClassVar[Callable[[], Plant]]
+    def elbow_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+        return hanging_end(upper_length, states[..., 0])
 
-    def __init__(
-        self,
-        *,
-        torque_limit: float = 6.0,
-        dt: float = 0.05,
-        start_std: OneOrFour = 0.01,
-        noise_std: OneOrFour = NOISE_STD,
-        effects: Effects | None = None,
-        cost: Cost = COST,
-        render_mode: str | None = None,
-        **constants: Any,
-    ) -> None:
-        """The keywords are listed in the docstrings of the envs under Arguments."""
-        dynamics, plant = correct(self.equations(**constants), type(self).plant(), effects)
-        swing_up = SwingUp(
-            dynamics=dynamics,
-            input_limit=torque_limit,
-            dt=dt,
-            start_std=read_stds("start_std", start_std, 4),
-            noise_std=read_stds("noise_std", noise_std, 4),
-            cost=cost,
-            links=dynamics.angles,
-            plant=plant,
-        )
-        super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
+    def tip_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+        angle = np.asarray(states[..., 0] + states[..., 2])
+        return elbow_of(states) + hanging_end(lower_length, angle)
+
+    def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
+        elbow, tip = elbow_of(states), tip_of(states)
+        upper, lower = hanging(states[:, 0]), hanging(states[:, 0] + states[:, 2])
+        return {
+            "upper": Pose(0.5 * elbow, upper),
+            "lower": Pose(0.5 * (elbow + tip), lower),
+            "elbow": Pose(elbow, upper),
+            "tip": Pose(tip, lower),
+        }
+
+    shapes = {
+        "upper": Shape("capsule", (radius, 0.5 * upper_length), FIXED_COLOR),
+        "lower": Shape("capsule", (radius, 0.5 * lower_length), POLE_COLOR),
+        "elbow": Shape("sphere", (JOINT_RADIUS * reach,), FIXED_COLOR),
+        "tip": Shape("sphere", (TIP_RADIUS * reach,), POLE_COLOR),
+    }
+    base = Shape("box", tuple(reach * half for half in MOTOR_HALF), FIXED_COLOR)
+    return Scene(
+        shapes=shapes,
+        poses=poses,
+        marker=tip_of,
+        fixed=((base, (0.0, 0.0, 0.0)),),
+        target=(0.0, 0.0, reach),
+    )
+
+
+def picture(
+    plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float = 0.0
+) -> UInt8[np.ndarray, "H W 3"]:
+    """The links from the side, with the target of their tip and the torque at its joint.
+
+    Args:
+        plant: says how long the links are, and where the motor is.
+        scene: says where they are.
+        state: [q1, q1', q2, q2'] [rad, rad/s].
+        push: torque, relative to its limit, in [-1, 1].
+    """
+    shoulder = (0.0, 0.0)
+    # the picture's unit is the length of both links together
+    reach = plant.values["upper_length"] + plant.values["lower_length"]
+    poses = scene.poses(state[None])
+    elbow, tip = (_seen(poses[name].translation[0] / reach) for name in ("elbow", "tip"))
+    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, shoulder, BACKGROUND)
+    canvas.box(shoulder, MOTOR_HALF[::2], 0.03, FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
+    canvas.line(shoulder, elbow, POLE_RADIUS, FIXED_COLOR)
+    canvas.line(elbow, tip, POLE_RADIUS, POLE_COLOR)
+    canvas.disc(elbow, JOINT_RADIUS, FIXED_COLOR)
+    canvas.disc(tip, TIP_RADIUS, POLE_COLOR)
+    for joint in (shoulder, elbow):
+        canvas.disc(joint, 0.5 * POLE_RADIUS, BACKGROUND)
+    twist(canvas, (shoulder, elbow)[plant.layout.drives[0]], push, ARC_RADIUS)
+    return canvas.image()
+
+
+def _seen(point: Float[np.ndarray, " 3"]) -> Point:
+    """x and z."""
+    return float(point[0]), float(point[2])
+
+
+class DoublePendulumEnv(PlantEnv):
+    """The look that pendubot and acrobot share."""
+
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        return scene(plant)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        return picture(plant, scene, state, push)
 
 
 class PendubotEnv(DoublePendulumEnv):
@@ -78,13 +150,20 @@ class PendubotEnv(DoublePendulumEnv):
     those of the DFKI's double pendulum, design C.1, and of the simulations of its leaderboard, but
     for a little viscous friction. The machine has dry friction and its motors' inertias besides,
     which are `effects`: `coulomb_friction` of 0.25 N m in the shoulder and 0.19 N m in the elbow,
-    `armature` of 0.0023 kg m^2 in both. The equations of motion are integrated to rounding error;
-    see `envs.double_pendulum_dynamics.DoublePendulumDynamics`.
+    `armature` of 0.0023 kg m^2 in both. With r
+    the distances of the centers of mass from the joints, I the inertias about the centers, and
+    tau the torque, here in the shoulder:
+
+        [a + c + 2 h cos q2, c + h cos q2]  [q1'']   [s (2 q1' q2' + q2'^2) - g1 - b1 q1' + tau]
+        [c + h cos q2,       c           ]  [q2''] = [-s q1'^2              - g2 - b2 q2'      ]
+
+        a = I1 + m1 r1^2 + m2 l1^2,    c = I2 + m2 r2^2,    h = m2 l1 r2,    s = h sin q2
+        g1 = (m1 r1 + m2 l1) g sin q1 + g2,    g2 = m2 r2 g sin(q1 + q2)
 
     An episode has 2.5 s. A swing takes about a second, and the last second must be spent upright.
 
     The id is `mcpilco/Pendubot-v0`, known after `import envs`; `gymnasium.make_vec` makes a
-    `PendubotVectorEnv` of it.
+    `SwingUpVectorEnv` of it.
 
     ## Action Space
 
@@ -165,18 +244,16 @@ class PendubotEnv(DoublePendulumEnv):
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
     what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the
-    nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
-    observation, before its noise; `info["state"]` stays the true state, and the torque of the cost
-    the one that was asked for. Before an episode the motor was off.
+    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
+    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
+    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 
     - v0: first version.
     """
 
-    equations = PendubotDynamics
-    plant = staticmethod(pendubot)
+    nominal = PENDUBOT
 
 
 class AcrobotEnv(DoublePendulumEnv):
@@ -188,8 +265,8 @@ class AcrobotEnv(DoublePendulumEnv):
     freely, like a gymnast on a bar. It can only swing by bending, and balance by bending too, which
     takes more of the sensors: noise that moves a balanced pendubot by 1 degree moves it by 3.
 
-    The id is `mcpilco/Acrobot-v0`, known after `import envs`; `gymnasium.make_vec` makes an
-    `AcrobotVectorEnv` of it.
+    The id is `mcpilco/Acrobot-v0`, known after `import envs`; `gymnasium.make_vec` makes a
+    `SwingUpVectorEnv` of it.
 
     ## Action Space
 
@@ -212,5 +289,4 @@ class AcrobotEnv(DoublePendulumEnv):
     - v0: first version.
     """
 
-    equations = AcrobotDynamics
-    plant = staticmethod(acrobot)
+    nominal = ACROBOT

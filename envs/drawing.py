@@ -1,15 +1,33 @@
-"""Pictures without a graphics library: smooth-edged shapes painted on an array."""
+"""Pictures without a graphics library: smooth-edged shapes painted on an array.
+
+Also the colours and sizes that all systems share, and how poles and torques are drawn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
+
+from mcpilco.show.scene import Scene, Shape
 
 Color = tuple[int, int, int]
 Point = tuple[float, float]
 Distance = Callable[[Float[np.ndarray, "1 W"], Float[np.ndarray, "H 1"]], Float[np.ndarray, "H W"]]
+
+POLE_COLOR = (214, 120, 46)
+FIXED_COLOR = (150, 156, 166)
+TARGET_COLOR = (46, 158, 96)
+INPUT_COLOR = (190, 60, 70)
+BACKGROUND = (250, 250, 248)
+
+POLE_RADIUS = 0.03
+"""of a pole, in its lengths, so that a system of any size looks the same [-]"""
+WIDTH, HEIGHT = 640, 352
+"""size of a picture [pixel]"""
 
 
 class Canvas:
@@ -99,3 +117,78 @@ class Canvas:
         pixels = distance(self._x[None, part[1]], self._z[part[0], None]) / self._pixel
         coverage = np.clip(0.5 - pixels, 0.0, 1.0)[..., None]
         self._colors[part] += coverage * (color - self._colors[part])
+
+
+def upright(count: int) -> Float[np.ndarray, "T 4"]:
+    """Quaternions x, y, z, w of a body that is not turned, one for each of `count` states [-]."""
+    return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
+
+
+def hanging(angle: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 4"]:
+    """Quaternions x, y, z, w that turn a body's -z axis from hanging to the angle of its pole [-].
+
+    Args:
+        angle: 0 hanging, growing as the tip moves to positive x [rad].
+    """
+    # by -angle about y
+    half = -0.5 * angle
+    zero = np.zeros_like(half)
+    return np.stack([zero, np.sin(half), zero, np.cos(half)], axis=-1)
+
+
+def twist(canvas: Canvas, hinge: Point, push: float, radius: float) -> None:
+    """Draws a torque as an arc with an arrow: from below to positive x where it is positive.
+
+    Args:
+        canvas: what is drawn on.
+        hinge: around which.
+        push: torque, relative to its limit, in [-1, 1]; 0 draws nothing.
+        radius: of the arc.
+    """
+    if not push:
+        return
+    angles = np.linspace(0.0, 0.75 * np.pi * push, 13)
+    x, z = hinge[0] + radius * np.sin(angles), hinge[1] - radius * np.cos(angles)
+    *arc, (start, end) = pairwise(zip(x.tolist(), z.tolist(), strict=True))
+    for piece in arc:
+        canvas.line(*piece, 0.02, INPUT_COLOR)
+    canvas.arrow(start, end, 0.02, INPUT_COLOR)
+
+
+def hanging_end(length: float, angle: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b 3"]:
+    """The end of a link of this length [m], 0 hanging [rad], relative to its joint [m]."""
+    return length * np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
+
+
+def side_view(scene: Scene, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray, "H W 3"]:
+    """A scene in one state, as seen along y; the width shown is five times its reach at rest."""
+    reach = float(np.linalg.norm(scene.marker(np.zeros_like(state)))) or 1.0
+    middle = float(scene.marker(state)[0])
+    middle -= min(max(middle, -2.0 * reach), 2.0 * reach)
+    canvas = Canvas(WIDTH, HEIGHT, 5.0 * reach, (middle, 0.0), BACKGROUND)
+    for shape, place in scene.fixed:
+        _paint_shape(canvas, shape, np.array(place), Rotation.identity())
+    for name, pose in scene.poses(state[None]).items():
+        rotation = Rotation.from_quat(pose.quaternion[0])
+        _paint_shape(canvas, scene.shapes[name], pose.translation[0], rotation)
+    if scene.target is not None:
+        x, _, z = scene.target
+        canvas.ring((x, z), 0.08 * reach, 0.02 * reach, TARGET_COLOR)
+    return canvas.image()
+
+
+def _paint_shape(
+    canvas: Canvas, shape: Shape, place: Float[np.ndarray, " 3"], rotation: Rotation
+) -> None:
+    """A shape from the side; a box as a thick line along its longer side."""
+    if shape.kind == "sphere":
+        radius, along = shape.size[0], np.zeros(3)
+    elif shape.kind == "capsule":
+        radius, along = shape.size[0], np.array([0.0, 0.0, shape.size[1]])
+    else:
+        wide, _, high = shape.size
+        radius = min(wide, high)
+        along = np.array([wide - radius, 0.0, high - radius])
+    x, _, z = rotation.apply(along)
+    start, end = (place[0] - x, place[2] - z), (place[0] + x, place[2] + z)
+    canvas.line(start, end, radius, shape.color)

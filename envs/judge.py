@@ -46,7 +46,8 @@ class UprightJudge:
             sample_s: time between two samples [s].
             batch: shape of the batch of systems; () for one.
             links: which states are the angles of the links, each relative to the one before it and
-                0 hanging [rad]; for a pole its angle. All of them must be up.
+                0 hanging [rad]; for a pole its angle. All of them must be up. Without links
+                nothing is judged.
             cart: which state is the position of a cart [m]; None where there is no cart.
         """
         self._sample_s = sample_s
@@ -65,6 +66,8 @@ class UprightJudge:
 
     def watch(self, states: Float[np.ndarray, "T *b X"]) -> None:
         """Takes in the next T samples of the state."""
+        if not self._links:
+            return
         angles = states[..., self._links].cumsum(axis=-1)
         up = np.logical_and.reduce(is_up(angles), axis=-1)
         unbroken = np.logical_and.accumulate(up[::-1]).sum(axis=0)
@@ -82,8 +85,10 @@ class UprightJudge:
         Returns:
             `is_success`: whether the pole has been up for at least the last second; `time_up_s`:
             for how long it has been up in all [s]; with a cart `mean_abs_cart_m`: its mean distance
-            from the origin [m].
+            from the origin [m]. Without links nothing.
         """
+        if not self._links:
+            return {}
         verdict = {
             "is_success": np.asarray(self._up_until_now >= self._needed),
             "time_up_s": np.asarray(self._up * self._sample_s),

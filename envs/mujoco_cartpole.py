@@ -1,25 +1,29 @@
-"""The cart-pole swing-up in MuJoCo, one at a time."""
+"""The cart-pole swing-up with MuJoCo as its engine."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import replace
+from functools import partial
+from typing import Any, Literal
 
 import mujoco
+import mujoco.rollout
 import numpy as np
+from jaxtyping import Bool, Float
 
-from envs.cartpole import LENGTHSCALES, OneOrFour, cart_pole_swing_up
-from envs.cartpole_dynamics import CartPoleDynamics
+from envs.cartpole import LENGTHSCALES, SWING_UP, observed, read_cost
 from envs.checks import require_positive
-from envs.judge import looks
-from envs.mujoco_cartpole_dynamics import MujocoCartPoleDynamics, count_steps, fitting_step
-from envs.mujoco_cartpole_model import build_model, input_limit, read_model
-from envs.mujoco_views import MujocoPicture, scene
+from envs.motion import Motion
+from envs.mujoco_cartpole_model import CONSTANTS, JOINTS, build_model, input_limit, read_model
+from envs.mujoco_views import MujocoPicture, Posture, scene
 from envs.swing_up_env import SwingUpEnv
-from mcpilco.typing import Cost, InputError
+from mcpilco.typing import Cost, EnvError, InputError
 
 UPRIGHT = np.array([0.0, 0.0, np.pi, 0.0])
+_DIVISIBLE = 1e-6
+"""how far from whole a number of steps may be, relative [-]"""
 
 
 class MujocoCartPoleSwingUpEnv(SwingUpEnv):
@@ -34,7 +38,7 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
     episodes of 3 s end within 2e-8 of the analytic ones, nine of ten within 2e-7, in SI units.
 
     The id is `mcpilco/MujocoCartPoleSwingUp-v0`, known after `import envs`, which does not load
-    MuJoCo yet; `gymnasium.make_vec` makes a `MujocoCartPoleSwingUpVectorEnv` of it.
+    MuJoCo yet; `gymnasium.make_vec` makes a `SwingUpVectorEnv` of it.
 
     ## Action Space
 
@@ -95,44 +99,34 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
         *,
         model: str | os.PathLike[str] | None = None,
         timestep: float | None = None,
-        cart_mass: float | None = None,
-        pole_mass: float | None = None,
-        pole_length: float | None = None,
-        cart_friction: float | None = None,
-        gravity: float | None = None,
         force_limit: float | None = None,
-        dt: float = 0.1,
-        start_std: OneOrFour = 0.1,
-        noise_std: OneOrFour = 0.01,
         measured: Literal["all", "positions"] = "all",
         cost: Cost | None = None,
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         render_mode: str | None = None,
+        **keywords: Any,
     ) -> None:
         """The keywords are listed above under Arguments."""
-        constants = {
-            "cart_mass": cart_mass,
-            "pole_mass": pole_mass,
-            "pole_length": pole_length,
-            "cart_friction": cart_friction,
-            "gravity": gravity,
-        }
-        compiled = _model(model, {k: v for k, v in constants.items() if v is not None})
-        require_positive("dt", dt, "s")
-        _set_timestep(compiled, timestep, dt / looks(dt), adapt=model is None)
-        limit = input_limit(compiled) if force_limit is None else force_limit
-        dynamics = MujocoCartPoleDynamics(compiled)
-        swing_up = cart_pole_swing_up(
-            dynamics,
-            force_limit=limit,
-            dt=dt,
-            start_std=start_std,
-            noise_std=noise_std,
-            cost=cost,
-            cost_lengthscales=cost_lengthscales,
-            measured=measured,
+        constants = [name for name in CONSTANTS if name in keywords]
+        if model is not None and constants:
+            raise InputError(
+                f"{', '.join(constants)}: of the built-in model only; write the value into "
+                f"{os.fspath(model)!r}."
+            )
+        if unknown := keywords.keys() - {*CONSTANTS, "dt", "start_std", "noise_std"}:
+            raise InputError(
+                f"MuJoCo's cart-pole has no keyword {', '.join(sorted(unknown))}; its docstring "
+                "lists those it has."
+            )
+        task = SWING_UP.where(
+            measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )
-        posture = dynamics.posture
+        compiled = build_model(task.plant) if model is None else read_model(model)
+        _set_timestep(compiled, timestep, task.sample_s, adapt=model is None)
+        limit = input_limit(compiled) if force_limit is None else force_limit
+        self.simulator = MujocoSimulator(compiled)
+        swing_up = replace(task, input_limit=limit, engine=partial(MujocoMotion, self.simulator))
+        posture = self.simulator.posture
         super().__init__(swing_up, scene(posture, UPRIGHT), MujocoPicture(posture), render_mode)
 
     def close(self) -> None:
@@ -140,15 +134,127 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
         self.picture.close()
 
 
-def _model(path: str | os.PathLike[str] | None, constants: dict[str, float]) -> mujoco.MjModel:
-    """The user's model, or the built-in one with these constants."""
-    if path is None:
-        return build_model(CartPoleDynamics(**constants))
-    if constants:
-        raise InputError(
-            f"{', '.join(constants)}: of the built-in model only; write the value into {path!r}."
+class MujocoSimulator:
+    """The cart-pole of a MuJoCo model; a state is that of `envs.plants.cart_pole`.
+
+    A motion is a function of its start and input alone: the model keeps nothing in between.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """A cart-pole at its model's timestep.
+
+        Args:
+            model: has passed `envs.mujoco_cartpole_model`; from now on it belongs to this object.
+        """
+        self.model = model
+        self.posture = Posture(model, tuple(JOINTS), "tip")
+        # the force is limited where actions are read, the model's limit must not do it again
+        model.actuator_ctrllimited[:] = 0
+        self._data = mujoco.MjData(model)
+        # the columns of MuJoCo's state (time, positions, velocities) that make up ours
+        joints = [model.joint(name) for name in JOINTS]
+        pairs = [(1 + j.qposadr[0], 1 + model.nq + j.dofadr[0]) for j in joints]
+        self._columns = np.array(pairs).ravel()
+
+    @property
+    def timestep(self) -> float:
+        """MuJoCo's step [s]."""
+        return float(self.model.opt.timestep)
+
+    def advance(
+        self,
+        states: Float[np.ndarray, "*b 4"],
+        force: float | Float[np.ndarray, "*b"],
+        duration: float,
+        samples: int = 1,
+    ) -> Float[np.ndarray, "T *b 4"]:
+        """The motion in steps of `timestep`, at equally spaced times, the last at the end.
+
+        Args:
+            states: where the motions start [m, m/s, rad, rad/s].
+            force: on the cart, held all the time, one for all or for each [N].
+            duration: how long [s].
+            samples: T, how many states of each motion to return.
+
+        Raises:
+            InputError: the time between two samples is no whole number of steps.
+            EnvError: MuJoCo calls the motion unstable.
+        """
+        batch = states.shape[:-1]
+        every = count_steps(duration / samples, self.timestep)
+        start = np.zeros((int(np.prod(batch)), 1 + self.model.nq + self.model.nv))
+        start[:, self._columns] = states.reshape(-1, 4)
+        control = np.broadcast_to(force, batch).reshape(-1, 1, 1)
+        path, _ = mujoco.rollout.rollout(
+            self.model, self._data, start, control.astype(float), nstep=samples * every
         )
-    return read_model(path)
+        path = path[:, every - 1 :: every]
+        self._require_finished(states, path, duration)
+        return path[..., self._columns].swapaxes(0, 1).reshape(samples, *batch, 4)
+
+    def tip(self, states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+        """Where the model's site `tip` is; without one, the pole's centre of mass [m]."""
+        return self.posture.marker(states)
+
+    def _require_finished(
+        self, states: np.ndarray, path: Float[np.ndarray, "B T full"], duration: float
+    ) -> None:
+        """Raises EnvError where MuJoCo has stopped: its clock then stands still, or starts anew."""
+        late = np.abs(path[:, -1, 0] - duration) > 0.5 * self.timestep
+        unstable = late | ~np.isfinite(path).all(axis=(1, 2))
+        if unstable.any():
+            first = states.reshape(-1, 4)[int(np.argmax(unstable))]
+            raise EnvError(
+                f"MuJoCo calls the motion from the state {first.tolist()} unstable; the state or "
+                f"the force is too large, or the timestep of {self.timestep:g} s too long."
+            )
+
+
+class MujocoMotion(Motion):
+    """Motions that MuJoCo integrates; sensors measure states as they are."""
+
+    def __init__(
+        self, simulator: MujocoSimulator, dt: float, samples: int, batch: tuple[int, ...]
+    ) -> None:
+        """Motions in the state 0, of commands that are held for dt [s]."""
+        self._simulator, self._dt, self._samples = simulator, dt, samples
+        self._states = np.zeros((*batch, 4))
+
+    @property
+    def states(self) -> Float[np.ndarray, "*b X"]:
+        return self._states.copy()
+
+    measured = states
+
+    def restart(
+        self, which: Bool[np.ndarray, "*b"] | bool, states: Float[np.ndarray, "*c X"]
+    ) -> None:
+        self._states[which] = states
+
+    def advance(self, inputs: Float[np.ndarray, "*b U"]) -> Float[np.ndarray, "T *b X"]:
+        path = self._simulator.advance(self._states, inputs[..., 0], self._dt, self._samples)
+        self._states = path[-1].copy()
+        return path
+
+
+def count_steps(duration: float, timestep: float) -> int:
+    """How many steps a duration [s] takes.
+
+    Raises:
+        InputError: it is no whole number of them.
+    """
+    steps = round(duration / timestep)
+    if steps < 1 or abs(duration / timestep - steps) > _DIVISIBLE * steps:
+        raise InputError(
+            f"timestep must divide the {duration:g} s between two looks at the state into equal "
+            f"steps, got {timestep:g} s; pass timestep={fitting_step(duration, timestep)!r}."
+        )
+    return steps
+
+
+def fitting_step(duration: float, longest: float) -> float:
+    """The longest step that divides a duration, up to a longest one [s]."""
+    return duration / max(1, int(np.ceil(duration / longest - _DIVISIBLE)))
 
 
 def _set_timestep(model: mujoco.MjModel, timestep: float | None, look: float, adapt: bool) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from envs.cartpole_dynamics import CartPoleDynamics
+from mcpilco.plant import Plant
 from mcpilco.typing import InputError
 
 BUILT_IN = Path(__file__).parent / "assets" / "cartpole.xml"
@@ -16,22 +16,25 @@ BUILT_IN = Path(__file__).parent / "assets" / "cartpole.xml"
 
 JOINTS = {"cart": mujoco.mjtJoint.mjJNT_SLIDE, "pole": mujoco.mjtJoint.mjJNT_HINGE}
 """name -> kind of the joints that a model must have, in the order of the state"""
+CONSTANTS = "cart_mass", "pole_mass", "pole_length", "cart_friction", "gravity"
+"""parameters of the plant `envs.plants.cart_pole` that the built-in model takes"""
 ACTUATOR = "force"
 """name of the actuator that a model must have"""
 
 
-def build_model(constants: CartPoleDynamics) -> mujoco.MjModel:
-    """The built-in model with these constants."""
+def build_model(plant: Plant) -> mujoco.MjModel:
+    """The built-in model with the constants of a cart-pole's plant."""
     spec = mujoco.MjSpec.from_file(str(BUILT_IN))
-    _resize(spec, constants.pole_length / CartPoleDynamics.pole_length)
+    cart_mass, pole_mass, length, friction, gravity = (plant.values[name] for name in CONSTANTS)
+    _resize(spec, length / -spec.site("tip").pos[2])
     cart, pole = spec.body("cart"), spec.body("pole")
-    cart.mass, pole.mass = constants.cart_mass, constants.pole_mass
-    middle = constants.pole_mass * constants.pole_length**2 / 12.0
+    cart.mass, pole.mass = cart_mass, pole_mass
+    middle = pole_mass * length**2 / 12.0
     # MuJoCo wants three moments of inertia; the last, about the pole itself, moves nothing
     pole.inertia = [middle, middle, 1e-3 * middle]
-    spec.option.gravity = [0.0, 0.0, -constants.gravity]
+    spec.option.gravity = [0.0, 0.0, -gravity]
     model = spec.compile()
-    model.dof_damping[model.joint("cart").dofadr] = constants.cart_friction
+    model.dof_damping[model.joint("cart").dofadr] = friction
     return model
 
 

@@ -1,31 +1,101 @@
-"""The pendulum swing-up, one at a time."""
+"""The pendulum swing-up: its task, what it looks like, and the env."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
-from envs.checks import read_stds
-from envs.correcting import Effects, correct
-from envs.pendulum_dynamics import PendulumDynamics
-from envs.pendulum_views import picture, scene
+from envs.drawing import (
+    BACKGROUND,
+    FIXED_COLOR,
+    HEIGHT,
+    POLE_COLOR,
+    POLE_RADIUS,
+    TARGET_COLOR,
+    WIDTH,
+    Canvas,
+    hanging,
+    hanging_end,
+    twist,
+)
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
-from envs.swing_up_env import SwingUpEnv
+from envs.swing_up_env import PlantEnv
+from mcpilco.plant import Plant
 from mcpilco.policies import SaturatingCost
-from mcpilco.typing import Cost
+from mcpilco.show.scene import Pose, Scene, Shape
 
-COST = SaturatingCost((0,), (math.pi,), (1.0,), (True,))
-"""the default cost, of the angle alone"""
+SWING_UP = SwingUp(
+    plant=pendulum(),
+    input_limit=1.2,
+    dt=0.1,
+    start_std=0.1,
+    noise_std=0.01,
+    cost=SaturatingCost((0,), (math.pi,), (1.0,), (True,)),
+    links=(0,),
+)
 
-OneOrTwo = float | Sequence[float] | Float[np.ndarray, " 2"]
+# sizes in lengths of the pendulum [-], so that one of any size looks the same
+MASS_RADIUS = 0.11
+MOTOR_HALF = (0.1, 0.14, 0.1)
+ARC_RADIUS = 0.3
+
+VIEW_WIDTH = 4.4
+"""width of a picture, in lengths of the pendulum [-]"""
 
 
-class PendulumEnv(SwingUpEnv):
+def scene(plant: Plant) -> Scene:
+    """The pendulum in 3D: in the x-z plane, the hinge at the origin; the marker is the mass."""
+    length = plant.values["length"]
+
+    def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
+        return hanging_end(length, states[..., 0])
+
+    def poses(states: Float[np.ndarray, "T 2"]) -> Mapping[str, Pose]:
+        mass, turned = tip(states), hanging(states[:, 0])
+        return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
+
+    shapes = {
+        "rod": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), FIXED_COLOR),
+        "mass": Shape("sphere", (MASS_RADIUS * length,), POLE_COLOR),
+    }
+    motor = Shape("box", tuple(length * half for half in MOTOR_HALF), FIXED_COLOR)
+    return Scene(
+        shapes=shapes,
+        poses=poses,
+        marker=tip,
+        fixed=((motor, (0.0, 0.0, 0.0)),),
+        target=(0.0, 0.0, length),
+    )
+
+
+def picture(
+    plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float = 0.0
+) -> UInt8[np.ndarray, "H W 3"]:
+    """The pendulum from the side, with the target of its mass and the torque.
+
+    Args:
+        plant: says how long the pendulum is.
+        scene: says where its mass is.
+        state: [q, q'] [rad, rad/s].
+        push: torque, relative to its limit, in [-1, 1].
+    """
+    x, _, z = (scene.marker(state) / plant.values["length"]).tolist()
+    # the picture's unit is the length of the pendulum
+    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (0.0, 0.0), BACKGROUND)
+    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
+    canvas.line((0.0, 0.0), (x, z), POLE_RADIUS, FIXED_COLOR)
+    canvas.disc((x, z), MASS_RADIUS, POLE_COLOR)
+    canvas.disc((0.0, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
+    twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
+    return canvas.image()
+
+
+class PendulumEnv(PlantEnv):
     """Swing a hanging pendulum up and hold it there, with a motor too weak to lift it at once.
 
     ## Description
@@ -34,11 +104,12 @@ class PendulumEnv(SwingUpEnv):
     swing it up and balance it. Holding the rod level takes 2.95 N m and the motor has 1.2 N m, so
     that it must swing: at its best to 0.8 rad, to 1.8 rad on the other side, and up with the third
     swing, 2.5 s after it began. That leaves half a second of the 4 s to err. A motor of 1.0 N m
-    needs one swing more, one of 1.4 N m one less. The equation of motion is integrated to rounding
-    error; see `envs.pendulum_dynamics.PendulumDynamics`.
+    needs one swing more, one of 1.4 N m one less. With tau the torque:
+
+        m l^2 q'' = tau - b q' - m g l sin q
 
     The id is `mcpilco/Pendulum-v0`, known after `import envs`; `gymnasium.make_vec` makes a
-    `PendulumVectorEnv` of it.
+    `SwingUpVectorEnv` of it.
 
     ## Action Space
 
@@ -109,42 +180,23 @@ class PendulumEnv(SwingUpEnv):
 
     `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
     what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the
-    nominal ones. Friction, delays, play and the like act in the motion, effects of sensors on the
-    observation, before its noise; `info["state"]` stays the true state, and the torque of the cost
-    the one that was asked for. Before an episode the motor was off.
+    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
+    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
+    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 
     - v0: first version.
     """
 
-    def __init__(
-        self,
-        *,
-        mass: float = 0.6,
-        length: float = 0.5,
-        friction: float = 0.05,
-        gravity: float = 9.82,
-        torque_limit: float = 1.2,
-        dt: float = 0.1,
-        start_std: OneOrTwo = 0.1,
-        noise_std: OneOrTwo = 0.01,
-        effects: Effects | None = None,
-        cost: Cost = COST,
-        render_mode: str | None = None,
-    ) -> None:
-        """The keywords are listed above under Arguments."""
-        dynamics = PendulumDynamics(mass=mass, length=length, friction=friction, gravity=gravity)
-        dynamics, plant = correct(dynamics, pendulum(), effects)
-        swing_up = SwingUp(
-            dynamics=dynamics,
-            input_limit=torque_limit,
-            dt=dt,
-            start_std=read_stds("start_std", start_std, 2),
-            noise_std=read_stds("noise_std", noise_std, 2),
-            cost=cost,
-            links=(0,),
-            plant=plant,
-        )
-        super().__init__(swing_up, scene(dynamics), partial(picture, dynamics), render_mode)
+    nominal = SWING_UP
+
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        return scene(plant)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        return picture(plant, scene, state, push)

@@ -1,17 +1,18 @@
-"""The equations of the envs as plants, whose missing effects can be found."""
+"""The plants that envs simulate, and the one place where plants and their envs are registered."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
-from envs.double_pendulum_dynamics import (
-    AcrobotDynamics,
-    DoublePendulumDynamics,
-    PendubotDynamics,
-)
+import gymnasium
+
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
 from mcpilco.plant import CATALOGUE, Base, EffectInstance, Layout, Parameter, Plant, known_plants
+
+if TYPE_CHECKING:
+    from envs.swing_up_env import SwingUpEnv
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
@@ -21,7 +22,11 @@ VISCOUS, GAIN = CATALOGUE["viscous_friction"], CATALOGUE["actuator_gain"]
 
 
 def cart_pole() -> Plant:
-    """The cart-pole of `envs.cartpole_dynamics`."""
+    """A cart on a rail, a uniform pole hinged to it, and a horizontal force on the cart.
+
+    Reference: Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010),
+        appendix C.2, the cart-pole of the PILCO package.
+    """
 
     def build(p: Mapping[str, float]) -> Chain:
         cart = Body(name="cart", joint="cart", kind=SLIDE, axis=ALONG, mass=p["cart_mass"])
@@ -58,7 +63,7 @@ def cart_pole() -> Plant:
 
 
 def pendulum() -> Plant:
-    """The pendulum of `envs.pendulum_dynamics`: m l^2 q'' = tau - b q' - m g l sin q."""
+    """A mass on a rod without weight, and a motor in its hinge."""
 
     def build(p: Mapping[str, float]) -> Chain:
         body = Body(
@@ -110,18 +115,38 @@ def double_pendulum() -> Plant:
 
 
 def pendubot() -> Plant:
-    """The double pendulum of `envs.double_pendulum_dynamics` with a motor in its shoulder."""
-    return _with_one_motor("mcpilco/Pendubot-v0", PendubotDynamics())
+    """A double pendulum with a motor in its shoulder; the elbow is free.
+
+    Reference: Spong and Block, The Pendubot, CDC 1995.
+    """
+    return _with_one_motor("mcpilco/Pendubot-v0", "shoulder_torque")
 
 
 def acrobot() -> Plant:
-    """The double pendulum of `envs.double_pendulum_dynamics` with a motor in its elbow."""
-    return _with_one_motor("mcpilco/Acrobot-v0", AcrobotDynamics())
+    """A double pendulum with a motor in its elbow; the shoulder is free."""
+    return _with_one_motor("mcpilco/Acrobot-v0", "elbow_torque")
 
 
-def _with_one_motor(name: str, dynamics: DoublePendulumDynamics) -> Plant:
-    plant = _two_rods(name, (dynamics.input_name,), {"actuator": "torque_gain"})
-    return plant.where(**asdict(dynamics))
+def _with_one_motor(name: str, torque: str) -> Plant:
+    """The DFKI's double pendulum, design C.1, with the numbers of its authors, rounded.
+
+    The elbow's motor sits at the end of the upper link.
+
+    Reference: models 1.0 and 1.1 of github dfki-ric-underactuated-lab/double_pendulum.
+    """
+    return _two_rods(name, (torque,), {"actuator": "torque_gain"}).where(
+        upper_mass=0.523,
+        upper_length=0.2,
+        lower_mass=0.626,
+        lower_length=0.3,
+        shoulder_friction=0.001,
+        elbow_friction=0.001,
+        gravity=9.81,
+        upper_center=1.0,
+        upper_inertia=0.523,
+        lower_center=0.852,
+        lower_inertia=0.177,
+    )
 
 
 def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> Plant:
@@ -199,14 +224,64 @@ def rod(
     )
 
 
-PLANTS = {
-    "mcpilco/CartPoleSwingUp-v0": cart_pole,
-    "mcpilco/Pendulum-v0": pendulum,
-    "mcpilco/DoublePendulum-v0": double_pendulum,
-    "mcpilco/Pendubot-v0": pendubot,
-    "mcpilco/Acrobot-v0": acrobot,
-}
-"""by the id of their env"""
+PLANTS: dict[str, Callable[[], Plant]] = {}
+"""nominal plants by name: the ids of their envs, where they have one"""
 
-for _name, _make in PLANTS.items():
-    known_plants.register(_name, _make)
+
+def register(
+    name: str,
+    plant: Callable[[], Plant],
+    env: str | type[SwingUpEnv] | None = None,
+    *,
+    steps: int | None = None,
+) -> None:
+    """Makes a plant known to `gap` and to priors, and its env to Gymnasium, by one name.
+
+    Args:
+        name: of the plant, as `Plant.name` has it; with an env, its id: "my/Robot-v0".
+        plant: returns the nominal plant.
+        env: what simulates it in episodes, as a class or its "module:Class"; None: nothing does.
+        steps: after which an episode is truncated; None: never.
+    """
+    PLANTS[name] = plant
+    known_plants.register(name, plant)
+    if env is not None:
+        register_env(name, env, steps=steps)
+
+
+def register_env(
+    name: str, env: str | type[SwingUpEnv], *, steps: int | None = None, **keywords: Any
+) -> None:
+    """Makes an env known to Gymnasium, also as a vector env, with some keywords set."""
+    gymnasium.register(
+        id=name,
+        entry_point=env,  # type: ignore[arg-type]  # a class makes envs too
+        vector_entry_point=partial(_make_batch, env),
+        max_episode_steps=steps,
+        kwargs=keywords,
+    )
+
+
+def _make_batch(*arguments: Any, **keywords: Any) -> Any:
+    from envs.swing_up_env import make_batch
+
+    return make_batch(*arguments, **keywords)
+
+
+register("mcpilco/CartPoleSwingUp-v0", cart_pole, "envs.cartpole:CartPoleSwingUpEnv", steps=30)
+register("mcpilco/Pendulum-v0", pendulum, "envs.pendulum:PendulumEnv", steps=40)
+register("mcpilco/DoublePendulum-v0", double_pendulum)
+register("mcpilco/Pendubot-v0", pendubot, "envs.double_pendulum:PendubotEnv", steps=50)
+register("mcpilco/Acrobot-v0", acrobot, "envs.double_pendulum:AcrobotEnv", steps=50)
+register_env(
+    "mcpilco/CartPoleSwingUpPositions-v0",
+    "envs.cartpole:CartPoleSwingUpEnv",
+    steps=30,
+    measured="positions",
+)
+# named only, so that MuJoCo is loaded where it is used
+register_env(
+    "mcpilco/MujocoCartPoleSwingUp-v0",
+    "envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv",
+    steps=30,
+)

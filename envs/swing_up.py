@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,69 +13,113 @@ import torch
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
-from envs.checks import read_array, require_positive
+from envs.checks import read_array, read_stds, require_positive
 from envs.judge import UprightJudge, looks
-from envs.motion import CorrectedMotion, Motion, NominalMotion
-from envs.system import System
-from mcpilco.plant import Plant
+from envs.motion import Motion, PlantMotion
+from mcpilco.plant import Correction, Plant, corrected, correction_from, read_correction
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
+
+Effects = str | os.PathLike[str] | Mapping[str, Any] | Correction
+"""a correction, its file, or what that file holds"""
+Stds = float | tuple[float, ...]
+"""one standard deviation for all states, or one for each"""
+OWN = "dt", "start_std", "noise_std", "cost", "measured"
+"""keywords of an env that are no parameters of its plant"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingUp:
-    """What the envs of a system, single and vector, have in common."""
+    """A plant and a task for it: what the single and the vector env of a system share."""
 
-    dynamics: System
-    """what is simulated"""
+    plant: Plant
+    """what moves, with the effects that it has; its state is [q1, q1', q2, q2', ...]"""
     input_limit: float
     """largest input in either direction, in its unit"""
     dt: float
     """time for which an input is held [s]"""
-    start_std: tuple[float, ...]
-    """standard deviation of each state at the start, in its unit"""
-    noise_std: tuple[float, ...]
+    start_std: Stds
+    """standard deviation of each state at the start, around 0, in its unit"""
+    noise_std: Stds
     """standard deviation of each state's measurement noise, in its unit"""
     cost: Cost
     """of (states, inputs); the reward is 1 - cost"""
-    links: tuple[int, ...]
+    links: tuple[int, ...] = ()
     """which states are the angles of the links, each relative to the one before it, that must be
-    upright: the first at pi, the others at 0 [rad]"""
+    upright: the first at pi, the others at 0 [rad]; without any, success is not judged"""
     cart: int | None = None
     """which state is the position of a cart [m]; None where there is none"""
-    plant: Plant | None = None
-    """the system with the effects that it is corrected by; None follows the equations of motion"""
     measured: tuple[int, ...] | None = None
     """which states are observed; None: all"""
+    engine: Callable[[float, int, tuple[int, ...]], Motion] | None = None
+    """what simulates in the plant's place: of dt [s], samples and batch; None: the plant itself"""
 
     def __post_init__(self) -> None:
-        name, unit = self.dynamics.input_name, self.dynamics.input_unit
-        require_positive(f"{name}_limit", self.input_limit, unit)
+        require_positive(self.limit_name, self.input_limit, self.input_unit)
         require_positive("dt", self.dt, "s")
+        for name in ("start_std", "noise_std"):
+            object.__setattr__(self, name, read_stds(name, getattr(self, name), self.width))
         if not callable(self.cost):
             raise InputError(
                 "cost must be callable on (states, inputs), as a "
                 f"mcpilco.policies.costs.SaturatingCost is, got {self.cost!r}."
             )
 
+    def where(self, effects: Effects | None = None, **keywords: Any) -> SwingUp:
+        """This task with other numbers, as the keywords of an env have them.
+
+        Args:
+            effects: a correction of the plant; its numbers go before those of the keywords.
+            **keywords: parameters of the plant, `dt`, `start_std`, `noise_std`, `cost`, `measured`,
+                and the limit of the input, `force_limit` or `torque_limit`.
+
+        Raises:
+            InputError: another keyword, a value that does not fit, or effects that the plant
+                cannot have.
+        """
+        if self.limit_name in keywords:
+            keywords["input_limit"] = keywords.pop(self.limit_name)
+        own = {"input_limit", *OWN}
+        constants = {name: value for name, value in keywords.items() if name not in own}
+        if unknown := constants.keys() - self.plant.values.keys():
+            raise InputError(
+                f"{self.plant.name} has no keyword {', '.join(sorted(unknown))}; it has "
+                f"{', '.join((*self.plant.values, self.limit_name, *OWN))} and effects."
+            )
+        plant = self.plant.where(**constants)
+        if effects is not None:
+            plant = corrected(plant, _read(effects))
+        return replace(self, plant=plant, **{n: v for n, v in keywords.items() if n in own})
+
     @property
     def width(self) -> int:
         """X, how many states there are."""
-        return len(self.dynamics.state_names)
+        return len(self.plant.layout.states)
+
+    @property
+    def input_unit(self) -> str:
+        """N or N m."""
+        return self.plant.layout.unit_of(self.plant.layout.actuators[0])[1]
+
+    @property
+    def limit_name(self) -> str:
+        """The keyword of the largest input: `force_limit` or `torque_limit`."""
+        return "force_limit" if self.input_unit == "N" else "torque_limit"
 
     @cached_property
     def task(self) -> TaskSpec:
-        """What an agent must know."""
+        """The description of the task that an agent gets."""
+        layout = self.plant.layout
         return TaskSpec(
-            state_names=self.dynamics.state_names,
-            state_units=self.dynamics.state_units,
-            input_names=(self.dynamics.input_name,),
-            input_units=(self.dynamics.input_unit,),
+            state_names=layout.states,
+            state_units=layout.units,
+            input_names=layout.inputs,
+            input_units=tuple(layout.unit_of(actuator)[1] for actuator in layout.actuators),
             dt=self.dt,
-            angles=self.dynamics.angles,
+            angles=self.plant.angles,
             velocities=tuple((q, q + 1) for q in range(0, self.width, 2)),
             start_mean=(0.0,) * self.width,
-            start_std=self.start_std,
+            start_std=read_stds("start_std", self.start_std, self.width),
             cost=self.cost,
             measured=self.measured,
             measurement_std=self._measurement_std,
@@ -82,7 +128,8 @@ class SwingUp:
     @property
     def _measurement_std(self) -> tuple[float, ...] | None:
         """Noise of the states observed, where these are a part and all have some."""
-        stds = tuple(self.noise_std[i] for i in self.measured or ())
+        every = read_stds("noise_std", self.noise_std, self.width)
+        stds = tuple(every[i] for i in self.measured or ())
         return stds if stds and min(stds) > 0 else None
 
     @cached_property
@@ -93,8 +140,9 @@ class SwingUp:
 
     @cached_property
     def action_space(self) -> Box:
-        """The input, in its unit."""
-        return Box(-self.input_limit, self.input_limit, (1,), np.float32)
+        """The inputs, in their unit."""
+        inputs = len(self.plant.layout.inputs)
+        return Box(-self.input_limit, self.input_limit, (inputs,), np.float32)
 
     @property
     def samples(self) -> int:
@@ -111,10 +159,10 @@ class SwingUp:
         return np.asarray(self.start_std) * rng.standard_normal((*batch, self.width))
 
     def motion(self, *batch: int) -> Motion:
-        """So many systems, in the state 0."""
-        if self.plant is None:
-            return NominalMotion(self.dynamics, self.dt, self.samples, batch)
-        return CorrectedMotion(self.plant, self.dt, self.samples, batch)
+        """A batch of motions, in the state 0."""
+        if self.engine is None:
+            return PlantMotion(self.plant, self.dt, self.samples, batch)
+        return self.engine(self.dt, self.samples, batch)
 
     def observe(self, motion: Motion, rng: np.random.Generator) -> Float[np.ndarray, "*b Y"]:
         """The states as measured, with noise: all, or those observed."""
@@ -122,31 +170,30 @@ class SwingUp:
         noisy = seen + np.asarray(self.noise_std) * rng.standard_normal(seen.shape)
         return noisy if self.measured is None else noisy[..., list(self.measured)]
 
-    def inputs(self, actions: Float[np.ndarray, "*b 1"], *batch: int) -> Float[np.ndarray, "*b"]:
+    def inputs(self, actions: Float[np.ndarray, "*b U"], *batch: int) -> Float[np.ndarray, "*b U"]:
         """The inputs that actions stand for, clipped to the limit, in the input's unit.
 
         Raises:
-            InputError: another shape than (*batch, 1), or NaN.
+            InputError: another shape than (*batch, U), or NaN.
         """
-        inputs = np.asarray(actions, dtype=np.float64)
-        if inputs.shape != (*batch, 1) or np.isnan(inputs).any():
-            name, unit = self.dynamics.input_name, self.dynamics.input_unit
+        inputs, names = np.asarray(actions, dtype=np.float64), self.plant.layout.inputs
+        if inputs.shape != (*batch, len(names)) or np.isnan(inputs).any():
             raise InputError(
-                f"An action must hold the {name} [{unit}] in the shape {(*batch, 1)} and no NaN, "
-                f"got {actions!r}."
+                f"An action must hold the {', '.join(names)} [{self.input_unit}] in the shape "
+                f"{(*batch, len(names))} and no NaN, got {actions!r}."
             )
-        return np.asarray(np.clip(inputs[..., 0], -self.input_limit, self.input_limit))
+        return np.clip(inputs, -self.input_limit, self.input_limit)
 
     def reward(
-        self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b"]
+        self, states: Float[np.ndarray, "*b X"], inputs: Float[np.ndarray, "*b U"]
     ) -> Float[np.ndarray, "*b"]:
         """1 - cost of the true states after a step and of the inputs held in it [-]."""
         with torch.no_grad():
-            cost = self.cost(torch.as_tensor(states), torch.as_tensor(inputs[..., None]))
+            cost = self.cost(torch.as_tensor(states), torch.as_tensor(inputs))
         return np.asarray(1.0 - cost.numpy())
 
     def judge(self, *batch: int) -> UprightJudge:
-        """A judge of so many systems that has seen nothing yet."""
+        """A judge of a batch of systems that has seen nothing yet."""
         return UprightJudge(self.sample_s, batch, links=self.links, cart=self.cart)
 
 
@@ -164,3 +211,16 @@ def read_start(
     if not options:
         return None
     return read_array('the option "state"', options["state"], *shapes)
+
+
+def _read(effects: Effects) -> Correction:
+    if isinstance(effects, Correction):
+        return effects
+    if isinstance(effects, Mapping):
+        return correction_from(dict(effects))
+    if isinstance(effects, str | os.PathLike):
+        return read_correction(os.fspath(effects))
+    raise InputError(
+        "effects must be a file such as gap/corrected.json, what such a file holds, or a "
+        f"mcpilco.plant.correction.Correction, got {effects!r}."
+    )

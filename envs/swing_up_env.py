@@ -1,16 +1,23 @@
-"""Episodes of a swing-up, one at a time: the Gymnasium env of any system."""
+"""Episodes of a swing-up, one or many at a time: the Gymnasium envs of any system."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.error import ResetNeeded
-from jaxtyping import Float, UInt8
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from jaxtyping import Bool, Float, UInt8
 
-from envs.swing_up import SwingUp, read_start
+from envs.drawing import side_view
+from envs.swing_up import Effects, SwingUp, read_start
+from mcpilco.plant import Plant
+from mcpilco.show.bodies import chain_scene
 from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError
 
@@ -19,7 +26,7 @@ Picture = Callable[[Float[np.ndarray, " X"], float], UInt8[np.ndarray, "H W 3"]]
 
 
 class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
-    """What the single envs have in common; each says in its docstring which system it is."""
+    """The single env of any system; subclasses say in their docstrings which one they are."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
@@ -30,8 +37,8 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
 
         Args:
             swing_up: the task.
-            scene: what a state looks like in 3D.
-            picture: what it looks like from the side.
+            scene: a state in 3D.
+            picture: draws a state from the side.
             render_mode: None or "rgb_array".
 
         Raises:
@@ -50,7 +57,7 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         self._judge = swing_up.judge()
         self._motion = swing_up.motion()
         self._state: Float[np.ndarray, " X"] | None = None
-        self._input = 0.0
+        self._inputs: Float[np.ndarray, " U"] = np.zeros(len(self.task.input_names))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,25 +78,25 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         state = read_start(options, (self.swing_up.width,))
         self._state = self.swing_up.start(self.np_random) if state is None else state
         self._motion.restart(True, self._state)
-        self._input = 0.0
+        self._inputs = np.zeros_like(self._inputs)
         self._judge.restart()
         return self.swing_up.observe(self._motion, self.np_random), self._info()
 
     def step(
-        self, action: Float[np.ndarray, " 1"]
+        self, action: Float[np.ndarray, " U"]
     ) -> tuple[Float[np.ndarray, " Y"], float, bool, bool, dict[str, Any]]:
-        """Holds the input `action`, in its unit, for dt.
+        """Holds the inputs `action`, in their unit, for dt.
 
         Returns:
             The measured state, the reward, False, False, and `info`.
 
         Raises:
-            InputError: NaN, or another shape than (1,).
+            InputError: NaN, or another shape than (U,).
         """
         held = self.swing_up.inputs(action)
         self._started()
         samples = self._motion.advance(held)
-        self._state, self._input = samples[-1], float(held)
+        self._state, self._inputs = samples[-1], held
         self._judge.watch(samples)
         reward = float(self.swing_up.reward(self._state, held))
         return (
@@ -105,7 +112,8 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         if self.render_mode is None:
             gym.logger.warn('render() draws nothing; make the env with render_mode="rgb_array".')
             return None
-        return self.picture(self._started(), self._input / self.swing_up.input_limit)
+        push = float(self._inputs[0]) / self.swing_up.input_limit
+        return self.picture(self._started(), push)
 
     def _info(self) -> dict[str, Any]:
         verdict = {key: value.item() for key, value in self._judge.verdict().items()}
@@ -115,3 +123,172 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._state is None:
             raise ResetNeeded("The env has no state yet; call reset() first.")
         return self._state
+
+
+class PlantEnv(SwingUpEnv):
+    """An env that simulates its plant; a subclass sets `nominal`, and how it is drawn.
+
+    Its keywords are those of `SwingUp.where`, and `render_mode`.
+    """
+
+    nominal: ClassVar[SwingUp]
+    """the plant and the task, with their default numbers"""
+
+    def __init__(
+        self, *, effects: Effects | None = None, render_mode: str | None = None, **keywords: Any
+    ) -> None:
+        """The keywords are listed in the docstrings of the envs under Arguments."""
+        swing_up = self.nominal.where(effects, **keywords)
+        scene = self.scene_of(swing_up.plant)
+        picture = partial(self.picture_of, swing_up.plant, scene)
+        super().__init__(swing_up, scene, picture, render_mode)
+
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        """The plant in 3D: its joints and links, where a subclass draws nothing better."""
+        return chain_scene(plant.chain)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " X"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """A state from the side: its scene, where a subclass draws nothing better.
+
+        Args:
+            plant: what moves.
+            scene: of the plant.
+            state: what is drawn.
+            push: first input, relative to its limit, in [-1, 1].
+        """
+        return side_view(scene, state)
+
+
+class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`num_envs` systems in one batch, all arithmetic on arrays; else as the single env.
+
+    An episode is truncated after `max_episode_steps`; the next `step` ignores that system's action
+    and starts a new episode, with reward 0 (Gymnasium's next-step autoreset). One generator, seeded
+    by `reset(seed=...)`, draws for all. `reset(options={"state": x})` takes one state for all, or
+    one for each. Infos are arrays over the batch, each with its mask `_key`, as Gymnasium has it.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self, single: SwingUpEnv, num_envs: int = 1, max_episode_steps: int | None = None
+    ) -> None:
+        """A batch of envs with the same physics.
+
+        Args:
+            single: the env to make many of.
+            num_envs: how many.
+            max_episode_steps: steps after which an episode is truncated; None never does.
+
+        Raises:
+            InputError: a number is no count.
+        """
+        _require_count("num_envs", num_envs)
+        if max_episode_steps is not None:
+            _require_count("max_episode_steps", max_episode_steps)
+        self._single, self.num_envs = single, num_envs
+        self.render_mode = single.render_mode
+        self.metadata = {**self.metadata, "render_fps": single.metadata["render_fps"]}
+        self.single_observation_space = single.observation_space
+        self.single_action_space = single.action_space
+        self.observation_space = batch_space(single.observation_space, num_envs)
+        self.action_space = batch_space(single.action_space, num_envs)
+        self.swing_up, self.task, self.scene = single.swing_up, single.task, single.scene
+        self.picture = single.picture
+        self._last_step = np.inf if max_episode_steps is None else max_episode_steps
+        self._judge = self.swing_up.judge(num_envs)
+        self._motion = self.swing_up.motion(num_envs)
+        self._inputs = np.zeros((num_envs, len(self.task.input_names)))
+        self._steps = np.zeros(num_envs, dtype=int)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float[np.ndarray, "B Y"], dict[str, Any]]:
+        """Starts all episodes; arguments, returns and errors as in `SwingUpEnv.reset`."""
+        super().reset(seed=seed)
+        width = self.swing_up.width
+        states = read_start(options, (width,), (self.num_envs, width))
+        self._restart(np.ones(self.num_envs, dtype=bool), states)
+        return self.swing_up.observe(self._motion, self.np_random), self._infos()
+
+    def step(
+        self, actions: Float[np.ndarray, "B U"]
+    ) -> tuple[
+        Float[np.ndarray, "B Y"],
+        Float[np.ndarray, " B"],
+        Bool[np.ndarray, " B"],
+        Bool[np.ndarray, " B"],
+        dict[str, Any],
+    ]:
+        """Holds the inputs `actions`, in their unit, for dt; starts anew what was truncated."""
+        over = self._steps >= self._last_step
+        self._inputs = self.swing_up.inputs(actions, self.num_envs)
+        samples = self._motion.advance(self._inputs)
+        self._steps += 1
+        self._judge.watch(samples)
+        rewards = self.swing_up.reward(samples[-1], self._inputs)
+        if over.any():
+            rewards[over] = 0.0
+            self._restart(over)
+        return (
+            self.swing_up.observe(self._motion, self.np_random),
+            rewards,
+            np.zeros(self.num_envs, dtype=bool),
+            self._steps >= self._last_step,
+            self._infos(),
+        )
+
+    def render(self) -> tuple[UInt8[np.ndarray, "H W 3"], ...] | None:
+        """A picture of each system, or None without `render_mode="rgb_array"`."""
+        if self.render_mode is None:
+            return None
+        pushes = self._inputs[:, 0] / self.swing_up.input_limit
+        return tuple(
+            self.picture(state, float(push))
+            for state, push in zip(self._motion.states, pushes, strict=True)
+        )
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Gives back what pictures are drawn with."""
+        self._single.close()
+
+    def _restart(
+        self, which: Bool[np.ndarray, " B"], states: Float[np.ndarray, "*b X"] | None = None
+    ) -> None:
+        """Starts new episodes of the systems marked, in the states given or in random ones."""
+        if states is None:
+            states = self.swing_up.start(self.np_random, int(which.sum()))
+        self._motion.restart(which, np.broadcast_to(states, (which.sum(), states.shape[-1])))
+        self._inputs[which] = 0.0
+        self._steps[which] = 0
+        self._judge.restart(which)
+
+    def _infos(self) -> dict[str, Any]:
+        infos = {"state": self._motion.states, **self._judge.verdict()}
+        masks = {f"_{key}": np.ones(self.num_envs, dtype=bool) for key in infos}
+        return {**infos, **masks}
+
+
+def make_batch(
+    env: str | type[SwingUpEnv],
+    num_envs: int = 1,
+    *,
+    max_episode_steps: int | None = None,
+    **keywords: Any,
+) -> SwingUpVectorEnv:
+    """The vector env of a class of single envs, or of its `module:Class`, with its keywords."""
+    single = load_env_creator(env) if isinstance(env, str) else env
+    return SwingUpVectorEnv(single(**keywords), num_envs, max_episode_steps)  # type: ignore[arg-type]
+
+
+def _require_count(name: str, value: Any) -> None:
+    if not (isinstance(value, int | np.integer) and value >= 1):
+        raise InputError(f"{name} must be an integer of at least 1, got {value!r}.")

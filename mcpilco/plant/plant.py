@@ -88,6 +88,8 @@ class Plant:
         """
         for name, value in values.items():
             low = self.parameters[self._column(name)].low
+            if not isinstance(value, int | float | np.number):
+                raise InputError(f"{name} must be a number of at least {low:g}, got {value!r}.")
             if not (np.isfinite(value) and value >= low):
                 raise InputError(f"{name} must be finite and at least {low:g}, got {value:g}.")
         changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
@@ -134,6 +136,11 @@ class Plant:
         return replace(self, learned=(*self.learned, *forces))
 
     @property
+    def values(self) -> dict[str, float]:
+        """The parameters by name, each in its unit."""
+        return {parameter.name: parameter.value for parameter in self.parameters}
+
+    @property
     def nominal(self) -> Float[np.ndarray, " P"]:
         """Values of the parameters, each in its unit."""
         return np.array([parameter.value for parameter in self.parameters])
@@ -141,7 +148,7 @@ class Plant:
     @property
     def chain(self) -> Chain:
         """The bodies, with the nominal values."""
-        return self.build({parameter.name: parameter.value for parameter in self.parameters})
+        return self.build(self.values)
 
     def parameter_of(self, active: EffectInstance) -> str | None:
         """The parameter that an effect comes down to: a body's mass, a friction, a gain."""

@@ -109,8 +109,8 @@ def config_of(name: str, seed: int) -> Config:
 
 def wrong_masses(seed: int) -> dict[str, float]:
     """Nominal masses of a seed [kg]."""
-    rng, true = np.random.default_rng([seed, 7]), envs.PendubotDynamics()
-    return {m: getattr(true, m) * (1.0 + float(rng.uniform(-WRONG, WRONG))) for m in MASSES}
+    rng, true = np.random.default_rng([seed, 7]), envs.PLANTS[ENV]().values
+    return {m: true[m] * (1.0 + float(rng.uniform(-WRONG, WRONG))) for m in MASSES}
 
 
 def hasty(config: Config) -> Config:

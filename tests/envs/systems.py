@@ -10,9 +10,7 @@ import pytest
 
 import envs
 from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
-from envs.mujoco_cartpole_vector import MujocoCartPoleSwingUpVectorEnv
-from envs.swing_up_env import SwingUpEnv
-from envs.swing_up_vector import SwingUpVectorEnv
+from envs.swing_up_env import SwingUpEnv, SwingUpVectorEnv
 
 
 @dataclass(frozen=True)
@@ -21,11 +19,17 @@ class System:
 
     id: str
     single: type[SwingUpEnv]
-    batch: type[SwingUpVectorEnv]
     steps: int
     """of an episode"""
     chaotic: bool = False
     """whether two ways of rounding part within an episode"""
+
+    def batch(
+        self, num_envs: int = 1, max_episode_steps: int | None = -1, **options
+    ) -> SwingUpVectorEnv:
+        """The vector env; by default of the episodes that the id has."""
+        steps = self.steps if max_episode_steps == -1 else max_episode_steps
+        return SwingUpVectorEnv(self.single(**options), num_envs, steps)
 
     @property
     def followed(self) -> int:
@@ -54,18 +58,11 @@ class System:
 
 
 SYSTEMS = [
-    System(
-        "mcpilco/CartPoleSwingUp-v0", envs.CartPoleSwingUpEnv, envs.CartPoleSwingUpVectorEnv, 30
-    ),
-    System(
-        "mcpilco/MujocoCartPoleSwingUp-v0",
-        MujocoCartPoleSwingUpEnv,
-        MujocoCartPoleSwingUpVectorEnv,
-        30,
-    ),
-    System("mcpilco/Pendulum-v0", envs.PendulumEnv, envs.PendulumVectorEnv, 40),
-    System("mcpilco/Pendubot-v0", envs.PendubotEnv, envs.PendubotVectorEnv, 50, chaotic=True),
-    System("mcpilco/Acrobot-v0", envs.AcrobotEnv, envs.AcrobotVectorEnv, 50, chaotic=True),
+    System("mcpilco/CartPoleSwingUp-v0", envs.CartPoleSwingUpEnv, 30),
+    System("mcpilco/MujocoCartPoleSwingUp-v0", MujocoCartPoleSwingUpEnv, 30),
+    System("mcpilco/Pendulum-v0", envs.PendulumEnv, 40),
+    System("mcpilco/Pendubot-v0", envs.PendubotEnv, 50, chaotic=True),
+    System("mcpilco/Acrobot-v0", envs.AcrobotEnv, 50, chaotic=True),
 ]
 
 each_system = pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.id)

@@ -6,8 +6,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 import envs
+from envs.cartpole import CART_COLOR, picture, scene
+from envs.drawing import BACKGROUND, POLE_COLOR, TARGET_COLOR
+from envs.plants import cart_pole
 from mcpilco.policies import QuadraticCost, SaturatingCost, cart_pole_cost
 from mcpilco.typing import InputError
 
@@ -24,9 +28,9 @@ def force(newton: float) -> np.ndarray:
 
 def test_defaults_are_those_of_pilco():
     env = gym.make(ID).unwrapped
-    dynamics = env.swing_up.dynamics
-    assert (dynamics.cart_mass, dynamics.pole_mass, dynamics.pole_length) == (0.5, 0.5, 0.5)
-    assert (dynamics.cart_friction, dynamics.gravity) == (0.1, 9.82)
+    values = env.swing_up.plant.values
+    assert (values["cart_mass"], values["pole_mass"], values["pole_length"]) == (0.5, 0.5, 0.5)
+    assert (values["cart_friction"], values["gravity"]) == (0.1, 9.82)
     assert env.task.start_std == (0.1,) * 4
     assert env.swing_up.noise_std == (0.01,) * 4
     assert env.task.dt == 0.1
@@ -145,3 +149,76 @@ def test_without_noise_the_task_leaves_it_to_be_estimated():
 def test_another_measured_is_refused():
     with pytest.raises(InputError, match='must be "all" or "positions", got \'angles\''):
         make(measured="angles")
+
+
+PLANT = cart_pole().where(pole_length=0.8)
+SCENE = scene(PLANT)
+
+
+def pixels(image: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Rows and columns of a color."""
+    return np.argwhere((image == color).all(axis=-1))
+
+
+def test_pole_reaches_from_the_hinge_to_the_tip():
+    states = np.random.default_rng(0).normal(size=(20, 4)) * 3
+    shown = SCENE
+    poses = shown.poses(states)
+    half = np.array([0.0, 0.0, shown.shapes["pole"].size[1]])
+    rotation = Rotation.from_quat(poses["pole"].quaternion)
+    np.testing.assert_allclose(
+        poses["pole"].translation - rotation.apply(half), shown.marker(states), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        poses["pole"].translation + rotation.apply(half), poses["cart"].translation, atol=1e-12
+    )
+
+
+def test_upright_pole_at_the_origin_touches_the_target():
+    shown = SCENE
+    np.testing.assert_allclose(shown.marker(np.array([0, 0, -np.pi, 0])), shown.target, atol=1e-12)
+
+
+def test_every_shape_has_a_pose():
+    shown = SCENE
+    poses = shown.poses(np.zeros((5, 4)))
+    assert set(poses) == set(shown.shapes)
+    assert all(
+        p.translation.shape == (5, 3) and p.quaternion.shape == (5, 4) for p in poses.values()
+    )
+
+
+def test_picture_shows_cart_pole_and_target():
+    image = picture(PLANT, SCENE, np.zeros(4), 0.0)
+    assert image.ndim == 3
+    assert image.dtype == np.uint8
+    for color in (CART_COLOR, POLE_COLOR, TARGET_COLOR, BACKGROUND):
+        assert len(pixels(image, color)) > 0
+
+
+def test_hanging_pole_is_drawn_below_the_cart_and_upright_pole_above():
+    middle = picture(PLANT, SCENE, np.zeros(4), 0.0).shape[0] / 2
+    hanging = pixels(picture(PLANT, SCENE, np.zeros(4), 0.0), POLE_COLOR)[:, 0].mean()
+    upright = pixels(picture(PLANT, SCENE, np.array([0, 0, np.pi, 0]), 0.0), POLE_COLOR)[
+        :, 0
+    ].mean()
+    assert upright < middle < hanging
+
+
+def test_cart_moves_to_the_right_for_a_positive_position():
+    columns = [
+        pixels(picture(PLANT, SCENE, np.array([q1, 0, 0, 0]), 0.0), CART_COLOR)[:, 1].mean()
+        for q1 in (-0.5, 0.0, 0.5)
+    ]
+    assert columns == sorted(columns)
+    assert columns[1] - columns[0] == pytest.approx(columns[2] - columns[1], abs=1)
+
+
+def test_cart_stays_in_the_picture_however_far_it_goes():
+    for q1 in (-40.0, 3.0, 100.0):
+        assert len(pixels(picture(PLANT, SCENE, np.array([q1, 0, 0, 0]), 0.0), CART_COLOR)) > 0
+
+
+def test_force_is_drawn():
+    still, pushed = (picture(PLANT, SCENE, np.zeros(4), push) for push in (0.0, 1.0))
+    assert (still != pushed).any()

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.cartpole_dynamics import CartPoleDynamics
 from envs.mujoco_cartpole_model import BUILT_IN, build_model, input_limit, read_model
+from envs.plants import cart_pole
 from mcpilco.typing import InputError
 
 
@@ -29,7 +29,7 @@ def changed(tmp_path):
 
 def test_built_in_file_says_pilcos_constants_itself():
     """So that a copy of it, and a tool that reads it, begin with them."""
-    read, built = read_model(BUILT_IN), build_model(CartPoleDynamics())
+    read, built = read_model(BUILT_IN), build_model(cart_pole())
     for name in ("body_mass", "body_ipos", "dof_damping", "geom_size", "geom_pos", "site_pos"):
         np.testing.assert_allclose(getattr(read, name), getattr(built, name), err_msg=name)
     np.testing.assert_allclose(read.body_inertia, built.body_inertia, atol=1e-8)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from itertools import pairwise
 
 import mujoco
@@ -9,10 +12,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.cartpole_views import scene as analytic_scene
+from envs.cartpole import scene as analytic_scene
 from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
-from envs.mujoco_views import Posture, scene
+from envs.mujoco_views import Posture, backends, scene
+from envs.plants import cart_pole
+from mcpilco.typing import EnvError
 from tests.envs.systems import needs_gl
 
 STATES = np.random.default_rng(0).normal(size=(20, 4)) * 3
@@ -20,7 +24,7 @@ STATES = np.random.default_rng(0).normal(size=(20, 4)) * 3
 
 def test_scene_is_that_of_the_analytic_cart_pole():
     ours = MujocoCartPoleSwingUpEnv(pole_length=0.8).scene
-    theirs = analytic_scene(CartPoleDynamics(pole_length=0.8))
+    theirs = analytic_scene(cart_pole().where(pole_length=0.8))
     marked = ours.marker(STATES) - theirs.marker(STATES)
     in_front = [0.0, ours.target[1], 0.0]  # of the cart, where the pole is drawn
     np.testing.assert_allclose(marked, np.tile(in_front, (20, 1)), atol=1e-12)
@@ -131,3 +135,57 @@ def test_rendering_differs_from_frame_to_frame_and_can_go_on_after_close():
     assert all((a != b).any() for a, b in pairwise(frames))
     env.close()
     np.testing.assert_array_equal(env.render(), frames[-1])
+
+
+VARIABLES = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
+
+
+@pytest.fixture
+def environment(monkeypatch):
+    """Sets the variables that decide."""
+
+    def give(**values):
+        for name in VARIABLES:
+            monkeypatch.delenv(name, raising=False)
+        for name, value in values.items():
+            monkeypatch.setenv(name, value)
+
+    monkeypatch.setattr(sys, "platform", "linux")
+    return give
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({}, ["egl"]),
+        ({"DISPLAY": ":0"}, ["egl", "glfw"]),
+        ({"MUJOCO_GL": "osmesa", "DISPLAY": ":0"}, ["osmesa"]),
+        ({"MUJOCO_GL": " GLFW "}, ["glfw"]),
+        ({"MUJOCO_GL": "on"}, ["egl"]),
+    ],
+)
+def test_egl_is_chosen_unless_another_way_is_asked_for(environment, values, expected):
+    environment(**values)
+    assert backends() == expected
+
+
+@needs_gl
+def test_picture_needs_no_display_even_where_mujoco_was_imported_first():
+    code = (
+        "import mujoco, envs, gymnasium as gym;"
+        "e = gym.make('mcpilco/MujocoCartPoleSwingUp-v0', render_mode='rgb_array');"
+        "e.reset(seed=0); print(e.render().std() > 1)"
+    )
+    bare = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=bare)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")
+
+
+def test_missing_opengl_is_told_with_what_to_install(environment, monkeypatch):
+    environment()
+    # None makes Python answer an import as it does where a module is missing
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    env = MujocoCartPoleSwingUpEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    with pytest.raises(EnvError, match="egl says: .*apt-get install libegl1"):
+        env.render()

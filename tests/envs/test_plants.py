@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401  registers the ids
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.double_pendulum_dynamics import AcrobotDynamics, PendubotDynamics
-from envs.pendulum_dynamics import PendulumDynamics
+import envs
+from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
 from envs.plants import PLANTS, double_pendulum
 from mcpilco.bodies import accelerations
+from tests.reference import REFERENCES
 
-DYNAMICS = {
-    "mcpilco/CartPoleSwingUp-v0": CartPoleDynamics(),
-    "mcpilco/Pendulum-v0": PendulumDynamics(),
-    "mcpilco/Pendubot-v0": PendubotDynamics(),
-    "mcpilco/Acrobot-v0": AcrobotDynamics(),
-}
+DYNAMICS = {name: REFERENCES[name] for name in PLANTS if name in REFERENCES}
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -26,15 +19,25 @@ def test_a_plant_is_called_by_its_id(name):
     assert PLANTS[name]().name == name
 
 
-@pytest.mark.parametrize("name", DYNAMICS)
-def test_a_plant_has_the_names_and_numbers_of_its_env(name):
-    plant, dynamics = PLANTS[name](), DYNAMICS[name]
-    assert name in gymnasium.registry
-    assert plant.layout.states == dynamics.state_names
-    assert plant.layout.inputs == (dynamics.input_name,)
-    assert plant.angles == dynamics.angles
-    shared = {p.name: p.value for p in plant.parameters if not p.name.endswith("_gain")}
-    assert shared == vars(dynamics)
+@pytest.mark.parametrize("name", PLANTS)
+def test_states_have_names_and_units_and_angles_are_in_rad(name):
+    layout, angles = PLANTS[name]().layout, PLANTS[name]().angles
+    assert len(set(layout.states)) == len(layout.units)
+    for position, rate in zip(layout.units[0::2], layout.units[1::2], strict=True):
+        assert rate == f"{position}/s"
+    assert [i for i, unit in enumerate(layout.units) if unit == "rad"] == list(angles)
+
+
+@pytest.mark.parametrize(
+    "env",
+    [envs.CartPoleSwingUpEnv, envs.PendulumEnv, envs.PendubotEnv, MujocoCartPoleSwingUpEnv],
+)
+def test_docstring_has_the_numbers_of_the_plant(env):
+    """Each line of its table of arguments that is a parameter of the plant."""
+    values = env().swing_up.plant.values
+    rows = [[cell.strip(" `") for cell in line.split("|")] for line in env.__doc__.split("\n")]
+    told = {row[1]: float(row[3]) for row in rows if len(row) == 6 and row[1] in values}
+    assert told == {name: value for name, value in values.items() if not name.endswith("_gain")}
 
 
 @pytest.mark.parametrize("name", DYNAMICS)

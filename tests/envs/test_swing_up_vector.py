@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from envs.swing_up_env import SwingUpVectorEnv
 from mcpilco.typing import InputError
 from tests.envs.systems import each_drawn_system, each_system
 
@@ -16,7 +17,7 @@ QUIET = {"start_std": 0.0, "noise_std": 0.0}
 @each_system
 def test_make_vec_gives_the_vector_env(system):
     batch = gym.make_vec(system.id, num_envs=3, noise_std=0.02)
-    assert isinstance(batch.unwrapped, system.batch)
+    assert isinstance(batch.unwrapped, SwingUpVectorEnv)
     assert batch.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
     assert batch.observation_space.shape == (3, system.width)
     assert batch.action_space.shape == (3, 1)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from envs.cartpole_dynamics import CartPoleDynamics
-from envs.pendulum_dynamics import PendulumDynamics
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import Chain, accelerations, generalised_forces, stack
 from mcpilco.plant import Plant, plant_of
 from tests.mcpilco.random_chains import random_mjcf, random_planar_chain
+from tests.reference.cartpole import CartPoleDynamics
+from tests.reference.pendulum import PendulumDynamics
 
 
 def chain_of(plant: Plant) -> Chain:
@@ -85,7 +85,7 @@ def test_a_planar_chain_moves_the_same_in_a_world_turned_out_of_the_plane(seed):
 
 def test_the_cart_pole_is_that_of_the_env():
     values = {"cart_mass": 0.7, "pole_mass": 0.3, "pole_length": 0.6, "gravity": 3.7}
-    dynamics = CartPoleDynamics(**values, cart_friction=0.0)
+    dynamics = CartPoleDynamics.nominal(**values, cart_friction=0.0)
     q, dq, _ = random_motion(np.random.default_rng(0), 50, 2)
     force = np.linspace(-10, 10, 50)
     tau = np.stack([force, np.zeros(50)], axis=1)
@@ -96,7 +96,7 @@ def test_the_cart_pole_is_that_of_the_env():
 
 def test_the_pendulum_is_that_of_the_env():
     values = {"mass": 1.3, "length": 0.8, "gravity": 3.7}
-    dynamics = PendulumDynamics(**values, friction=0.0)
+    dynamics = PendulumDynamics.nominal(**values, friction=0.0)
     q, dq, tau = random_motion(np.random.default_rng(0), 50, 1)
     found = accelerations(chain_of(pendulum().where(**values)), q, dq, tau)
     expected = dynamics.accelerations(q, dq, tau[:, 0])

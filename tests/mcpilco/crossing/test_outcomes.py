@@ -102,7 +102,7 @@ def test_the_film_holds_both_policies(crossing: Crossing, scene: Scene, tmp_path
 
 @pytest.fixture
 def scene() -> Scene:
-    from envs.cartpole_dynamics import CartPoleDynamics
-    from envs.cartpole_views import scene
+    from envs.cartpole import scene
+    from envs.plants import cart_pole
 
-    return scene(CartPoleDynamics())
+    return scene(cart_pole())

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 
-from envs.cartpole_dynamics import CartPoleDynamics
 from mcpilco.recordings import Recording
 from tests.mcpilco.recordings.logs import INPUTS, PAIRS, STATES
+from tests.reference.cartpole import CartPoleDynamics
 
 DT = 0.02
 SUBSTEPS = 2
@@ -35,7 +35,7 @@ def swings(hold: int = 5, amplitude: float = 6.0) -> tuple[np.ndarray, np.ndarra
 @cache
 def _all_swings() -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
-    dynamics = CartPoleDynamics(
+    dynamics = CartPoleDynamics.nominal(
         cart_mass=0.5, pole_mass=0.5, pole_length=0.5, cart_friction=0.1, gravity=9.82
     )
     state = 0.3 * rng.standard_normal((COUNT * len(KINDS), 4))

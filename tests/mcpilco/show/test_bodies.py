@@ -7,6 +7,8 @@ import pytest
 import envs
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
 from mcpilco.show.bodies import chain_scene
+from tests.reference.cartpole import CartPoleDynamics
+from tests.reference.pendulum import PendulumDynamics
 
 TILTED = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 ARM = """
@@ -32,8 +34,8 @@ def chain(plant: str) -> Chain:
 @pytest.mark.parametrize(
     ("plant", "dynamics"),
     [
-        ("mcpilco/CartPoleSwingUp-v0", envs.CartPoleDynamics()),
-        ("mcpilco/Pendulum-v0", envs.PendulumDynamics()),
+        ("mcpilco/CartPoleSwingUp-v0", CartPoleDynamics.nominal()),
+        ("mcpilco/Pendulum-v0", PendulumDynamics.nominal()),
     ],
 )
 def test_the_marker_of_a_plant_is_the_tip_that_its_env_draws(plant: str, dynamics) -> None:

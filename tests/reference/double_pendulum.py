@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from envs.checks import require_not_negative, require_positive
-from envs.equations import EquationsOfMotion
-from envs.system import Input
+from envs.plants import acrobot, pendubot
+from tests.reference.equations import EquationsOfMotion, Input
 
 UPPER, LOWER = 0, 1
 """the links, and the joints that they hang from: shoulder and elbow"""
@@ -37,48 +36,31 @@ class DoublePendulumDynamics(EquationsOfMotion):
     dfki-ric-underactuated-lab/double_pendulum.
     """
 
-    state_names: ClassVar = (
-        "shoulder_angle",
-        "shoulder_velocity",
-        "elbow_angle",
-        "elbow_velocity",
-    )
-    state_units: ClassVar = ("rad", "rad/s", "rad", "rad/s")
-    input_unit: ClassVar = "N m"
-    angles: ClassVar = (0, 2)
     motor: ClassVar[int]
     """the joint that the input drives"""
 
-    upper_mass: float = 0.523
+    upper_mass: float
     """m1 [kg]"""
-    upper_length: float = 0.2
+    upper_length: float
     """l1, from shoulder to elbow [m]"""
-    lower_mass: float = 0.626
+    lower_mass: float
     """m2 [kg]"""
-    lower_length: float = 0.3
+    lower_length: float
     """l2, from the elbow to the tip [m]"""
-    shoulder_friction: float = 0.001
+    shoulder_friction: float
     """b1, viscous [N m s/rad]"""
-    elbow_friction: float = 0.001
+    elbow_friction: float
     """b2, viscous [N m s/rad]"""
-    gravity: float = 9.81
+    gravity: float
     """g [m/s^2]"""
-    upper_center: float = 1.0
+    upper_center: float
     """r1 / l1 [-]; the elbow's motor sits at the end"""
-    upper_inertia: float = 0.523
+    upper_inertia: float
     """I1 / (m1 l1^2), about the center of mass [-]"""
-    lower_center: float = 0.852
+    lower_center: float
     """r2 / l2 [-]"""
-    lower_inertia: float = 0.177
+    lower_inertia: float
     """I2 / (m2 l2^2), about the center of mass [-]"""
-
-    def __post_init__(self) -> None:
-        for link in ("upper", "lower"):
-            for what, unit in (("mass", "kg"), ("length", "m"), ("center", "-"), ("inertia", "-")):
-                require_positive(f"{link}_{what}", getattr(self, f"{link}_{what}"), unit)
-        require_not_negative("shoulder_friction", self.shoulder_friction, "N m s/rad")
-        require_not_negative("elbow_friction", self.elbow_friction, "N m s/rad")
-        require_not_negative("gravity", self.gravity, "m/s^2")
 
     def mass_matrix(self, q: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 2 2"]:
         """M(q), which the elbow's angle alone changes [kg m^2]."""
@@ -148,14 +130,14 @@ class DoublePendulumDynamics(EquationsOfMotion):
 class PendubotDynamics(DoublePendulumDynamics):
     """A double pendulum with a motor in its shoulder; the elbow is free."""
 
-    input_name: ClassVar = "shoulder_torque"
+    plant: ClassVar = staticmethod(pendubot)
     motor: ClassVar = UPPER
 
 
 class AcrobotDynamics(DoublePendulumDynamics):
     """A double pendulum with a motor in its elbow; the shoulder is free."""
 
-    input_name: ClassVar = "elbow_torque"
+    plant: ClassVar = staticmethod(acrobot)
     motor: ClassVar = LOWER
 
 

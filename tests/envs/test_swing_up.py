@@ -173,7 +173,7 @@ def test_keywords_are_the_nominal_parameters_of_what_is_corrected(system):
 def test_corrected_parameters_go_before_keywords_and_are_drawn(system):
     fixed = Correction(system.id, {"gravity": 5.0}, ())
     env = system.single(effects=fixed, gravity=3.0)
-    assert env.swing_up.dynamics.gravity == 5.0
+    assert env.swing_up.plant.values["gravity"] == 5.0
     _, states, _ = drive(env, 10)
     _, expected, _ = drive(system.single(gravity=5.0), 10)
     np.testing.assert_allclose(states, expected, rtol=0, atol=2e-5)
@@ -221,7 +221,9 @@ def test_vector_env_moves_each_as_the_single_env_across_its_restarts(system):
 
 def test_vector_env_restarts_only_what_is_over():
     system = "mcpilco/Pendulum-v0"
-    batch = envs.PendulumVectorEnv(2, effects=correction(system, TIMING), noise_std=0.0)
+    batch = envs.SwingUpVectorEnv(
+        envs.PendulumEnv(effects=correction(system, TIMING), noise_std=0.0), 2
+    )
     alone = envs.PendulumEnv(effects=correction(system, TIMING), noise_std=0.0)
     starts = np.array([[0.3, 0.0], [1.0, 0.0]])
     batch.reset(options={"state": starts})

