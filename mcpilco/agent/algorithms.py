@@ -1,10 +1,15 @@
-"""Algorithms by name: what `--algo` may say, and which class learns it.
+"""The registry of algorithms: their names, as `--algo` takes them, and their classes.
 
 An algorithm is a name and a class, `module:Class`, that is loaded when it is used. Another package
-registers its own when it is imported, as `baselines` does and as Gymnasium's envs are registered:
+registers its own when it is imported, as `baselines` does and as Gymnasium's envs are registered,
 
     from mcpilco.agent import algorithms
     algorithms.register("pilco", "baselines.pilco:PILCO")
+
+and is chosen as `package:name`; or it is installed with an entry point, and chosen as `name`:
+
+    [project.entry-points."mcpilco.algorithms"]
+    pilco = "baselines.pilco:PILCO"
 
 Commands, sweeps and reports know of an agent what `Agent` says, and of its class the rest of
 `mcpilco.agent.trial_agent.TrialAgent`.
@@ -14,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mcpilco.logbook.callbacks import base
@@ -24,6 +30,8 @@ if TYPE_CHECKING:
     from mcpilco.agent.trial_agent import TrialAgent
     from mcpilco.logbook import Callback
 
+ENTRY_POINTS = "mcpilco.algorithms"
+"""group of the entry points by which installed packages register algorithms"""
 _HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
 
 
@@ -77,21 +85,31 @@ def register(name: str, home: str) -> None:
 
 def names() -> list[str]:
     """The algorithms that are registered."""
-    return sorted(_HOMES)
+    return sorted(_homes())
+
+
+def _homes() -> dict[str, str]:
+    """Where each algorithm is: those that were registered, and entry points of other names."""
+    installed = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    return installed | _HOMES
 
 
 def find(name: str) -> type[TrialAgent]:
     """The class of an algorithm.
 
+    Args:
+        name: as it is registered; of `package:name` the package is not imported.
+
     Raises:
         InputError: none of this name is registered.
     """
-    if name not in _HOMES:
+    name, homes = name.rpartition(":")[2], _homes()
+    if name not in homes:
         raise InputError(
-            f"The algorithm must be one of {names()}, got {name!r}; import the package that "
-            "registers it."
+            f"The algorithm must be one of {sorted(homes)}, got {name!r}; import the package that "
+            "registers it, or name it as package:name."
         )
-    module, _, kind = _HOMES[name].partition(":")
+    module, _, kind = homes[name].partition(":")
     return getattr(import_module(module), kind)
 
 
@@ -103,10 +121,10 @@ def find_after_import(name: str) -> type[TrialAgent]:
     Raises:
         InputError: no such package, or it registers none of this name.
     """
-    package, _, last = name.rpartition(":")
+    package = name.rpartition(":")[0]
     if package:
         try:
             import_module(package)
         except ImportError as error:
             raise InputError(f"The algorithm {name!r} cannot be imported: {error}.") from error
-    return find(last)
+    return find(name)

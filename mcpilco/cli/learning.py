@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.model import SuitablePreset, suitable_preset, with_model
-from mcpilco.cli.options import Algo, PresetName, TaskPath, optional
+from mcpilco.cli.options import Algo, TaskPath, optional
 from mcpilco.cli.pairs import EnvKeywords, keywords
 from mcpilco.cli.system import algorithm, given_task, numbers
 from mcpilco.config import CART_POLE
@@ -28,10 +28,10 @@ class Learning:
     """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     algo: Algo = "mcpilco"
     """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
-    stable-baselines3"""
+    stable-baselines3; of another package `package:name`, or the name of its entry point"""
     preset: SuitablePreset = None
-    """setting of the agent, and of the cart-pole; pilco has default and tip, mcpilco all but tip,
-    the others default"""
+    """setting of the agent, and of the cart-pole; mcpilco has default, thorough, thesis and
+    tro2022, pilco default and tip, the others default"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
     task: TaskPath = None
@@ -49,7 +49,7 @@ class Learning:
     """of mcpilco: how late the actuator answers [s]; policies act on states predicted for then"""
 
     @property
-    def chosen_preset(self) -> PresetName:
+    def chosen_preset(self) -> str:
         """The one that is given, or the one that suits the model."""
         return suitable_preset(self.preset, self.algo, self.model)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
-from mcpilco.cli.options import Algo, PresetName, optional
+from mcpilco.cli.options import optional
 from mcpilco.config import KERNELS
 from mcpilco.typing import InputError
 
@@ -15,15 +15,12 @@ PHYSICS = "physics"
 """what a model's name says of its mean"""
 
 SuitablePreset = Annotated[
-    PresetName | None,
-    optional(
-        f"{{{','.join(get_args(PresetName))}}}", "default; thorough where the mean is physics"
-    ),
+    str | None, optional("NAME", "default; thorough where the mean is physics")
 ]
 """a preset, or the one that suits the model"""
 
 
-def suitable_preset(given: PresetName | None, algo: Algo, model: str | None) -> PresetName:
+def suitable_preset(given: str | None, algo: str, model: str | None) -> str:
     """The preset of a training: the one that is given, or the one that suits its model.
 
     Equations hold from the first trial on, so that it pays to search for longer in them.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
@@ -18,12 +18,8 @@ TaskPath = Annotated[
 """file of a task: .py, .toml or .json"""
 
 
-Algo = Literal["mcpilco", "pilco", "sac", "tqc", "ppo"]
-"""an algorithm of this package or of `baselines`"""
-
-
-PresetName = Literal["default", "thorough", "thesis", "tro2022", "tip"]
-"""a preset of any algorithm"""
+Algo = Annotated[str, tyro.conf.arg(metavar="NAME")]
+"""a registered algorithm; of a package that is not installed as `package:name`"""
 
 
 def optional(metavar: str, default: str) -> object:

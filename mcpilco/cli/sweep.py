@@ -14,7 +14,7 @@ import tyro
 
 from mcpilco.cli.learning import Learning
 from mcpilco.cli.options import optional
-from mcpilco.cli.system import open_env, use_one_thread
+from mcpilco.cli.system import open_env, use_one_thread, with_package
 from mcpilco.typing import InputError
 
 _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
@@ -57,7 +57,7 @@ class Sweep(Learning):
 
         # `module:name` tells each process, on whatever machine, where something is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
-        algo = self.algo if self.algo == "mcpilco" else f"baselines:{self.algo}"
+        algo = with_package(self.algo)
         settings = Settings(
             env,
             env_kwargs,

@@ -33,25 +33,46 @@ def use_one_thread() -> None:
 
 
 def algorithm(name: str) -> type[TrialAgent]:
-    """The class of an algorithm of this package or of `baselines`.
+    """The class of an algorithm: of this package, of `baselines`, or of another one.
+
+    Args:
+        name: as it is registered; of `package:name` the package is imported first.
 
     Raises:
         InputError: there is none of this name.
     """
     import baselines  # noqa: F401  registers its algorithms
-    from mcpilco.agent import find
+    from mcpilco.agent import find_after_import
 
-    return find(name)
+    _search_here()
+    return find_after_import(name)
+
+
+def with_package(name: str) -> str:
+    """The name of an algorithm as any process can find it: `package:name` where it needs one."""
+    package = algorithm(name).__module__.partition(".")[0]
+    return name if ":" in name or package == "mcpilco" else f"{package}:{name}"
+
+
+def _search_here() -> None:
+    """Let modules be imported from where the user is, as with `python -m`."""
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)
 
 
 def algorithm_of(run: RunFolder) -> type[TrialAgent]:
     """The class of the algorithm that a run names, `mcpilco` where it names none.
 
+    Code that lies in the run folder itself is not executed.
+
     Raises:
-        RunFolderError: there is none of this name.
+        RunFolderError: there is none of this name, or its package lies in the run folder.
     """
+    name = run.config.get("algo", "mcpilco")
+    _require_outside(run, "algorithm", name)
     try:
-        return algorithm(run.config.get("algo", "mcpilco"))
+        return algorithm(name)
     except InputError as error:
         raise RunFolderError(f"{run.path / 'config.json'} cannot be used: {error}") from error
 
@@ -105,9 +126,7 @@ def open_env(env_id: str, kwargs: Mapping[str, Any]) -> gym.Env:
     import envs  # noqa: F401  registers its ids
     from mcpilco.agent import make_env
 
-    here = os.getcwd()
-    if here not in sys.path:  # the module may lie where the user is, as with `python -m`
-        sys.path.append(here)
+    _search_here()
     return make_env(env_id, **kwargs)
 
 
@@ -123,15 +142,26 @@ def open_run_env(run: RunFolder, kwargs: Mapping[str, Any] | None = None) -> gym
         EnvError: the env cannot be made.
     """
     env_id = run.config["env"]
-    module = env_id.rpartition(":")[0]
+    _require_outside(run, "env", env_id)
+    return open_env(env_id, run.config["env_kwargs"] if kwargs is None else kwargs)
+
+
+def _require_outside(run: RunFolder, kind: str, name: str) -> None:
+    """Raises RunFolderError where the module of `module:Name` would be taken from the run folder.
+
+    Args:
+        run: names it.
+        kind: of what is named, for the message.
+        name: as the run has it.
+    """
+    module = str(name).rpartition(":")[0]
     folder = run.path.resolve()
     for place in {*sys.path, os.getcwd()} if module else ():
         if Path(place or ".", *module.split(".")).resolve().is_relative_to(folder):
             raise RunFolderError(
-                f"{run.path} names the env {env_id!r}, whose module would be taken from the run "
+                f"{run.path} names the {kind} {name!r}, whose module would be taken from the run "
                 "folder itself, where nothing is executed; move the module out, if you trust it."
             )
-    return open_env(env_id, run.config["env_kwargs"] if kwargs is None else kwargs)
 
 
 def given_task(path: Path | None) -> TaskSpec | None:

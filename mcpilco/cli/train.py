@@ -151,7 +151,7 @@ class Train(Learning):
             return self.out
         name = re.sub(r"[^\w.-]", "_", re.split(r"[/:]", self.env)[-1])
         time = datetime.now().strftime("%Y%m%d-%H%M%S")
-        algo = "" if self.algo == "mcpilco" else f"{self.algo}-"
+        algo = "" if self.algo == "mcpilco" else f"{self.algo.rpartition(':')[2]}-"
         return Path(_OUT) / f"{name}-{algo}{self.chosen_preset}-seed{self.seed}-{time}"
 
     def _record(self, config: Any, env_kwargs: dict[str, Any]) -> dict[str, Any]:

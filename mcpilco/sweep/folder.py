@@ -101,7 +101,7 @@ def _completed(there: dict[str, Any]) -> dict[str, Any]:
     """What an earlier version wrote, with the entries that came since at their defaults."""
     try:
         settings = from_dict(Settings, {k: v for k, v in there.items() if k != "format"})
-        kind = find(settings.algo.rpartition(":")[2])
+        kind = find(settings.algo)
         config = from_dict(kind.config_type, settings.config)
         settings = dataclasses.replace(settings, config=config)
     except InputError:

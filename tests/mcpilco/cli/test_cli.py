@@ -3,18 +3,18 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import typing
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import mcpilco.agent.agent
+from mcpilco.agent import algorithms
 from mcpilco.cli import main
-from mcpilco.cli.options import Algo, PresetName
-from mcpilco.cli.system import algorithm
+from mcpilco.cli.system import algorithm, algorithm_of, with_package
 from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.logbook import RunFolder
+from mcpilco.typing import RunFolderError
 from tests.mcpilco.fakes import FakeAgent
 
 STRANGE_ENVS = """
@@ -163,9 +163,68 @@ def test_equal_seeds_give_equal_metrics(tmp_path, fake):
     assert texts[0] == texts[1]
 
 
-def test_presets_of_the_command_line_are_those_of_the_package():
-    known = [algorithm(name).presets for name in typing.get_args(Algo)]
-    assert set(typing.get_args(PresetName)) == set().union(*known)
+def test_presets_of_the_command_line_are_those_of_the_algorithm(tmp_path, capsys):
+    run = ["train", *RUN, "--preset", "nonsense", "--out", str(tmp_path / "run")]
+    for name in ("mcpilco", "pilco"):
+        assert main([*run, "--algo", name]) == 2
+        assert str(sorted(algorithm(name).presets)) in " ".join(capsys.readouterr().err.split())
+
+
+ALGORITHM = """
+from mcpilco.agent import algorithms
+from tests.mcpilco.fakes import FakeAgent
+
+
+class Careful(FakeAgent):
+    algo = "careful"
+
+
+algorithms.register("careful", f"{__name__}:Careful")
+"""
+
+
+@pytest.fixture
+def stranger(tmp_path, monkeypatch):
+    """A package that registers an algorithm of its own, where the user is."""
+    monkeypatch.setattr(algorithms, "_HOMES", dict(algorithms._HOMES))
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "careful_package", raising=False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "careful_package.py").write_text(ALGORITHM)
+    return tmp_path
+
+
+def test_an_algorithm_of_another_package_is_chosen_by_package_and_name(stranger):
+    assert main(["train", *RUN, "--algo", "nowhere:careful", "--out", "none"]) == 2
+    name = "careful_package:careful"
+    assert main(["train", *RUN, "--algo", name, "--out", "run"]) == 0
+    run = RunFolder.open(stranger / "run")
+    assert run.config["algo"] == name
+    assert run.finished_trials() == [1, 2]
+    assert algorithm_of(run).algo == "careful"
+    assert main(["evaluate", "run", "--episodes", "2"]) == 0
+    assert with_package("careful_package:careful") == "careful_package:careful"
+    assert [with_package(name) for name in ("mcpilco", "sac")] == ["mcpilco", "baselines:sac"]
+
+
+def test_a_run_of_an_algorithm_in_its_own_folder_is_not_executed(stranger):
+    config = {"env": CART_POLE, "env_kwargs": {}, "preset": "default", "seed": 0, "trials": 1}
+    config |= {"config": {}, "algo": "run.careful_package:careful"}
+    run = RunFolder.create(stranger / "run", config)
+    (stranger / "run" / "careful_package.py").write_text("raise SystemExit('executed')")
+    with pytest.raises(RunFolderError, match="names the algorithm .* nothing is executed"):
+        algorithm_of(run)
+
+
+def test_an_algorithm_of_an_installed_package_is_chosen_by_its_entry_point(stranger):
+    about = stranger / "careful_package-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: careful-package\nVersion: 1.0\n")
+    entry = "[mcpilco.algorithms]\nprudent = careful_package:Careful\n"
+    (about / "entry_points.txt").write_text(entry)
+    sys.path.insert(0, str(stranger))
+    assert "prudent" in algorithms.names()
+    assert algorithm("prudent").algo == "careful"
 
 
 def test_preset_sets_the_cart_pole_and_no_other_env(tmp_path, fake, strange):
