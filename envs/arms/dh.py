@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-Kind = Literal["revolute", "prismatic"]
+Kind = Literal["hinge", "slide"]
 
 
 @dataclass(frozen=True)
@@ -36,19 +36,19 @@ class Link:
 
 
 UR10 = (
-    Link("revolute", d=0.1273, alpha=pi / 2),
-    Link("revolute", a=-0.612),
-    Link("revolute", a=-0.5723),
-    Link("revolute", d=0.1639, alpha=pi / 2),
-    Link("revolute", d=0.1157, alpha=-pi / 2),
-    Link("revolute", d=0.0922),
+    Link("hinge", d=0.1273, alpha=pi / 2),
+    Link("hinge", a=-0.612),
+    Link("hinge", a=-0.5723),
+    Link("hinge", d=0.1639, alpha=pi / 2),
+    Link("hinge", d=0.1157, alpha=-pi / 2),
+    Link("hinge", d=0.0922),
 )
 """the arm of the thesis' experiments, by its maker's table"""
 
 
 def random_links(rng: np.random.Generator, joints: int) -> tuple[Link, ...]:
-    """A chain of revolute and prismatic joints in random order; some axes are parallel."""
-    kinds: tuple[Kind, Kind] = ("revolute", "prismatic")
+    """A chain of hinges and slides in random order; some axes are parallel."""
+    kinds: tuple[Kind, Kind] = ("hinge", "slide")
     return tuple(
         Link(
             kind=kinds[int(rng.integers(2))],
@@ -74,7 +74,7 @@ def arm(links: Sequence[Link]) -> mujoco.MjSpec:
         body = body.add_body(
             name=f"link{number}", pos=origin, quat=turned.as_quat(scalar_first=True)
         )
-        hinge = link.kind == "revolute"
+        hinge = link.kind == "hinge"
         body.add_joint(
             name=f"joint{number}",
             type=mujoco.mjtJoint.mjJNT_HINGE if hinge else mujoco.mjtJoint.mjJNT_SLIDE,

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from envs.arms.dh import Kind
 
-RANGES = {"revolute": 2.0, "prismatic": 0.3}
+RANGES = {"hinge": 2.0, "slide": 0.3}
 """half the range of a joint [rad or m]"""
 _SINES = 10
 

@@ -31,8 +31,8 @@ class InverseDynamics:
     `<joint>_velocity` and `<joint>_acceleration` where they are measured"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for model.npz, report.json and torques.png"""
-    joints: Annotated[str | None, optional("RRPR", "those of --model")] = None
-    """a letter for each joint in the order of the columns, R turns and P slides"""
+    joints: Annotated[str | None, optional("HHSH", "those of --model")] = None
+    """a letter for each joint in the order of the columns, H for a hinge and S for a slide"""
     model: Annotated[Path | None, optional("FILE.xml", "none")] = None
     """MJCF file of the robot, for the kernels that need its geometry"""
     kernel: Literal["gip", "rbf", "pp", "sp", "fe", "nn"] = "gip"
@@ -138,7 +138,7 @@ class InverseDynamics:
                 )
             return chain.joints, kinds
         if self.joints is None:
-            raise InputError("give --joints, as in --joints RRPR, or the robot's --model FILE.xml.")
+            raise InputError("give --joints, as in --joints HHSH, or the robot's --model FILE.xml.")
         names, kinds = joints_in(self.recordings[0]), kinds_of(self.joints)
         if len(names) != len(kinds):
             raise InputError(

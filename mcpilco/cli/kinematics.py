@@ -132,13 +132,13 @@ def _told(report: Report) -> dict[str, Any]:
 
 
 def _print_chain(chain: KinematicChain) -> None:
-    from mcpilco.kernels import REVOLUTE
+    from mcpilco.bodies import HINGE
 
     print(f"base  marker {chain.base}")
     for joint in chain.joints:
-        kind = "turns" if joint.kind == REVOLUTE else "slides"
+        kind = "turns" if joint.kind == HINGE else "slides"
         print(
-            f"      joint {joint.name} {kind} ({joint.kind}), then marker {joint.marker}; "
+            f"      joint {joint.name} {kind}, then marker {joint.marker}; "
             f"residuals {1e3 * joint.position_residual:.2g} mm, "
             f"{joint.orientation_residual:.2g} rad"
         )

@@ -12,7 +12,7 @@ from .base import (
 )
 from .decaying_lags import SEDMPK
 from .geometric import GIP, Kind
-from .kinematic import REVOLUTE, Kinematic, NestedKinematic
+from .kinematic import Kinematic, NestedKinematic
 from .monomials import MonomialBasis, Monomials
 from .polynomial import MPK, Linear
 from .rescaled import Gate, HardGate, Rescaled, SmoothGate
@@ -26,7 +26,6 @@ __all__ = [
     "MPK",
     "PK",
     "RBF",
-    "REVOLUTE",
     "SEDMPK",
     "ActiveDims",
     "Canonical",

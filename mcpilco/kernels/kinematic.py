@@ -1,7 +1,7 @@
 """Kernels of forward kinematics: polynomials in the cosines and sines of a chain's joints.
 
-Their regressors are x = [c_1 .. c_R, z_1 .. z_R, q_1 .. q_P]: cosines and sines of the R revolute
-joints, then the positions of the P prismatic ones (thesis eq. 2.21).
+Their regressors are x = [c_1 .. c_R, z_1 .. z_R, q_1 .. q_P]: cosines and sines of the R hinges,
+then the positions of the P slides (thesis eq. 2.21).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from torch import Tensor
 from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
 from mcpilco.typing import InputError
 
-REVOLUTE, PRISMATIC = "revolute", "prismatic"
+HINGE, SLIDE = "hinge", "slide"
 _SHARE = 0.5
 """what a regressor explains at the start of a fit, beside the constant of its factor [-]"""
 
@@ -27,7 +27,7 @@ class _OfChain(Kernel):
     """What both kernels know of a chain.
 
     Args:
-        kinds: `revolute` or `prismatic` for each joint, from the base to the tip.
+        kinds: `hinge` or `slide` for each joint, from the base to the tip.
         batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
     """
 
@@ -35,22 +35,22 @@ class _OfChain(Kernel):
     """one for each regressor: a_1 .. a_R, s_1 .. s_R, w_1 .. w_P"""
 
     def __init__(self, kinds: Sequence[str], batch: Sequence[int] = ()) -> None:
-        unknown = sorted(set(kinds) - {REVOLUTE, PRISMATIC})
+        unknown = sorted(set(kinds) - {HINGE, SLIDE})
         if unknown or not kinds:
             raise InputError(
-                f"{type(self).__name__} needs joints that are {REVOLUTE} or {PRISMATIC}, one at "
+                f"{type(self).__name__} needs joints that are {HINGE} or {SLIDE}, one at "
                 f"least, got {', '.join(unknown) or 'none'}."
             )
-        self._revolute = list(kinds).count(REVOLUTE)
-        super().__init__(self._revolute + len(kinds), batch)
+        self._hinges = list(kinds).count(HINGE)
+        super().__init__(self._hinges + len(kinds), batch)
         self.kinds = tuple(kinds)
         self.weights = self.spread(_SHARE, self.width)
 
     def _dims(self) -> list[list[int]]:
         """The regressors of each joint: cosine and sine, or position."""
-        turns, slides = iter(range(self._revolute)), iter(range(2 * self._revolute, self.width))
+        turns, slides = iter(range(self._hinges)), iter(range(2 * self._hinges, self.width))
         return [
-            [b := next(turns), self._revolute + b] if kind == REVOLUTE else [next(slides)]
+            [b := next(turns), self._hinges + b] if kind == HINGE else [next(slides)]
             for kind in self.kinds
         ]
 
@@ -92,7 +92,7 @@ class Kinematic(_OfChain):
         self.variance = self.spread(1.0)
 
     def _factors(self) -> list[list[int]]:
-        """The regressors of each factor: those of all prismatic joints make one."""
+        """The regressors of each factor: those of all slides make one."""
         dims = self._dims()
         slides = [d[0] for d in dims if len(d) == 1]
         return [d for d in dims if len(d) == 2] + ([slides] if slides else [])
@@ -124,7 +124,7 @@ class Kinematic(_OfChain):
 class NestedKinematic(_OfChain):
     """k = v_0 + f_1 (v_1 + f_2 (v_2 + ... f_R v_R)), f_b = 1 + a_b c_b c'_b + s_b z_b z'_b.
 
-    So a pose is made: t_0 + R_1 (t_1 + R_2 (t_2 + ...)), link by link. A prismatic joint adds
+    So a pose is made: t_0 + R_1 (t_1 + R_2 (t_2 + ...)), link by link. A slide adds
     w_p q_p q'_p in the bracket where it stands. The functions are among those of `Kinematic`, but
     a monomial of a far joint comes with those of the joints before it: where the order of the
     joints is known, this prior needs fewer data.
@@ -137,7 +137,7 @@ class NestedKinematic(_OfChain):
 
     def __init__(self, kinds: Sequence[str], batch: Sequence[int] = ()) -> None:
         super().__init__(kinds, batch)
-        self.offsets = self.spread(1.0, self._revolute + 1)
+        self.offsets = self.spread(1.0, self._hinges + 1)
 
     def forward(
         self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
@@ -149,7 +149,7 @@ class NestedKinematic(_OfChain):
 
     def _nest(self, offsets: Tensor, linear: Linear) -> Tensor:
         """From the innermost bracket outwards."""
-        left = self._revolute
+        left = self._hinges
         k = offsets[..., left]
         for dims in reversed(self._dims()):
             if len(dims) == 1:
@@ -162,10 +162,10 @@ class NestedKinematic(_OfChain):
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
         """Every regressor explains the same share of its factor, every offset the same."""
         self.weights = self.spread(_SHARE / mean_square(X), self.width)
-        self.offsets = self.spread(1.0, self._revolute + 1)
+        self.offsets = self.spread(1.0, self._hinges + 1)
         share = mean_square(Y) / self.diag(X).mean(-1)
         self.offsets = self.offsets * share[..., None]
-        slides = list(range(2 * self._revolute, self.width))
+        slides = list(range(2 * self._hinges, self.width))
         scale = torch.ones_like(self.weights)
         scale[..., slides] = share[..., None]
         self.weights = self.weights * scale

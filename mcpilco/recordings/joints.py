@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -148,22 +148,27 @@ def _require_motion(data: JointData) -> None:
 
 POSITION, VELOCITY, ACCELERATION, TORQUE = "_position", "_velocity", "_acceleration", "_torque"
 """what columns are called behind the name of their joint"""
-LETTERS: Mapping[str, Kind] = {"R": "hinge", "P": "slide"}
-"""kinds of joints as robots are named: revolute and prismatic"""
+_KINDS: Mapping[str, Kind] = {"H": "hinge", "R": "hinge", "S": "slide", "P": "slide"}
+"""by the initial; revolute and prismatic joints are hinges and slides"""
 
 
-def kinds_of(letters: str) -> tuple[Kind, ...]:
-    """The kinds of joints that `RRPR` and the like say.
+def kinds_of(names: Iterable[str]) -> tuple[Kind, ...]:
+    """Kinds of joints as people and older files name them: `HHSH`, `RRPR`, or words.
+
+    Args:
+        names: hinge or revolute, slide or prismatic, or their initials; one for each joint.
 
     Raises:
-        InputError: another letter, or none.
+        InputError: another name, or none.
     """
-    if not letters or set(letters.upper()) - set(LETTERS):
+    words = [name.upper() for name in names]
+    known = {"HINGE", "REVOLUTE", "SLIDE", "PRISMATIC", *_KINDS}
+    if not words or set(words) - known:
         raise InputError(
-            "joints must be a letter for each joint, R for one that turns and P for one that "
-            f"slides, as in RRPR, got {letters!r}."
+            "joints must be a letter for each joint, H for a hinge and S for a slide, as in HHSH "
+            f"(R and P are understood too), got {names!r}."
         )
-    return tuple(LETTERS[letter] for letter in letters.upper())
+    return tuple(_KINDS[word[0]] for word in words)
 
 
 def joints_in(path: str | Path) -> tuple[str, ...]:

@@ -137,13 +137,11 @@ def structure(cell: str, robot: int) -> dict[str, Any]:
     slide = (tests.slide < tolerance.position) & (tests.rigid < tolerance.orientation)[:, None]
     hinge = np.repeat((tests.hinge < tolerance.position)[:, None], JOINTS, axis=1)
     turn = tests.turn < tolerance.orientation
-    prismatic, revolute = (
-        connected(arm, recording, tests.pairs, kind) for kind in ("prismatic", "revolute")
-    )
+    slides, hinges = (connected(arm, recording, tests.pairs, kind) for kind in ("slide", "hinge"))
     answers = dict(zip(TESTS, (slide, hinge, turn, hinge & turn), strict=True))
     return {
         "counts": {
-            test: counts(answer, prismatic if test == "P1" else revolute)
+            test: counts(answer, slides if test == "P1" else hinges)
             for test, answer in answers.items()
         },
         "chain": chain_is_exact(arm, recording, tolerance),
@@ -386,7 +384,7 @@ def forward_table(found: dict[str, Any]) -> str:
 
 
 def row_name(cell: str, trials: Sequence[Any]) -> str:
-    return f"{trials[0]['samples']} samples, ±{FORWARD[cell][1] * RANGES['revolute']:g} rad"
+    return f"{trials[0]['samples']} samples, ±{FORWARD[cell][1] * RANGES['hinge']:g} rad"
 
 
 def ratio_table(found: dict[str, Any]) -> str:

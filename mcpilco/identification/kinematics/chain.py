@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.identification.kinematics.triplets import TripletTests, standstill, triplet_tests
 from mcpilco.identification.report import Report
+from mcpilco.kernels import Kind
 from mcpilco.recordings import MarkerRecording
 from mcpilco.typing import InputError
 
@@ -106,7 +106,6 @@ def _require_motion(recording: MarkerRecording) -> list[str]:
     return sentences
 
 
-Kind = Literal["revolute", "prismatic"]
 LARGEST = 500
 """samples that the tests look at; of longer recordings, so many at equal distances"""
 
@@ -239,7 +238,7 @@ def _base(recording: MarkerRecording, tolerance: Tolerance) -> int:
 def scores(
     tests: TripletTests, tolerance: Tolerance
 ) -> tuple[Float[np.ndarray, "pairs J"], Float[np.ndarray, "pairs J"]]:
-    """Residuals in parts of the tolerances, as prismatic and as revolute; below 1 passes."""
+    """Residuals in parts of the tolerances, as slide and as hinge; below 1 passes."""
     slides = np.maximum(
         tests.slide / tolerance.position, tests.rigid[:, None] / tolerance.orientation
     )
@@ -324,7 +323,5 @@ def _joint(
     name, behind = recording.joint_names[k], recording.marker_names[marker]
     if slides[pair, k] < turns[pair, k]:
         residuals = float(tests.slide[pair, k]), float(tests.rigid[pair])
-        return ChainJoint(name, "prismatic", behind, *residuals)
-    return ChainJoint(
-        name, "revolute", behind, float(tests.hinge[pair]), float(tests.turn[pair, k])
-    )
+        return ChainJoint(name, "slide", behind, *residuals)
+    return ChainJoint(name, "hinge", behind, float(tests.hinge[pair]), float(tests.turn[pair, k]))

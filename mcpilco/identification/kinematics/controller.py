@@ -183,7 +183,7 @@ def _nearest_sample(model: ForwardKinematics, target: Target, config: Reach) -> 
 
 def _path(
     start: Float[Tensor, " J"],
-    parts: list[Float[Tensor, "steps J"]],
+    parts: list[Float[Tensor, "_ J"]],
     error: tuple[Tensor, Tensor],
     config: Reach,
 ) -> Path:

@@ -18,7 +18,7 @@ from mcpilco.gp import GP, FitReport, Posterior, cholesky
 from mcpilco.identification.kinematics.chain import KinematicChain
 from mcpilco.identification.report import Report
 from mcpilco.kernels import Kernel, Kinematic, NestedKinematic
-from mcpilco.recordings import MarkerRecording, rotation
+from mcpilco.recordings import MarkerRecording, kinds_of, rotation
 from mcpilco.typing import InputError
 
 logger = logging.getLogger(__name__)
@@ -45,7 +45,7 @@ class ForwardKinematics:
     joints: tuple[str, ...]
     """from the base to the tip: the order of `q`"""
     kinds: tuple[str, ...]
-    """`revolute` or `prismatic`"""
+    """`hinge` or `slide`"""
     marker: str
     """whose pose it is"""
     kernel: str
@@ -116,7 +116,7 @@ class ForwardKinematics:
         """
         about, groups = read_groups(Path(path))
         try:
-            kinds, joints = tuple(about["kinds"]), tuple(about["joints"])
+            kinds, joints = kinds_of(about["kinds"]), tuple(about["joints"])
             gp = _gp(about["kernel"], kinds)
             gp.load_arrays(groups["gp"])
             data = {name: torch.as_tensor(groups["data"][name]) for name in ("q", "Y")}
@@ -124,7 +124,7 @@ class ForwardKinematics:
             return cls(
                 joints, kinds, str(about["marker"]), about["kernel"], gp, **data, report=report
             )
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, InputError) as error:
             raise damaged(Path(path), error) from error
 
 
@@ -199,9 +199,9 @@ def pose_samples(
 
 
 def regressors(q: Float[Tensor, "*b J"], kinds: Sequence[str]) -> Float[Tensor, "*b D"]:
-    """Cosines and sines of revolute joints, then positions of prismatic ones (thesis eq. 2.21)."""
-    turns = [k for k, kind in enumerate(kinds) if kind == "revolute"]
-    slides = [k for k, kind in enumerate(kinds) if kind == "prismatic"]
+    """Cosines and sines of hinges, then positions of slides (thesis eq. 2.21)."""
+    turns = [k for k, kind in enumerate(kinds) if kind == "hinge"]
+    slides = [k for k, kind in enumerate(kinds) if kind == "slide"]
     return torch.cat([q[..., turns].cos(), q[..., turns].sin(), q[..., slides]], -1)
 
 

@@ -49,7 +49,7 @@ def plot_triplets(
 ) -> Axes:
     """Residuals of all pairs of markers and all joints, in parts of the tolerance.
 
-    The chain's own triplets are marked: black squares, R for revolute, P for prismatic.
+    The chain's own triplets are marked: H for a hinge, S for a slide.
     """
     from matplotlib.colors import LogNorm
 

@@ -13,8 +13,8 @@ from envs.arms.dh import UR10, Link, arm, random_links
 
 def frame(link: Link, q: float) -> np.ndarray:
     """Thesis eqs. (2.2) and (2.3), as a homogeneous matrix."""
-    theta = link.theta + (q if link.kind == "revolute" else 0.0)
-    d = link.d + (q if link.kind == "prismatic" else 0.0)
+    theta = link.theta + (q if link.kind == "hinge" else 0.0)
+    d = link.d + (q if link.kind == "slide" else 0.0)
     c, s, ca, sa = cos(theta), sin(theta), cos(link.alpha), sin(link.alpha)
     return np.array(
         [

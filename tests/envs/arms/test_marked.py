@@ -75,7 +75,7 @@ def test_equal_seeds_give_equal_logs(arm) -> None:
 
 
 def test_motions_stay_in_their_ranges_and_reach_the_way_points() -> None:
-    kinds = ("revolute", "prismatic")
+    kinds = ("hinge", "slide")
     rng = np.random.default_rng(6)
     q = sinusoids(0.1 * np.arange(300), kinds, rng)
     assert np.abs(q).max(0) == pytest.approx([RANGES[kind] for kind in kinds])

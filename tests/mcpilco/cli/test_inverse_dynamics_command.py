@@ -77,7 +77,7 @@ def test_a_geometry_comes_from_a_model(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((), "give --joints, as in --joints RRPR, or the robot's --model"),
+        ((), "give --joints, as in --joints HHSH, or the robot's --model"),
         (("--joints", "RPR"), "says 3 joints, .*a.csv has 2: turn, push"),
         (("--joints", "RQ"), "a letter for each joint"),
         (("--joints", "RP", "--kernel", "pp"), "needs the robot's geometry"),

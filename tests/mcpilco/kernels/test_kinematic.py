@@ -13,12 +13,12 @@ from envs.arms.marked import marked_arm
 from mcpilco.kernels import Kinematic, NestedKinematic
 from mcpilco.typing import InputError
 
-CHAINS = list(itertools.product(("revolute", "prismatic"), repeat=3))
+CHAINS = list(itertools.product(("hinge", "slide"), repeat=3))
 
 
 def regressors(q: np.ndarray, kinds: tuple[str, ...]) -> torch.Tensor:
-    turns = [k for k, kind in enumerate(kinds) if kind == "revolute"]
-    slides = [k for k, kind in enumerate(kinds) if kind == "prismatic"]
+    turns = [k for k, kind in enumerate(kinds) if kind == "hinge"]
+    slides = [k for k, kind in enumerate(kinds) if kind == "slide"]
     parts = np.cos(q[:, turns]), np.sin(q[:, turns]), q[:, slides]
     return torch.as_tensor(np.concatenate(parts, axis=1))
 
@@ -43,7 +43,7 @@ def test_every_pose_of_every_chain_is_in_the_span(kernel, kinds) -> None:
 @pytest.mark.parametrize("kinds", CHAINS, ids=lambda kinds: "".join(k[0] for k in kinds))
 def test_as_many_monomials_as_the_proposition_counts(kinds) -> None:
     X = torch.randn(200, 6, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    R, P = kinds.count("revolute"), kinds.count("prismatic")
+    R, P = kinds.count("hinge"), kinds.count("slide")
     X = X[:, : 2 * R + P]
     rank = int(torch.linalg.matrix_rank(Kinematic(kinds)(X, X), rtol=1e-12))
     nested = int(torch.linalg.matrix_rank(NestedKinematic(kinds)(X, X), rtol=1e-12))
@@ -52,7 +52,7 @@ def test_as_many_monomials_as_the_proposition_counts(kinds) -> None:
 
 
 def test_unknown_joints_are_refused() -> None:
-    with pytest.raises(InputError, match="revolute or prismatic, one at least, got ball"):
-        Kinematic(("revolute", "ball"))
+    with pytest.raises(InputError, match="hinge or slide, one at least, got ball"):
+        Kinematic(("hinge", "ball"))
     with pytest.raises(InputError, match="got none"):
         NestedKinematic(())

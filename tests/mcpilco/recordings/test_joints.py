@@ -148,7 +148,8 @@ def test_a_recording_without_torques_is_refused(tmp_path):
 
 
 def test_letters_name_the_kinds_of_joints():
-    assert kinds_of("RrP") == ("hinge", "hinge", "slide")
+    assert kinds_of("RrP") == kinds_of("hHS") == ("hinge", "hinge", "slide")
+    assert kinds_of(("revolute", "slide", "prismatic")) == ("hinge", "slide", "slide")
     for wrong in ("", "RX", "R R"):
         with pytest.raises(InputError, match="a letter for each joint"):
             kinds_of(wrong)

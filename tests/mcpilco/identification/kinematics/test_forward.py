@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from envs.arms.dh import Link
 from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm
+from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.kinematics import (
     ForwardKinematics,
     KinematicChain,
@@ -24,10 +25,10 @@ from mcpilco.recordings import MarkerRecording, marker_recording
 from mcpilco.typing import InputError, RunFolderError
 
 LINKS = (
-    Link("revolute", d=0.3, alpha=np.pi / 2),
-    Link("revolute", a=0.5),
-    Link("prismatic", theta=0.4, alpha=1.0, d=0.2),
-    Link("revolute", a=0.2),
+    Link("hinge", d=0.3, alpha=np.pi / 2),
+    Link("hinge", a=0.5),
+    Link("slide", theta=0.4, alpha=1.0, d=0.2),
+    Link("hinge", a=0.2),
 )
 
 
@@ -139,3 +140,12 @@ def test_rotation_vector_is_the_logarithm() -> None:
     R = Rotation.from_rotvec(vectors).as_matrix()
     found = _rotation_vector(torch.as_tensor(R)).numpy()
     np.testing.assert_allclose(found, Rotation.from_matrix(R).as_rotvec(), atol=1e-9)
+
+
+def test_a_file_that_says_revolute_and_prismatic_is_read(exact, tmp_path) -> None:
+    model = exact[-1]
+    about, groups = read_groups(model.save(tmp_path / "new.npz"))
+    old = {"hinge": "revolute", "slide": "prismatic"}
+    about["kinds"] = [old[kind] for kind in about["kinds"]]
+    again = ForwardKinematics.load(write_groups(tmp_path / "old.npz", about, groups))
+    assert again.kinds == model.kinds == ("hinge", "hinge", "slide", "hinge")

@@ -37,19 +37,19 @@ def test_p1_and_p2_with_p3_are_never_wrong_and_p2_alone_is(camera, outliers, lim
     arm, recording = recorded(seed, samples=60, camera=camera)
     tests = triplet_tests(recording, outliers)
     position, orientation = limits
-    prismatic = (tests.slide < position) & (tests.rigid < orientation)[:, None]
+    slide = (tests.slide < position) & (tests.rigid < orientation)[:, None]
     hinge = np.repeat((tests.hinge < position)[:, None], 5, axis=1)
-    revolute = hinge & (tests.turn < orientation)
-    truth = labels(arm, recording, tests.pairs, "revolute")
-    np.testing.assert_array_equal(prismatic, labels(arm, recording, tests.pairs, "prismatic"))
-    np.testing.assert_array_equal(revolute, truth)
+    turning = hinge & (tests.turn < orientation)
+    truth = labels(arm, recording, tests.pairs, "hinge")
+    np.testing.assert_array_equal(slide, labels(arm, recording, tests.pairs, "slide"))
+    np.testing.assert_array_equal(turning, truth)
     assert (hinge & ~truth).any() == truth.any()
 
 
 def test_two_positions_of_each_joint_suffice() -> None:
     """The set of thesis definition 2.3.4."""
     rng = np.random.default_rng(0)
-    links = [Link("revolute" if k % 2 else "prismatic", *rng.uniform(-1, 1, 4)) for k in range(5)]
+    links = [Link("hinge" if k % 2 else "slide", *rng.uniform(-1, 1, 4)) for k in range(5)]
     arm = marked_arm(links, rng)
     q = np.repeat(rng.uniform(-1, 1, (1, 5)), 10, axis=0)
     for joint in range(5):
@@ -57,19 +57,19 @@ def test_two_positions_of_each_joint_suffice() -> None:
         q[2 * joint : 2 * joint + 2] += 1e-9 * joint  # no row twice
     recording = marker_recording(arm.log(np.arange(10.0), q, IDEAL, rng))
     tests = triplet_tests(recording)
-    truth = labels(arm, recording, tests.pairs, "revolute")
+    truth = labels(arm, recording, tests.pairs, "hinge")
     np.testing.assert_array_equal((tests.hinge < 1e-6)[:, None] & (tests.turn < 1e-5), truth)
     slides = (tests.slide < 1e-6) & (tests.rigid < 1e-5)[:, None]
-    np.testing.assert_array_equal(slides, labels(arm, recording, tests.pairs, "prismatic"))
+    np.testing.assert_array_equal(slides, labels(arm, recording, tests.pairs, "slide"))
 
 
 def test_residuals_depend_neither_on_the_order_of_markers_nor_on_full_turns() -> None:
     arm, recording = recorded(1, joints=3, samples=30)
     tests = triplet_tests(recording)
-    turned = recording.q + 2 * np.pi * np.array([-1, 0, 2]) * (np.array(arm.kinds) == "revolute")
+    turned = recording.q + 2 * np.pi * np.array([-1, 0, 2]) * (np.array(arm.kinds) == "hinge")
     flipped = dataclasses.replace(
         recording,
-        q=recording.q if "prismatic" in arm.kinds else turned,
+        q=recording.q if "slide" in arm.kinds else turned,
         positions=recording.positions[:, ::-1],
         quaternions=-recording.quaternions[:, ::-1],
         marker_names=recording.marker_names[::-1],
@@ -98,5 +98,5 @@ def test_noise_is_what_is_left_of_a_connected_pair() -> None:
     ]
     for pair, joint, kind in zip(pairs, arm.joints, arm.kinds, strict=True):
         k = recording.joint_names.index(joint)
-        turn = tests.rigid[pair] if kind == "prismatic" else tests.turn[pair, k]
+        turn = tests.rigid[pair] if kind == "slide" else tests.turn[pair, k]
         assert turn == pytest.approx(0.01 * np.sqrt(2), rel=0.1)
