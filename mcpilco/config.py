@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from mcpilco.task import SMOOTH_TURN_OVER
 from mcpilco.typing import InputError
 
 Number = TypeVar("Number", int, float)
@@ -104,7 +105,7 @@ class ModelConfig(Checked):
     """how many past inputs the state holds, for actuators that lag"""
     delay: float = 0.0
     """how late the actuator answers [s]: policies act on the state predicted for then"""
-    friction_gate: float = 0.05
+    friction_gate: float = SMOOTH_TURN_OVER
     """velocity over which the friction features turn over [m/s or rad/s]"""
     integration: Literal["speed", "full"] = "speed"
     """speed: GPs for the velocities, positions integrated (thesis eq. 5.9); full: for all states"""

@@ -1,34 +1,31 @@
-"""What MC-PILCO may take over from a corrected simulation."""
+"""The parts of a corrected simulation that MC-PILCO may take over as prior knowledge."""
 
 from __future__ import annotations
 
-import math
+from collections import defaultdict
 from dataclasses import replace
 
-from mcpilco.plant import Correction
-
-LAG_TOLD = 3.0
-"""time constants of a lag after which an input no longer matters"""
-UNWRITTEN = ("backlash", "sensor_delay")
-"""effects that the equations of a model do not hold"""
+from mcpilco.plant import Correction, past_inputs
 
 
 def as_mean(correction: Correction) -> Correction:
-    """What of a correction can be written as the mean of a model; the rest is to be learned."""
-    written = tuple(effect for effect in correction.effects if effect.name not in UNWRITTEN)
+    """The part of a correction that equations can say as a model's mean; the rest is learned."""
+    written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
     return replace(correction, effects=written, learned=())
 
 
 def remembered_inputs(correction: Correction, dt: float) -> int:
-    """How many past inputs an actuator still answers to.
+    """The number of past inputs that an actuator still answers to.
 
     Args:
         correction: of a plant.
         dt: time step of the policy [s].
     """
-    late = [
-        effect.parameters.get("d", 0.0) + LAG_TOLD * effect.parameters.get("T", 0.0)
-        for effect in correction.effects
-        if effect.name in ("actuator_delay", "actuator_lag")
-    ]
-    return math.ceil(sum(late) / dt)
+    delay: dict[str, float] = defaultdict(float)
+    lag: dict[str, float] = defaultdict(float)
+    for addition in correction.effects:
+        late = {"actuator_delay": delay, "actuator_lag": lag}.get(addition.name)
+        if late is not None:
+            late[addition.target] += addition.values[0]
+    targets = {*delay, *lag}
+    return max((past_inputs(delay[target], lag[target], dt) for target in targets), default=0)

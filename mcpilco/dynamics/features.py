@@ -9,15 +9,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.plant import CoulombFriction, ViscousFriction
+from mcpilco.task import FITTED_TURN_OVER
 from mcpilco.typing import InputError
-
-TURN_OVER = 0.02
-"""velocity over which dry friction turns over [rad/s or m/s]"""
 
 
 def friction(dq: Float[Tensor, "*b J"]) -> Float[Tensor, "*b J 2"]:
-    """What viscous and Coulomb friction of each joint are linear in: [q', tanh(q' / v_r)]."""
-    return torch.stack([dq, torch.tanh(dq / TURN_OVER)], -1)
+    """The regressors of viscous and Coulomb friction of each joint: [q', tanh(q' / v_r)]."""
+    viscous = ViscousFriction.force(0.0, dq, -1.0)
+    return torch.stack([viscous, CoulombFriction.force(0.0, dq, -1.0, FITTED_TURN_OVER)], -1)
 
 
 class JointPolynomials:

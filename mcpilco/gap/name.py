@@ -130,7 +130,7 @@ def weigh(found: Found, best: Fit, windows: Windows) -> tuple[Named, ...]:
             for symbol, value, least, most, unit in zip(
                 active.effect.symbols, values[0], lows[0], highs[0], units, strict=True
             )
-            if symbol.told
+            if symbol.reported
         }
         instead = rivals(found, active)
         others = [rival.behind for rival in instead if not rival.holds(active)]

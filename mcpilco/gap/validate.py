@@ -78,7 +78,7 @@ def fits_roughly(best: Fit, windows: Windows) -> bool:
 
 def _symbols(found: Fit) -> int:
     """How many numbers a report tells of a model's effects."""
-    return sum(symbol.told for active in found.model.named for symbol in active.effect.symbols)
+    return sum(symbol.reported for active in found.model.named for symbol in active.effect.symbols)
 
 
 def _parts(windows: Windows) -> Int[np.ndarray, " W"]:

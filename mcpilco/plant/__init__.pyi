@@ -1,4 +1,26 @@
 from . import known_plants
+from .arithmetic import (
+    ABS,
+    ADD,
+    COSINE,
+    DIVIDE,
+    EXP,
+    MAXIMUM,
+    MINIMUM,
+    MULTIPLY,
+    SINE,
+    SQRT,
+    SUBTRACT,
+    TANH,
+    Real,
+    cos,
+    exp,
+    larger,
+    sin,
+    smaller,
+    sqrt,
+    tanh,
+)
 from .corrected_mjcf import (
     FAR,
     RIGID,
@@ -18,35 +40,18 @@ from .correction import (
     write_correction,
 )
 from .effects import CATALOGUE
-from .effects.base import Probe, Scale, Symbol
-from .effects.joint import TURN, DryFriction
+from .effects.base import Effect, Probe, Scale, Symbol, sizes
+from .effects.joint import TURN, CoulombFriction, DryFriction, JointForce, Spring, ViscousFriction
 from .effects.learned import Axis, LearnedForce, design
-from .equations.chain import mass_matrix
+from .equations.chain import PolynomialForces, mass_matrix
 from .equations.features import friction_features, physics_features
-from .equations.number import (
-    ABS,
-    ADD,
-    COSINE,
-    DIVIDE,
-    EXP,
-    MAXIMUM,
-    MINIMUM,
-    MULTIPLY,
-    SINE,
-    SQRT,
-    SUBTRACT,
-    TANH,
-    Real,
-    cos,
-    sin,
-)
-from .equations.polynomial_force import PolynomialForces
 from .equations.program import Program, Rows, features_of
 from .equations.step import (
     PlantStep,
     free_parameters,
     numbers_of,
     order_of,
+    past_inputs,
     step_of,
     system_of,
     true_state,
@@ -55,9 +60,8 @@ from .known_plants import plant_for
 from .mjcf import chain_of, plant_of
 from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
-from .simulation.layout import Layout
+from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
-from .simulation.tables import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Tables
 
 __all__ = [
     "ABS",
@@ -86,9 +90,12 @@ __all__ = [
     "Base",
     "CorrectedModel",
     "Correction",
+    "CoulombFriction",
     "DryFriction",
+    "Effect",
     "EffectInstance",
     "Inertials",
+    "JointForce",
     "Layout",
     "LearnedForce",
     "Parameter",
@@ -100,22 +107,27 @@ __all__ = [
     "Real",
     "Rows",
     "Scale",
+    "Spring",
     "Symbol",
     "Tables",
+    "ViscousFriction",
     "chain_of",
     "corrected",
     "correction_from",
     "correction_of",
     "cos",
     "design",
+    "exp",
     "features_of",
     "free_parameters",
     "friction_features",
     "known_plants",
+    "larger",
     "mass_matrix",
     "move_assets",
     "numbers_of",
     "order_of",
+    "past_inputs",
     "physics_features",
     "plant_for",
     "plant_of",
@@ -123,8 +135,12 @@ __all__ = [
     "read_correction",
     "simulate",
     "sin",
+    "sizes",
+    "smaller",
+    "sqrt",
     "step_of",
     "system_of",
+    "tanh",
     "true_state",
     "write_corrected_mjcf",
     "write_correction",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,10 @@ from numpy.polynomial import Polynomial
 
 from mcpilco.files import write_bytes
 from mcpilco.plant.correction import Addition, Correction, corrected
-from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.effects.joint import FASTEST
 from mcpilco.plant.mjcf import plant_of
 from mcpilco.plant.mjcf_inertials import Inertials
-from mcpilco.plant.simulation import Layout
+from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
 FAR = 1e6
@@ -28,13 +28,6 @@ RIGID = (0.999, 0.9999, 0.001, 0.5, 2.0)
 SUDDEN = (1e-4, 1.0)
 """its solreffriction: MuJoCo's own lets go of a joint over 10 ms as it stops; two timesteps are the
 least that MuJoCo takes [s, -]"""
-OUTSIDE = {
-    "actuator": "apply it to the command before that is written to ctrl",
-    "joint": "add its force to qfrc_applied before each step",
-    "body": "change the body's geometry instead",
-    "sensor": "apply it to what is measured",
-}
-"""what to do about an effect that MJCF cannot say, by its place"""
 LEARNED = (
     "let mcpilco.plant.learned_mjcf.passive_forces add it in MuJoCo's callback of passive forces"
 )
@@ -87,14 +80,14 @@ def move_assets(spec: mujoco.MjSpec, before: Path, after: Path) -> None:
 
 
 class CorrectedModel:
-    """A model that effects are written into, one after another."""
+    """A model that effects are written into, one after another, by `Effect.write_mjcf`."""
 
     def __init__(self, spec: mujoco.MjSpec, layout: Layout) -> None:
         spec.compiler.fusestatic = False
         self.spec = spec
         self._layout = layout
         compiled = spec.compile()
-        self._inertials = Inertials(spec, compiled)
+        self.inertials = Inertials(spec, compiled)
         self._joints = {j.id: j for j in spec.joints}
         self._actuators = {a.id: a for a in spec.actuators}
         self._springs = {
@@ -111,24 +104,20 @@ class CorrectedModel:
         if name == "gravity":
             self.spec.option.gravity = np.asarray(self.spec.option.gravity) * value / self._gravity
         elif what == "mass":
-            self._inertials.scale_to(owner, value)
+            self.inertials.scale_to(owner, value)
         elif what == "damping":
-            put(self._joint(owner), "damping", 0, value)
+            put(self.joint(owner), "damping", 0, value)
         elif what == "friction":
-            self._joint(owner).frictionloss = value
+            self.joint(owner).frictionloss = value
         else:
             u = self._layout.inputs.index(owner)
             self._multiply(u, value / self._gain(u))
 
-    def add(self, effect: Addition) -> str | None:
+    def add(self, addition: Addition) -> str | None:
         """Writes an effect, or returns a sentence on why MJCF cannot say it."""
-        write: Callable[..., str | None] | None = getattr(self, f"_{effect.name}", None)
-        values = ", ".join(f"{k} = {v:g}" for k, v in effect.parameters.items())
-        name = f"{effect.name} ({effect.target}; {values})"
-        if write is None:
-            return f"MJCF cannot say {name}; {OUTSIDE[CATALOGUE[effect.name].place]}."
-        fault = write(effect.target, *effect.values)
-        return f"{name}: {fault}" if fault else None
+        values = ", ".join(f"{k} = {v:g}" for k, v in addition.parameters.items())
+        fault = addition.effect.write_mjcf(self, addition.target, addition.values)
+        return f"{addition.name} ({addition.target}; {values}): {fault}" if fault else None
 
     def finish(self) -> None:
         """Writes what several effects share."""
@@ -143,82 +132,74 @@ class CorrectedModel:
             if largest < max(abs(low), abs(high)):
                 actuator.ctrlrange = (max(low, -largest), min(high, largest))
                 actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        self._inertials.write()
+        self.inertials.write()
 
-    # joints
+    def joint(self, name: str) -> Any:
+        """The specification of a joint."""
+        return self._joints[self._layout.joints.index(name)]
 
-    def _viscous_friction(self, joint: str, b: float) -> None:
-        put(self._joint(joint), "damping", 0, self._joint(joint).damping[0] + b)
+    def add_force(self, joint: str, force: Callable[[Any, Any], Any]) -> bool:
+        """Adds a force of position and velocity to a joint; False if MJCF has no such force.
 
-    def _quadratic_drag(self, joint: str, c: float) -> None:
-        put(self._joint(joint), "damping", 1, self._joint(joint).damping[1] + c)
-
-    def _coulomb_friction(self, joint: str, f_c: float, v_r: float) -> None:
-        spec = self._joint(joint)
-        if spec.frictionloss == 0.0 and f_c > 0.0:
+        MJCF has a polynomial of the position to the third power, one of the speed against the
+        motion, and dry friction.
+        """
+        try:
+            terms = (force(_Terms({(1, 0, 0): 1.0}), _Terms({(0, 1, 1): 1.0})) + _Terms({})).terms
+        except TypeError:
+            return False
+        springs, dampers, dry = Polynomial([0.0]), np.zeros(3), 0.0
+        for (power, speeds, sign), size in terms.items():
+            if power <= 3 and speeds == 0 and not sign:
+                springs = springs + size * Polynomial([0.0, 1.0]) ** power
+            elif power == 0 and 1 <= speeds <= 3 and sign:
+                dampers[speeds - 1] -= size
+            elif power == 0 and speeds == 0 and sign and size <= 0.0:
+                dry -= size
+            elif size:
+                return False
+        spec = self.joint(joint)
+        if springs.coef.any():
+            self._springs[joint] = self._springs[joint] + springs
+        if dry and spec.frictionloss == 0.0:
             spec.solimp_friction, spec.solref_friction = RIGID, SUDDEN
-        spec.frictionloss += f_c
+        spec.frictionloss += dry
+        for index, more in enumerate(dampers):
+            if more:
+                put(spec, "damping", index, spec.damping[index] + more)
+        return True
 
-    def _asymmetric_friction(self, joint: str, f_p: float, f_n: float, v_r: float) -> None:
-        # -f_p and +f_n are a friction of their mean, and a force that is there at rest too
-        self._coulomb_friction(joint, 0.5 * (f_p + f_n), v_r)
-        self._constant_force(joint, 0.5 * (f_n - f_p))
+    def multiply_gain(self, actuator: str, factor: float) -> None:
+        """Multiplies the force of an actuator, whose range stays what it is."""
+        self._multiply(self._layout.actuators.index(actuator), factor)
 
-    def _spring(self, joint: str, k: float) -> None:
-        self._springs[joint] = self._springs[joint] - Polynomial([0.0, k])
-
-    def _hardening_spring(self, joint: str, k_3: float) -> None:
-        self._springs[joint] = self._springs[joint] - Polynomial([0.0, 0.0, 0.0, k_3])
-
-    def _constant_force(self, joint: str, f_0: float) -> None:
-        self._springs[joint] = self._springs[joint] + f_0
-
-    def _armature(self, joint: str, inertia: float) -> None:
-        self._joint(joint).armature += inertia
-
-    # bodies
-
-    def _body_mass(self, body: str, more: float) -> None:
-        self._inertials.add_mass(body, more)
-
-    def _center_of_mass(self, body: str, further: float) -> None:
-        self._inertials.move_center(body, further)
-
-    def _body_inertia(self, body: str, more: float) -> str | None:
-        return self._inertials.add_inertia(body, more)
-
-    # actuators
-
-    def _actuator_gain(self, target: str, k: float) -> None:
-        self._multiply(self._layout.actuators.index(target), k)
-
-    def _actuator_saturation(self, target: str, largest: float) -> None:
-        u = self._layout.actuators.index(target)
+    def limit(self, actuator: str, largest: float) -> None:
+        """Lets an actuator give no more than a force [N or N m], in either direction."""
+        u = self._layout.actuators.index(actuator)
         self._limits[u] = min(self._limits[u], largest)
 
-    def _actuator_lag(self, target: str, lag: float) -> None:
-        actuator = self._actuators[self._layout.actuators.index(target)]
+    def lag(self, actuator: str, lag: float) -> None:
+        """Lets an actuator lag behind its command by a time constant [s]."""
+        spec = self._actuators[self._layout.actuators.index(actuator)]
         if lag > 0.0:
             # its four stages follow the lag by themselves; other integrators hold it for a timestep
             exact, plain = mujoco.mjtDyn.mjDYN_FILTEREXACT, mujoco.mjtDyn.mjDYN_FILTER
-            actuator.dyntype = plain if self._has_stages else exact
-            actuator.dynprm[0] = lag
+            spec.dyntype = plain if self._has_stages else exact
+            spec.dynprm[0] = lag
 
-    def _actuator_delay(self, target: str, delay: float) -> str | None:
-        actuator = self._actuators[self._layout.actuators.index(target)]
+    def delay(self, actuator: str, delay: float) -> str | None:
+        """Delays the command of an actuator [s], or returns why MuJoCo cannot."""
+        spec = self._actuators[self._layout.actuators.index(actuator)]
         step = self.spec.option.timestep
         if delay > 0.0:
             # interpolated linearly, a jump takes the timestep before it: its mean is right where
             # the force is held for a timestep, and half a timestep early where it is not
-            actuator.delay = delay + (0.5 * step if self._has_stages else 0.0)
-            actuator.nsample = math.ceil(actuator.delay / step) + 2
-            actuator.interp = 1
+            spec.delay = delay + (0.5 * step if self._has_stages else 0.0)
+            spec.nsample = math.ceil(spec.delay / step) + 2
+            spec.interp = 1
         if 0.0 < delay < step:
             return f"MuJoCo delays by a timestep of {step:g} s at least; choose a shorter one."
         return None
-
-    def _joint(self, name: str) -> Any:
-        return self._joints[self._layout.joints.index(name)]
 
     def _gain(self, u: int) -> float:
         return float(self._actuators[u].gear[0] * self._actuators[u].gainprm[0])
@@ -228,12 +209,72 @@ class CorrectedModel:
 
     def _write_spring(self, name: str, force: Polynomial) -> None:
         """Says a joint's force, a polynomial of its position, as a spring about where it is 0."""
-        joint = self._joint(name)
+        joint = self.joint(name)
         rest, stiffness = _about_rest(force)
         for power, value in enumerate(stiffness):
             put(joint, "stiffness", power, value)
         hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
         joint.springref = math.degrees(rest) if hinge and self.spec.compiler.degree else rest
+
+
+class _Terms:
+    """A force as a sum of terms q^p |v|^n sign(v)^s, as far as it is one: a number for formulas.
+
+    What is no such sum raises TypeError, as an operation that a number lacks does.
+    """
+
+    def __init__(self, terms: Mapping[tuple[int, int, int], float]) -> None:
+        """The sum of the terms (p, n, s), s being 0 or 1, each with its factor."""
+        self.terms = dict(terms)
+
+    def __add__(self, other: Any) -> _Terms:
+        total = dict(self.terms)
+        for key, size in _terms_of(other).items():
+            total[key] = total.get(key, 0.0) + size
+        return _Terms(total)
+
+    def __mul__(self, other: Any) -> _Terms:
+        total = _Terms({})
+        for (p, n, s), size in self.terms.items():
+            for (k, m, r), factor in _terms_of(other).items():
+                total = total + _Terms({(p + k, n + m, (s + r) % 2): size * factor})
+        return total
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __neg__(self) -> _Terms:
+        return self * -1.0
+
+    def __sub__(self, other: Any) -> _Terms:
+        return self + other * -1.0
+
+    def __rsub__(self, other: Any) -> _Terms:
+        return -self + other
+
+    def __truediv__(self, other: float) -> _Terms:
+        return self * (1.0 / other)
+
+    def __pow__(self, power: int) -> _Terms:
+        if not isinstance(power, int) or power < 1:
+            raise TypeError("only whole powers are terms of MJCF")
+        return self if power == 1 else self * self ** (power - 1)
+
+    def __abs__(self) -> _Terms:
+        ((p, n, _), size), *more = self.terms.items()
+        if more or p % 2:
+            raise TypeError("|q| and the absolute value of a sum are no terms of MJCF")
+        return _Terms({(p, n, 0): abs(size)})
+
+    def tanh(self) -> _Terms:
+        """sign(v), of v / v_r with a small v_r: MuJoCo's dry friction turns over as it can."""
+        ((key, size), *more) = self.terms.items()
+        if more or key != (0, 1, 1) or abs(size) < 1.0 / FASTEST:
+            raise TypeError("a tanh that is no dry friction is no term of MJCF")
+        return _Terms({(0, 0, 1): math.copysign(1.0, size)})
+
+
+def _terms_of(x: Any) -> dict[tuple[int, int, int], float]:
+    return x.terms if isinstance(x, _Terms) else {(0, 0, 0): float(x)}
 
 
 def _spring(model: mujoco.MjModel, joint: int) -> Polynomial:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mcpilco.files import write_bytes
-from mcpilco.plant.effects import CATALOGUE, Symbol
+from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.effects.learned import Axis, LearnedForce
 from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.typing import InputError
@@ -43,7 +43,7 @@ class Addition:
                 known = ", ".join(symbols)
                 raise InputError(f"{self.name} has no parameter {name!r}; it has {known}.")
             _require_value(f"{name} of {self.name} ({self.target})", value, symbols[name])
-        missing = [s.name for s in symbols.values() if s.told and s.name not in self.parameters]
+        missing = [s.name for s in symbols.values() if s.reported and s.name not in self.parameters]
         if missing:
             raise InputError(
                 f"{self.name} ({self.target}) needs a value of {', '.join(missing)}; add it to its "
@@ -51,9 +51,14 @@ class Addition:
             )
 
     @property
+    def effect(self) -> Effect:
+        """The effect of this name."""
+        return CATALOGUE[self.name]
+
+    @property
     def values(self) -> tuple[float, ...]:
         """One for each symbol of the effect, in their order."""
-        symbols = CATALOGUE[self.name].symbols
+        symbols = self.effect.symbols
         return tuple(float(self.parameters.get(s.name, s.neutral)) for s in symbols)
 
 

@@ -17,11 +17,10 @@ from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
 from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
-from mcpilco.plant.simulation import Layout
+from mcpilco.plant.simulation.layout import Layout
+from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
-TURN_OVER = 2e-3
-"""velocity over which the model's dry friction turns over [m/s or rad/s]"""
 SWITCHES = sum(
     int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0))
     for name in ("GRAVITY", "SPRING", "DAMPER", "PASSIVE", "FRICTIONLOSS", "CLAMPCTRL", "ACTUATION")

@@ -10,9 +10,18 @@ from jaxtyping import Float
 
 from mcpilco.bodies import Chain, stack
 from mcpilco.plant.effects import CATALOGUE, Effect
+from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
-from mcpilco.plant.simulation import Layout, Stepper, Tables, simulate
-from mcpilco.plant.simulation.tables import IDEAL_ACTUATOR, IDEAL_SENSOR
+from mcpilco.plant.simulation.laws import code_of
+from mcpilco.plant.simulation.layout import (
+    CONSTANTS,
+    IDEAL_ACTUATOR,
+    IDEAL_SENSOR,
+    Layout,
+    Tables,
+)
+from mcpilco.plant.simulation.motion import simulate
+from mcpilco.plant.simulation.stepper import Stepper
 from mcpilco.typing import InputError
 
 
@@ -186,12 +195,13 @@ class Plant:
         S, layout = len(parameters), self.layout
         names = [parameter.name for parameter in self.parameters]
         everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
-        forces = [active for active in everything if active.effect.law is not None]
+        forces = [(a.effect, a.target) for a in everything if isinstance(a.effect, JointForce)]
         tables = Tables(
             chains=stack([self.build(dict(zip(names, row, strict=True))) for row in parameters]),
-            law=np.array([active.effect.law for active in forces], dtype=np.int64),
-            joint=np.array([layout.joints.index(a.target) for a in forces], dtype=np.int64),
-            constants=np.zeros((S, len(forces), 4)),
+            law=np.array([code_of(effect) for effect, _ in forces], dtype=np.int64),
+            joint=np.array([layout.joints.index(target) for _, target in forces], dtype=np.int64),
+            constants=np.zeros((S, len(forces), CONSTANTS)),
+            turn=np.zeros((S, len(forces))),
             drives=np.array(layout.drives),
             actuators=np.tile(np.array(IDEAL_ACTUATOR), (S, len(layout.drives), 1)),
             sensors=np.tile(np.array(IDEAL_SENSOR), (S, len(layout.states), 1)),
@@ -206,7 +216,7 @@ class Plant:
         places = [self._at(active, rows) for active in everything]
         for s, row in enumerate(parameters):
             known = dict(zip(names, row, strict=True))
-            told = [
+            each = [
                 *(
                     [known[v] if isinstance(v, str) else v for v in base.values]
                     for base in self.base
@@ -214,13 +224,13 @@ class Plant:
                 *(added for _, added in self.added),
                 *(value[s] for value in values),
             ]
-            for active, at, numbers in zip(everything, places, told, strict=True):
+            for active, at, numbers in zip(everything, places, each, strict=True):
                 active.effect.install(tables, s, at, numbers)
         return tables
 
     def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
         """Where an effect writes: its row among the forces, or the number of its target."""
-        if active.effect.law is not None:
+        if isinstance(active.effect, JointForce):
             return next(rows)
         layout = self.layout
         names = {

@@ -16,11 +16,9 @@ from jaxtyping import Float, Int
 from scipy.linalg import qr, solve_triangular
 
 from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
-from mcpilco.plant import chain_of
+from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
+from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
-
-TURN_OVER = 2e-3
-"""velocity over which dry friction turns over, as tanh(q' / v_r) [rad/s or m/s]"""
 
 
 class Term(NamedTuple):
@@ -35,10 +33,10 @@ class Term(NamedTuple):
 
 
 TERMS: Mapping[str, Term] = {
-    "viscous": Term(lambda q, dq, ddq: dq, "{f} s/{q}"),
-    "coulomb": Term(lambda q, dq, ddq: np.tanh(dq / TURN_OVER), "{f}"),
+    "viscous": Term(lambda q, dq, ddq: ViscousFriction.force(q, dq, -1.0), "{f} s/{q}"),
+    "coulomb": Term(lambda q, dq, ddq: CoulombFriction.force(q, dq, -1.0, TURN_OVER), "{f}"),
     "armature": Term(lambda q, dq, ddq: ddq, "{f} s^2/{q}"),
-    "stiffness": Term(lambda q, dq, ddq: q, "{f}/{q}"),
+    "stiffness": Term(lambda q, dq, ddq: Spring.force(q, dq, -1.0), "{f}/{q}"),
     "offset": Term(lambda q, dq, ddq: np.ones_like(q), "{f}", positive=False),
 }
 """what a joint may have besides the body that it carries; the seed has viscous friction alone"""

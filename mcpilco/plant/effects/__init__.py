@@ -5,85 +5,36 @@
 An effect is one class with one formula; its name is public vocabulary.
 """
 
-from mcpilco.plant.effects.actuator import (
-    ActuatorDeadZone,
-    ActuatorDelay,
-    ActuatorGain,
-    ActuatorLag,
-    ActuatorSaturation,
-    Backlash,
-)
-from mcpilco.plant.effects.base import Effect, Place, Probe, Scale, Symbol
-from mcpilco.plant.effects.inertial import Armature, BodyInertia, BodyMass, CenterOfMass
-from mcpilco.plant.effects.joint import (
-    AsymmetricFriction,
-    ConstantForce,
-    CoulombFriction,
-    HardeningSpring,
-    PositionRipple,
-    QuadraticDrag,
-    Spring,
-    StribeckFriction,
-    ViscousFriction,
-)
-from mcpilco.plant.effects.sensor import SensorDelay, SensorOffset, SensorScale
+from mcpilco.plant.effects import actuator, inertial, joint, sensor
+from mcpilco.plant.effects.base import Effect, Place, Probe, Scale, Symbol, sizes
 
 CATALOGUE: dict[str, Effect] = {
     effect.name: effect
     for effect in (
-        ViscousFriction(),
-        CoulombFriction(),
-        StribeckFriction(),
-        QuadraticDrag(),
-        AsymmetricFriction(),
-        Spring(),
-        HardeningSpring(),
-        ConstantForce(),
-        PositionRipple(),
-        BodyMass(),
-        CenterOfMass(),
-        BodyInertia(),
-        Armature(),
-        ActuatorGain(),
-        ActuatorDeadZone(),
-        ActuatorSaturation(),
-        ActuatorDelay(),
-        ActuatorLag(),
-        Backlash(),
-        SensorOffset(),
-        SensorScale(),
-        SensorDelay(),
+        joint.ViscousFriction(),
+        joint.CoulombFriction(),
+        joint.StribeckFriction(),
+        joint.QuadraticDrag(),
+        joint.AsymmetricFriction(),
+        joint.Spring(),
+        joint.HardeningSpring(),
+        joint.ConstantForce(),
+        joint.PositionRipple(),
+        inertial.BodyMass(),
+        inertial.CenterOfMass(),
+        inertial.BodyInertia(),
+        inertial.Armature(),
+        actuator.ActuatorGain(),
+        actuator.ActuatorDeadZone(),
+        actuator.ActuatorSaturation(),
+        actuator.ActuatorDelay(),
+        actuator.ActuatorLag(),
+        actuator.Backlash(),
+        sensor.SensorOffset(),
+        sensor.SensorScale(),
+        sensor.SensorDelay(),
     )
 }
 """all effects, by name"""
 
-__all__ = [
-    "CATALOGUE",
-    "ActuatorDeadZone",
-    "ActuatorDelay",
-    "ActuatorGain",
-    "ActuatorLag",
-    "ActuatorSaturation",
-    "Armature",
-    "AsymmetricFriction",
-    "Backlash",
-    "BodyInertia",
-    "BodyMass",
-    "CenterOfMass",
-    "ConstantForce",
-    "CoulombFriction",
-    "Effect",
-    "HardeningSpring",
-    "Place",
-    "PositionRipple",
-    "Probe",
-    "QuadraticDrag",
-    "Scale",
-    "SensorDelay",
-    "SensorOffset",
-    "SensorScale",
-    "Spring",
-    "StribeckFriction",
-    "Symbol",
-    "ViscousFriction",
-]
+__all__ = ["CATALOGUE", "Effect", "Place", "Probe", "Scale", "Symbol", "sizes"]

@@ -1,19 +1,35 @@
-"""What happens between a command and the force that it asks for."""
+"""Actuators: what lies between a command and the force that it asks for."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from mcpilco.plant.arithmetic import exp, larger, smaller
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, sizes
-from mcpilco.plant.simulation import Layout, Tables
-from mcpilco.plant.simulation.tables import DEAD_ZONE, DELAY, GAIN, LAG, LIMIT, PLAY, RANGE
+from mcpilco.plant.simulation.layout import (
+    DEAD_ZONE,
+    DELAY,
+    GAIN,
+    LAG,
+    LIMIT,
+    PLAY,
+    RANGE,
+    Layout,
+    Tables,
+)
+
+if TYPE_CHECKING:
+    from mcpilco.plant.corrected_mjcf import CorrectedModel
 
 
 class ActuatorEffect(Effect):
-    """One number of an actuator."""
+    """One number of an actuator.
+
+    `shape` is its formula, of numbers of any kind (`mcpilco.plant.arithmetic`).
+    """
 
     place = "actuator"
     column: ClassVar[int]
@@ -33,11 +49,19 @@ class ActuatorGain(ActuatorEffect):
     symbols = (Symbol("k", "-", 1.0, 0.0),)
     column = GAIN
 
+    @staticmethod
+    def shape(x: Any, k: Any) -> Any:
+        """The force [N or N m] of the command x."""
+        return k * x
+
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.actuators[system, at, GAIN] *= values[0]
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(1.02)]
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.multiply_gain(target, values[0])
 
 
 class ActuatorDeadZone(ActuatorEffect):
@@ -46,6 +70,11 @@ class ActuatorDeadZone(ActuatorEffect):
     name = "actuator_dead_zone"
     symbols = (Symbol("d", "{f}", low=0.0),)
     column = DEAD_ZONE
+
+    @staticmethod
+    def shape(x: Any, d: Any) -> Any:
+        """What of a force x is left [N or N m]."""
+        return larger(x - d, 0.0) + smaller(x + d, 0.0)
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(part * scale.command) for part in (0.01, 0.05, 0.15)]
@@ -58,12 +87,21 @@ class ActuatorSaturation(ActuatorEffect):
     symbols = (Symbol("u_m", "{f}", np.inf, 0.0),)
     column = LIMIT
 
+    @staticmethod
+    def shape(x: Any, u_m: Any) -> Any:
+        """x within its limits."""
+        return smaller(larger(x, -u_m), u_m)
+
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         numbers = tables.actuators[system, at]
         numbers[self.column] = min(numbers[self.column], values[0])
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(part * scale.command) for part in (0.95, 0.8, 0.6, 0.4)]
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+        model.limit(target, values[0])
+        return None
 
 
 class CommandRange(ActuatorSaturation):
@@ -72,6 +110,7 @@ class CommandRange(ActuatorSaturation):
     name = "command_range"
     symbols = (Symbol("c_m", "command", np.inf, 0.0),)
     column = RANGE
+    write_mjcf = Effect.write_mjcf
 
 
 class ActuatorDelay(ActuatorEffect):
@@ -84,6 +123,9 @@ class ActuatorDelay(ActuatorEffect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(delay) for delay in (0.005, 0.02, 0.05)]
 
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+        return model.delay(target, values[0])
+
 
 class ActuatorLag(ActuatorEffect):
     """T x' = command - x: a first-order lag."""
@@ -92,8 +134,16 @@ class ActuatorLag(ActuatorEffect):
     symbols = (Symbol("T", "s", low=0.0, high=0.5),)
     column = LAG
 
+    @staticmethod
+    def shape(x: Any, goal: Any, since: Any, T: Any) -> Any:
+        """The force [N or N m], `since` seconds after it was x on its way to a goal."""
+        return goal + (x - goal) * exp(-since / T)
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(lag) for lag in (0.005, 0.02, 0.06)]
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.lag(target, values[0])
 
 
 class Backlash(ActuatorEffect):
@@ -103,8 +153,41 @@ class Backlash(ActuatorEffect):
     symbols = (Symbol("p", "{f}", low=0.0),)
     column = PLAY
 
+    def in_equations(self) -> bool:
+        return False  # it depends on all commands before
+
+    @staticmethod
+    def shape(x: Any, p: Any, previous: Any) -> Any:
+        """The force nearest to the previous one that is within p of x [N or N m]."""
+        return smaller(larger(previous, x - p), x + p)
+
     def probes(self, scale: Scale) -> list[Probe]:
         return [_nonlinear(part * scale.command) for part in (0.01, 0.05, 0.15)]
+
+
+def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[..., Any]:
+    """The function from a command to the force that it asks for, all but delay and lag.
+
+    It takes a row of `Tables.actuators`, a command, and the force that the last command asked for.
+
+    Args:
+        made: makes each formula callable, as `numba.njit` does.
+    """
+    within, times, outside = (
+        made(effect.shape) for effect in (CommandRange, ActuatorGain, ActuatorDeadZone)
+    )
+    limited, follow = made(ActuatorSaturation.shape), made(Backlash.shape)
+
+    def shaped(actuator, command, previous):
+        x = times(within(command, actuator[RANGE]), actuator[GAIN])
+        if actuator[DEAD_ZONE] != 0.0:
+            x = outside(x, actuator[DEAD_ZONE])
+        x = limited(x, actuator[LIMIT])
+        if actuator[PLAY] != 0.0:
+            x = follow(x, actuator[PLAY], previous)
+        return x
+
+    return shaped
 
 
 def _nonlinear(value: float) -> Probe:

@@ -1,4 +1,4 @@
-"""What a physical effect is, and how it enters a simulation."""
+"""The base of all effects: a named formula, its parameters, and how it enters a simulation."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mcpilco.plant.simulation import Layout, Tables
+from mcpilco.plant.simulation.layout import Layout, Tables
+
+if TYPE_CHECKING:
+    from mcpilco.plant.corrected_mjcf import CorrectedModel
 
 Place = Literal["actuator", "joint", "body", "sensor"]
 
 MOST = 30.0
-"""times what is usual that may be missing; beyond that a joint would stand as if held fast"""
+"""how many times the usual force or mass may be missing; beyond, a joint would be held fast [-]"""
+OUTSIDE = {
+    "actuator": "apply it to the command before that is written to ctrl",
+    "joint": "add its force to qfrc_applied before each step",
+    "body": "change the body's geometry instead",
+    "sensor": "apply it to what is measured",
+}
+"""the remedy for an effect that MJCF cannot say, by its place"""
 
 
 @dataclass(frozen=True)
@@ -33,13 +43,13 @@ class Symbol:
     """least value that makes physical sense"""
     high: float = np.inf
     """largest one"""
-    told: bool = True
-    """whether a report tells it; False for what only smooths the formula"""
+    reported: bool = True
+    """whether a report shows it; False for what only smooths the formula"""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """What is usual at a target in some recordings, for sizes that make sense."""
+    """Typical magnitudes at a target in some recordings, from which plausible sizes follow."""
 
     position: float
     """largest |q| of the joint [m or rad]"""
@@ -63,16 +73,16 @@ class Scale:
 
 @dataclass(frozen=True)
 class Probe:
-    """Small sizes of an effect, at which a simulation shows its signature."""
+    """Small parameter values of an effect, at which a simulation shows its signature."""
 
     values: Float[np.ndarray, "n symbols"]
     """n sizes, whose signatures may be mixed"""
     proportional: bool = True
     """whether a mix of signatures is that of the mixed values"""
     bent: bool = False
-    """whether signatures are to be those of endlessly small sizes, which half the sizes tell"""
+    """whether signatures are extrapolated to infinitesimal sizes, from whole and half sizes"""
     usual: float = 1.0
-    """how many times as large an effect is that should be felt"""
+    """how many times as large an effect is that should be noticed"""
 
 
 class Effect(ABC):
@@ -86,12 +96,26 @@ class Effect(ABC):
     """its parameters, in the order of their values"""
     special: ClassVar[tuple[str, ...]] = ()
     """effects that it becomes for some of its values"""
-    law: ClassVar[int | None] = None
-    """its formula in `mcpilco.plant.simulation.laws`, where it is a force in a joint"""
+    file: str = ""
+    """name of the file of its class, where a user gave one; corrections refer to it"""
 
     @abstractmethod
     def targets(self, layout: Layout) -> tuple[str, ...]:
         """Where in a plant it can act, by name."""
+
+    def in_equations(self) -> bool:
+        """Whether the equations of motion that a model takes as its mean can say it."""
+        return True
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+        """Writes itself into an MJCF model, or returns why it cannot and what to do instead.
+
+        Args:
+            model: what is written to.
+            target: a joint, body, actuator or state.
+            values: one for each of its symbols.
+        """
+        return f"MJCF cannot say it; {OUTSIDE[self.place]}."
 
     @abstractmethod
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
@@ -106,7 +130,7 @@ class Effect(ABC):
 
     @abstractmethod
     def probes(self, scale: Scale) -> list[Probe]:
-        """Sizes that are small but felt, different in kind."""
+        """Sizes that are small but noticeable, different in kind."""
 
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         """Values beyond which it explains nothing, however well it fits."""
@@ -119,7 +143,7 @@ class Effect(ABC):
 
     @property
     def amplitudes(self) -> Bool[np.ndarray, " symbols"]:
-        """Which of its symbols say how large it is; the others say of what shape."""
+        """Which of its symbols are its size; the others are its shape."""
         return (self.neutral == 0.0) | (len(self.symbols) == 1)
 
     def part(self, values: Sequence[float], share: float) -> tuple[float, ...]:

@@ -1,14 +1,18 @@
-"""Masses that are not what the drawing says."""
+"""Inertial effects: masses, centers of mass and inertias that differ from the drawing's."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.plant.effects.base import MOST, Effect, Probe, Scale, Symbol
-from mcpilco.plant.simulation import Layout, Tables
+from mcpilco.plant.simulation.layout import Layout, Tables
+
+if TYPE_CHECKING:
+    from mcpilco.plant.corrected_mjcf import CorrectedModel
 
 
 class BodyMass(Effect):
@@ -37,6 +41,9 @@ class BodyMass(Effect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.mass)] if scale.mass > 0.0 else []
 
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.inertials.add_mass(target, values[0])
+
 
 class CenterOfMass(Effect):
     """A body's center of mass is c_d further from its joint, its inertia about it the same."""
@@ -61,6 +68,9 @@ class CenterOfMass(Effect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.length)] if scale.length > 0.0 else []
 
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.inertials.move_center(target, values[0])
+
 
 class BodyInertia(Effect):
     """A body's inertia about its joint's axis is I_d larger, its mass and center the same."""
@@ -83,6 +93,9 @@ class BodyInertia(Effect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.inertia)]
 
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+        return model.inertials.add_inertia(target, values[0])
+
 
 class Armature(Effect):
     """A motor's inertia I_a, felt at the joint."""
@@ -102,6 +115,9 @@ class Armature(Effect):
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [_bent(0.002 * scale.inertia)]
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.joint(target).armature += values[0]
 
 
 def _bent(value: float) -> Probe:

@@ -1,38 +1,94 @@
-"""Forces in a joint: friction, springs, and what the motor's magnets do."""
+"""Forces in a joint: friction, springs, and what the motor's magnets do.
+
+To add one: a class here, its line in the catalogue (`mcpilco.plant.effects`), and its row in
+`tests/mcpilco/plant/effects/test_catalogue.py`. Whatever runs the formula takes it from the class.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.plant.arithmetic import Tape, cos, exp, sin, tanh
 from mcpilco.plant.effects.base import MOST, Effect, Probe, Scale, Symbol, sizes
-from mcpilco.plant.simulation import Layout, Tables, laws
+from mcpilco.plant.simulation.layout import CONSTANTS, Layout, Tables
+from mcpilco.task import TURN_OVER
+from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.plant.corrected_mjcf import CorrectedModel
 
 SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
-TURN = Symbol("v_r", "{q}/s", 2e-3, SLOWEST, FASTEST, told=False)
+TURN = Symbol("v_r", "{q}/s", TURN_OVER, SLOWEST, FASTEST, reported=False)
 """dry friction turns over as tanh(v / v_r); every machine has its own v_r"""
 SMALL = 0.02
-"""of the usual force, that of a probe"""
+"""of the usual force, that of a probe [-]"""
 
 
 class JointForce(Effect):
-    """A force in a joint, of its position q and velocity v."""
+    """A force in a joint, of its position q and velocity v.
+
+    A leaf gives `force`, its formula of numbers of any kind: with + - * /, `abs` and the functions
+    of `mcpilco.plant.arithmetic`, and without an `if`. Compiled simulations, programs of a model's
+    mean, MJCF files and regressors take it from there.
+    """
 
     place = "joint"
+
+    @staticmethod
+    def force(q: Any, v: Any, *parameters: Any) -> Any:
+        """The force on the joint [N or N m].
+
+        Args:
+            q: position [m or rad].
+            v: velocity [m/s or rad/s].
+            parameters: a value of each symbol.
+        """
+        raise NotImplementedError
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
         return layout.joints
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        if len(values) > CONSTANTS:
+            raise InputError(
+                f"{self.name} must have at most {CONSTANTS} symbols, got {len(values)}; "
+                "divide it into two effects."
+            )
         tables.constants[system, at, : len(values)] = values
+        tables.turn[system, at] = self.turn_over(values)
+
+    def turn_over(self, values: Sequence[float]) -> float:
+        """Velocity over which it turns over [m/s or rad/s]; 0 where it is no dry friction."""
+        return 0.0
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        """One size that makes a small part of the usual force; for a formula of one symbol."""
+        if len(self.symbols) > 1:
+            raise NotImplementedError(f"{type(self).__name__} has several symbols: give `probes`.")
+        return [sizes(SMALL * scale.force / abs(self.force(scale.position, scale.velocity, 1.0)))]
 
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         probed = np.concatenate([probe.values for probe in self.probes(scale)])
         usual = np.abs(probed).max(axis=0) / SMALL
         return np.where(self.neutral == 0.0, MOST * usual, np.inf)
+
+    def in_equations(self) -> bool:
+        inputs = Tape(2 + len(self.symbols)).inputs
+        try:
+            self.force(*inputs)
+        except TypeError:  # it asks for more than arithmetic of numbers that are not known yet
+            return False
+        return True
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+        if model.add_force(target, lambda q, v: self.force(q, v, *values)):
+            return None
+        return super().write_mjcf(model, target, values)
 
 
 class DryFriction(JointForce):
@@ -48,16 +104,19 @@ class DryFriction(JointForce):
         """Which of its values are forces: near rest it is at most their sum."""
         return tuple(i for i, symbol in enumerate(self.symbols) if symbol.unit == "{f}")
 
+    def turn_over(self, values: Sequence[float]) -> float:
+        return values[self.turn] if any(values[i] != 0.0 for i in self.forces) else 0.0
+
 
 class ViscousFriction(JointForce):
     """-b v."""
 
     name = "viscous_friction"
     symbols = (Symbol("b", "{f} s/{q}", low=0.0),)
-    law = laws.VISCOUS
 
-    def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(SMALL * scale.force / scale.velocity)]
+    @staticmethod
+    def force(q, v, b):
+        return -b * v
 
 
 class CoulombFriction(DryFriction):
@@ -65,7 +124,10 @@ class CoulombFriction(DryFriction):
 
     name = "coulomb_friction"
     symbols = (Symbol("f_c", "{f}", low=0.0), TURN)
-    law = laws.COULOMB
+
+    @staticmethod
+    def force(q, v, f_c, v_r):
+        return -f_c * tanh(v / v_r)
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(SMALL * scale.force, TURN.neutral)]
@@ -82,7 +144,10 @@ class StribeckFriction(DryFriction):
         Symbol("v_s", "{q}/s", 0.1, 10.0 * SLOWEST, 1.0),
         TURN,
     )
-    law = laws.STRIBECK
+
+    @staticmethod
+    def force(q, v, f_c, f_d, v_s, v_r):
+        return -(f_c + f_d * exp(-1.0 * (v / v_s) * (v / v_s))) * tanh(v / v_r)
 
     def probes(self, scale: Scale) -> list[Probe]:
         small, turn = SMALL * scale.force, TURN.neutral
@@ -95,10 +160,10 @@ class QuadraticDrag(JointForce):
 
     name = "quadratic_drag"
     symbols = (Symbol("c", "{f} s^2/{q}^2", low=0.0),)
-    law = laws.QUADRATIC
 
-    def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(SMALL * scale.force / scale.velocity**2)]
+    @staticmethod
+    def force(q, v, c):
+        return -c * v * abs(v)
 
 
 class AsymmetricFriction(DryFriction):
@@ -107,7 +172,11 @@ class AsymmetricFriction(DryFriction):
     name = "asymmetric_friction"
     special = ("coulomb_friction",)
     symbols = (Symbol("f_p", "{f}", low=0.0), Symbol("f_n", "{f}", low=0.0), TURN)
-    law = laws.ASYMMETRIC
+
+    @staticmethod
+    def force(q, v, f_p, f_n, v_r):
+        sign = tanh(v / v_r)
+        return -0.5 * ((f_p + f_n) * sign + (f_p - f_n) * abs(sign))
 
     def probes(self, scale: Scale) -> list[Probe]:
         small = SMALL * scale.force
@@ -119,10 +188,10 @@ class Spring(JointForce):
 
     name = "spring"
     symbols = (Symbol("k", "{f}/{q}", low=0.0),)
-    law = laws.SPRING
 
-    def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(SMALL * scale.force / scale.position)]
+    @staticmethod
+    def force(q, v, k):
+        return -k * q
 
 
 class HardeningSpring(JointForce):
@@ -130,10 +199,10 @@ class HardeningSpring(JointForce):
 
     name = "hardening_spring"
     symbols = (Symbol("k_3", "{f}/{q}^3", low=0.0),)
-    law = laws.HARDENING
 
-    def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(SMALL * scale.force / scale.position**3)]
+    @staticmethod
+    def force(q, v, k_3):
+        return -k_3 * q * q * q
 
 
 class ConstantForce(JointForce):
@@ -141,10 +210,10 @@ class ConstantForce(JointForce):
 
     name = "constant_force"
     symbols = (Symbol("f_0", "{f}"),)
-    law = laws.CONSTANT
 
-    def probes(self, scale: Scale) -> list[Probe]:
-        return [sizes(SMALL * scale.force)]
+    @staticmethod
+    def force(q, v, f_0):
+        return f_0
 
 
 class PositionRipple(JointForce):
@@ -155,7 +224,10 @@ class PositionRipple(JointForce):
 
     name = "position_ripple"
     symbols = (Symbol("s", "{f}"), Symbol("c", "{f}"), Symbol("n", "1/{q}", 10.0, 1.9))
-    law = laws.RIPPLE
+
+    @staticmethod
+    def force(q, v, s, c, n):
+        return s * sin(n * q) + c * cos(n * q)
 
     def probes(self, scale: Scale) -> list[Probe]:
         small = SMALL * scale.force

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
 
-from mcpilco.plant.simulation import Layout
+from mcpilco.plant.simulation.layout import Layout
 from mcpilco.plant.simulation.learned import NONE, Learned, nothing
 from mcpilco.typing import InputError
 

@@ -1,4 +1,4 @@
-"""What happens between a state and its measurement."""
+"""Sensors: what lies between a state and its measurement."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, sizes
-from mcpilco.plant.simulation import Layout, Tables
-from mcpilco.plant.simulation.tables import LATENCY, OFFSET, SCALE
+from mcpilco.plant.simulation.layout import LATENCY, OFFSET, SCALE, Layout, Tables
 
 
 class SensorEffect(Effect):
@@ -63,6 +62,9 @@ class SensorDelay(SensorEffect):
     name = "sensor_delay"
     symbols = (Symbol("d", "s", low=0.0, high=0.06),)
     column = LATENCY
+
+    def in_equations(self) -> bool:
+        return False  # a state of the model would have to hold past states
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [Probe(np.array([[delay]]), proportional=False) for delay in (0.005, 0.02)]

@@ -1,8 +1,7 @@
-"""Equations of motion of a plant, written once: evaluated in torch, or by the compiled loops.
+"""Equations of motion of a plant as a program that torch and compiled loops can follow.
 
-`step` and `features` write them; they know plants, and so need numba, where a `Program` does not.
+`chain` has the equations of rigid bodies for numbers of any kind, `program` makes arrays of what
+they leave on a tape, `step` writes one sampling interval of a plant, and `features` writes
+regressors that physics and friction suggest. `step` and `features` know plants and so load numba,
+which a `Program` does not need.
 """
-
-from mcpilco.plant.equations.program import Program
-
-__all__ = ["Program"]

@@ -1,4 +1,4 @@
-"""Further regressors of the Gaussian processes, as programs: what physics and friction suggest."""
+"""Regressors of Gaussian processes that physics and friction suggest, as programs."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.plant.arithmetic import Real, exp
+from mcpilco.plant.effects.joint import CoulombFriction, ViscousFriction
 from mcpilco.plant.equations import step
-from mcpilco.plant.equations.number import Real, exp, tanh
 from mcpilco.plant.equations.program import Rows
 from mcpilco.plant.plant import Plant
 from mcpilco.task import TaskSpec
 
 
 def physics_features(plant: Plant, task: TaskSpec, memory: int = 0) -> Rows:
-    """What physics says of the change of velocities, nominally and where parameters are others.
+    """The change of velocities by the equations of motion, and its derivatives by the parameters.
 
     For each joint dt q'' by the nominal parameters, and its derivative by the logarithm of each
     uncertain one: a linear combination of these is the change of velocity, up to what a step of dt
@@ -79,9 +80,10 @@ def friction_features(task: TaskSpec, gate: float) -> Rows:
         found: list[Any] = []
         for _, velocity in task.velocities:
             v = given[velocity]
-            ratio = v / gate
-            rest = exp(-1.0 * ratio * ratio)
-            found += [v, tanh(ratio), *(rest * u for u in given[len(given) - U :])]
+            viscous, dry = ViscousFriction.force, CoulombFriction.force
+            rest = exp(-1.0 * (v / gate) * (v / gate))
+            found += [viscous(0.0, v, -1.0), dry(0.0, v, -1.0, gate)]
+            found += [rest * u for u in given[len(given) - U :]]
         return found
 
     return rows

@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.plant.equations.number import (
+from mcpilco.plant.arithmetic import (
     ABS,
     ADD,
     CONSTANT,
@@ -71,7 +71,7 @@ class Program:
     constants: Float[np.ndarray, " C"]
     """values of the registers behind the inputs"""
     operations: Int[np.ndarray, " L"]
-    """what each further register is, see `mcpilco.plant.equations.number`"""
+    """what each further register is, see `mcpilco.plant.arithmetic`"""
     first: Int[np.ndarray, " L"]
     """register of its operand"""
     second: Int[np.ndarray, " L"]

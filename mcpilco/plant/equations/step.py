@@ -3,7 +3,7 @@
 The plant's numbers that depend on its parameters are inputs of the program beside state and
 command, so that each particle may have parameters of its own. Between two jumps of a command the
 classical Runge-Kutta method takes equal steps; a lag is an exponential. Dry friction turns over no
-faster than these steps can follow (`mcpilco.plant.equations.friction`).
+faster than these steps can follow (`followable`).
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.plant.arithmetic import Real, Tape
+from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorSaturation, shaping
+from mcpilco.plant.effects.joint import DryFriction
 from mcpilco.plant.equations import chain as chains
-from mcpilco.plant.equations.friction import followable
-from mcpilco.plant.equations.laws import JOINT_LAWS, limited, shaped
-from mcpilco.plant.equations.number import Real, Tape, exp
-from mcpilco.plant.equations.polynomial_force import PolynomialForces
+from mcpilco.plant.equations.chain import PolynomialForces
 from mcpilco.plant.equations.program import Program
 from mcpilco.plant.plant import Plant
-from mcpilco.plant.simulation import Tables
-from mcpilco.plant.simulation.tables import DELAY, LAG, LATENCY, OFFSET, PLAY, SCALE
+from mcpilco.plant.simulation.laws import force_of
+from mcpilco.plant.simulation.layout import DELAY, LAG, OFFSET, SCALE, Tables
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -35,6 +35,12 @@ FORGOTTEN = 0.05
 PERTURBATION = 0.1
 """relative change of a parameter that shows what depends on it"""
 
+STABLE = 2.0
+"""damping rate times step that a Runge-Kutta step bears well; it leaps beyond 2.8 [-]"""
+POSES = 16
+"""that show how little inertia a joint can have"""
+
+_shaped = shaping()
 _CHAIN = ("origin", "mass", "center", "inertia", "armature", "gravity")
 _SHARED = ("parent", "slides", "axis", "rotation")
 _FIELDS = (*_CHAIN, "constants", "actuators")
@@ -122,19 +128,14 @@ def require_expressible(plant: Plant, task: TaskSpec, tables: Tables, memory: in
             f"inputs {', '.join(task.input_names)} of the task, it has "
             f"{', '.join(layout.states)} and {', '.join(layout.inputs)}; name another plant."
         )
-    actuators, sensors = tables.actuators[0], tables.sensors[0]
-    faults = {
-        "learned forces": bool(len(tables.learned.joint)),
-        "backlash": bool((actuators[:, PLAY] > 0).any()),
-        "delays of sensors": bool((sensors[:, LATENCY] > 0).any()),
-    }
-    found = [name for name, there in faults.items() if there]
-    if found:
+    left = beyond_equations(plant)
+    if left:
         raise InputError(
-            f"The equations of {plant.name} as a model's mean cannot have {', '.join(found)}; "
+            f"The equations of {plant.name} as a model's mean cannot have {', '.join(left)}; "
             "leave them out of the correction, the Gaussian processes will learn the rest."
         )
-    needed = max((_commands_needed(actuator, task.dt) for actuator in actuators), default=0)
+    actuators = tables.actuators[0]
+    needed = max((past_inputs(a[DELAY], a[LAG], task.dt) for a in actuators), default=0)
     if needed > memory:
         raise InputError(
             f"The actuator of {plant.name} answers to the last {needed} commands beside the "
@@ -143,13 +144,28 @@ def require_expressible(plant: Plant, task: TaskSpec, tables: Tables, memory: in
         )
 
 
-def _commands_needed(actuator: Float[np.ndarray, " 7"], dt: float) -> int:
-    """How many past commands an actuator's force depends on."""
-    whole, part = _whole_steps(actuator[DELAY], dt)
-    needed = whole + (part > 0.0)
-    if actuator[LAG] > 0.0:
-        needed += math.ceil(-math.log(FORGOTTEN) * actuator[LAG] / dt)
-    return needed
+def beyond_equations(plant: Plant) -> tuple[str, ...]:
+    """Names of the effects of a plant that its equations as a model's mean cannot have."""
+    instances = [(base.active, base.values) for base in plant.base] + [*plant.added]
+    acting = [a.effect for a, values in instances if tuple(values) != tuple(a.effect.neutral)]
+    names = [effect.name for effect in acting if not effect.in_equations()]
+    return tuple(names + ["learned forces"] * bool(plant.learned))
+
+
+def past_inputs(delay: float, lag: float, dt: float) -> int:
+    """The number of past commands that an actuator still answers to, beside the present one.
+
+    The command before the last n acted until n dt - delay before now. Of a lagging force it leaves
+    the share exp(-(n dt - delay) / lag), which may be `FORGOTTEN`; without a lag it must be over.
+
+    Args:
+        delay: of the actuator [s].
+        lag: its time constant [s].
+        dt: time for which a command is held [s].
+    """
+    whole, part = _whole_steps(delay, dt)
+    late = delay - math.log(FORGOTTEN) * lag
+    return max(whole + (part > 0.0), math.ceil(late / dt - 1e-9))
 
 
 def _whole_steps(delay: float, dt: float) -> tuple[int, float]:
@@ -187,10 +203,15 @@ def system_of(tables: Tables, given: dict[Slot, Real]) -> SimpleNamespace:
             if slot.field == name:
                 array[slot.index] = number
         arrays[name] = array.tolist()
-    laws = zip(tables.law.tolist(), tables.joint.tolist(), arrays["constants"], strict=True)
+    laws = [
+        (effect, joint, constants[: len(effect.symbols)])
+        for effect, joint, constants in zip(
+            map(force_of, tables.law), tables.joint.tolist(), arrays["constants"], strict=True
+        )
+    ]
     sensors = tables.sensors[0].tolist()
     return SimpleNamespace(
-        **arrays, laws=list(laws), drives=tables.drives.tolist(), sensors=sensors, missing=None
+        **arrays, laws=laws, drives=tables.drives.tolist(), sensors=sensors, missing=None
     )
 
 
@@ -253,20 +274,20 @@ class _Segment:
         """The force [N or N m] at a time within it [s]."""
         if self.lag == 0.0:
             return self.goal
-        return self.goal + (self.at_first - self.goal) * exp((self.since - time) / self.lag)
+        return ActuatorLag.shape(self.at_first, self.goal, time - self.since, self.lag)
 
 
 def segments(system: Any, u: int, commands: Sequence[Real], dt: float) -> list[_Segment]:
     """What an actuator does in the interval, by the commands of now, one step ago, ..."""
     actuator = system.actuators[u]
-    goals = [shaped(actuator, command) for command in commands]
+    goals = [_shaped(actuator, command, 0.0) for command in commands]
     lag = actuator[LAG]
     whole, part = _whole_steps(actuator[DELAY], dt)
     force, oldest = goals[-1], len(goals) - 1  # the oldest that is known was held for ever
     if lag > 0.0:
         for k in range(oldest - 1, whole, -1):
             acted = dt - part if k == whole + 1 else dt
-            force = goals[k] + (force - goals[k]) * math.exp(-acted / lag)
+            force = ActuatorLag.shape(force, goals[k], acted, lag)
     track = []
     if part > 0.0:
         track.append(_Segment(0.0, part, force, goals[whole + 1], lag))
@@ -305,11 +326,51 @@ def accelerations(system: Any, q: list[Any], v: list[Any], forces: Sequence[Real
     tau: list[Any] = [0.0] * len(q)
     for drive, force in zip(system.drives, forces, strict=True):
         tau[drive] = force + tau[drive]
-    for law, j, constants in system.laws:
-        tau[j] = JOINT_LAWS[law](q[j], v[j], *constants) + tau[j]
+    for effect, j, constants in system.laws:
+        tau[j] = effect.force(q[j], v[j], *constants) + tau[j]
     if system.missing is None:
         return chains.accelerations(system, q, v, tau)
     R, s = system.missing(q, v)
     left = [t - x for t, x in zip(tau, s, strict=True)]
     found = chains.accelerations_with(system, q, v, left, R)
-    return [limited(a, most) for a, most in zip(found, system.most, strict=True)]
+    return [ActuatorSaturation.shape(a, m) for a, m in zip(found, system.most, strict=True)]
+
+
+def followable(known: SimpleNamespace, system: Any, step: float) -> None:
+    """Slows the turnover of a system's dry friction to what its steps can follow, in place.
+
+    Dry friction turns over within millimetres a second: at rest it damps a joint hundreds of times
+    a second. An explicit step that is longer than that leaps over rest, and its derivatives grow
+    from step to step, so that a policy learns nothing from them.
+
+    The friction of a joint that turns over within w [m/s or rad/s] damps it by f / (w m) a second
+    near rest, where m is the joint's inertia. `w` is raised to where this is `STABLE` a step;
+    steps that are short enough leave it.
+
+    Args:
+        known: the system in plain numbers, at its nominal parameters.
+        system: the same as numbers of a tape; the constants of its laws are changed.
+        step: longest of the integration [s].
+    """
+    friction = np.zeros(len(known.origin))
+    for effect, joint, constants in known.laws:
+        if isinstance(effect, DryFriction):
+            friction[joint] += sum(abs(constants[i]) for i in effect.forces)
+    if not friction.any():
+        return
+    slowest = friction * most_mobile(known) * step / STABLE
+    for effect, joint, constants in system.laws:
+        if isinstance(effect, DryFriction):
+            turn = effect.turn
+            constants[turn] = max(float(constants[turn]), float(slowest[joint]))
+
+
+def most_mobile(known: SimpleNamespace) -> Float[np.ndarray, " J"]:
+    """Most acceleration at a joint for a unit force there, over some poses [1/kg, 1/(kg m^2)]."""
+    J = len(known.origin)
+    rest, unit = [0.0] * J, np.eye(J).tolist()
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, J)).tolist()
+    inertias = np.array(
+        [[chains.inverse_dynamics(known, q, rest, ddq, chains.ZERO) for ddq in unit] for q in poses]
+    )
+    return np.diagonal(np.linalg.inv(inertias), axis1=1, axis2=2).max(0)

@@ -1,8 +1,6 @@
-"""Motions of many systems under recorded commands: command, actuator, bodies, sensor."""
+"""Motion of many systems under recorded commands, compiled: command, actuator, bodies, sensor.
 
-from mcpilco.plant.simulation.layout import Layout
-from mcpilco.plant.simulation.motion import simulate
-from mcpilco.plant.simulation.stepper import Stepper
-from mcpilco.plant.simulation.tables import Tables
-
-__all__ = ["Layout", "Stepper", "Tables", "simulate"]
+`layout` names what moves and holds its numbers, `laws` compiles the formulas of the effects,
+`motion` follows motions whose commands are all known, `stepper` those that go on from command to
+command.
+"""

@@ -1,47 +1,123 @@
-"""Forces in a joint, for compiled callers: one formula a law."""
+"""The formulas of the effects for compiled callers: the same Python functions, compiled by numba.
+
+The forces of the catalogue are compiled into the loops. That of a user's own effect is compiled for
+itself and called by its address, so that the loops need not be compiled anew for it.
+"""
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.core.errors import NumbaError
+from numba.extending import intrinsic, overload
 
 from mcpilco.bodies import INLINED
+from mcpilco.plant import arithmetic
+from mcpilco.plant.effects import CATALOGUE
+from mcpilco.plant.effects.actuator import ActuatorLag, shaping
+from mcpilco.plant.effects.joint import JointForce
+from mcpilco.plant.simulation.layout import CONSTANTS
+from mcpilco.typing import InputError
 
-VISCOUS, COULOMB, STRIBECK, QUADRATIC, ASYMMETRIC, SPRING, HARDENING, CONSTANT, RIPPLE = range(9)
-"""effects of `mcpilco.plant.effects.joint`; their symbols, in order, are the constants a to d"""
-
-
-@njit(**INLINED)
-def turn_over(law, a, b, c, d):
-    """Velocity over which a law's dry friction turns over [m/s or rad/s]; 0 if there is none."""
-    if law == COULOMB and a != 0.0:
-        return b
-    if law == STRIBECK and (a != 0.0 or b != 0.0):
-        return d
-    if law == ASYMMETRIC and (a != 0.0 or b != 0.0):
-        return c
-    return 0.0
+_CATALOGUE = tuple(effect for effect in CATALOGUE.values() if isinstance(effect, JointForce))
+"""forces that are compiled into the loops; the code of each is its place here"""
+_OTHERS = {}
+"""class of a user's force -> its code, which is the address of its compiled formula"""
+_COMPILED = {}
+"""code of a user's force -> the effect, and what keeps its compiled formula alive"""
 
 
-@njit(**INLINED)
-def joint_force(law, q, v, a, b, c, d):
-    """Force of a law on its joint [N or N m], at position q and velocity v."""
-    if law == VISCOUS:
-        return -a * v
-    if law == COULOMB:
-        return -a * math.tanh(v / b)
-    if law == STRIBECK:
-        return -(a + b * math.exp(-((v / c) ** 2))) * math.tanh(v / d)
-    if law == QUADRATIC:
-        return -a * v * abs(v)
-    if law == ASYMMETRIC:
-        sign = math.tanh(v / c)
-        return -0.5 * ((a + b) * sign + (a - b) * abs(sign))
-    if law == SPRING:
-        return -a * q
-    if law == HARDENING:
-        return -a * q * q * q
-    if law == CONSTANT:
-        return a
-    return a * math.sin(c * q) + b * math.cos(c * q)
+def _overload_one(ours, for_floats):
+    @overload(ours)
+    def typed(x):
+        return lambda x: for_floats(x)  # noqa: PLW0108  numba compiles its source
+
+
+def _overload_two(ours, for_floats):
+    @overload(ours)
+    def typed(a, b):
+        return lambda a, b: for_floats(a, b)  # noqa: PLW0108
+
+
+for _name in ("sin", "cos", "tanh", "exp", "sqrt"):
+    _overload_one(getattr(arithmetic, _name), getattr(math, _name))
+_overload_two(arithmetic.smaller, min)
+_overload_two(arithmetic.larger, max)
+
+
+def code_of(effect: JointForce) -> int:
+    """The code of a force in the column `Tables.law`; compiles a user's own formula.
+
+    Raises:
+        InputError: numba cannot compile its formula.
+    """
+    kind = type(effect)
+    for code, known in enumerate(_CATALOGUE):
+        if kind is type(known):
+            return code
+    if kind not in _OTHERS:
+        formula, n = njit(**INLINED)(kind.force), len(kind.symbols)
+        signature = types.float64(*[types.float64] * (2 + CONSTANTS))
+        try:
+            made = cfunc(signature, error_model="numpy", fastmath=INLINED["fastmath"])(
+                lambda q, v, a, b, c, d: formula(q, v, *(a, b, c, d)[:n])
+            )
+        except (NumbaError, TypeError) as error:
+            raise InputError(
+                f"numba cannot compile the force of {effect.name}: write it with + - * / abs and "
+                f"the functions of mcpilco.plant (sin, cos, tanh, exp, sqrt, smaller, larger). "
+                f"{str(error).strip().splitlines()[0]}"
+            ) from None
+        _OTHERS[kind] = made.address
+        _COMPILED[made.address] = effect, made
+    return _OTHERS[kind]
+
+
+def force_of(code: int) -> JointForce:
+    """The effect of a code in the column `Tables.law`.
+
+    Raises:
+        InputError: there is no such law.
+    """
+    if 0 <= code < len(_CATALOGUE):
+        return _CATALOGUE[code]
+    if code not in _COMPILED:
+        names = ", ".join(effect.name for effect in _CATALOGUE)
+        raise InputError(f"there is no law {code} of a joint; 0, 1, ... are {names}.")
+    return _COMPILED[code][0]
+
+
+@intrinsic
+def _call(context, address, q, v, a, b, c, d):
+    """Calls the function of six numbers that is at an address."""
+
+    def generate(context, builder, signature, arguments):
+        double = ir.DoubleType()
+        function = ir.FunctionType(double, [double] * (2 + CONSTANTS))
+        target = builder.inttoptr(arguments[0], function.as_pointer())
+        return builder.call(target, arguments[1:], attrs=("nounwind", "readnone"))
+
+    return types.float64(types.int64, *[types.float64] * (2 + CONSTANTS)), generate
+
+
+def _dispatcher():
+    """The force of law, q, v and four constants: that of the effect with this code."""
+    names = {f"force_{k}": njit(**INLINED)(effect.force) for k, effect in enumerate(_CATALOGUE)}
+    lines = ["def force(law, q, v, a, b, c, d):"]
+    for k, effect in enumerate(_CATALOGUE):
+        constants = ", ".join("abcd"[: len(effect.symbols)])
+        lines += [f"    if law == {k}:", f"        return force_{k}(q, v, {constants})"]
+    lines += ["    return call(law, q, v, a, b, c, d)"]
+    scope = {"call": _call, **names}
+    exec("\n".join(lines), scope)  # numba compiles one function faster than a chain of them
+    return njit(**INLINED)(scope["force"])
+
+
+joint_force = _dispatcher()
+"""force of a law on its joint [N or N m], at position q and velocity v, for compiled callers"""
+shaped = njit(**INLINED)(shaping(njit(**INLINED)))
+"""the force that a command asks for, see `mcpilco.plant.effects.actuator.shaping`"""
+lagging = njit(**INLINED)(ActuatorLag.shape)
+"""the force of an actuator on its way, see `mcpilco.plant.effects.actuator.ActuatorLag`"""

@@ -1,8 +1,17 @@
-"""What moves in a plant, by name."""
+"""The layout of a plant, by name, and its numbers, as arrays for the compiled loops."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.bodies import Chains
+
+if TYPE_CHECKING:
+    from mcpilco.plant.simulation.learned import Learned
 
 
 @dataclass(frozen=True)
@@ -53,3 +62,38 @@ class Layout:
         """Units of the states."""
         positions = [self.unit_of(joint)[0] for joint in self.joints]
         return tuple(unit for x in positions for unit in (x, f"{x}/s"))
+
+
+GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE = range(7)
+"""columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command]"""
+OFFSET, SCALE, LATENCY = range(3)
+"""columns of `Tables.sensors`: [state], [-], [s]"""
+IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf)
+IDEAL_SENSOR = (0.0, 1.0, 0.0)
+
+
+CONSTANTS = 4
+"""most parameters that a force in a joint has"""
+
+
+class Tables(NamedTuple):
+    """The numbers of S systems of one plant, as arrays for the compiled loops."""
+
+    chains: Chains
+    """their bodies"""
+    law: Int[np.ndarray, " L"]
+    """forces in joints: the formula of each, see `mcpilco.plant.simulation.laws.code_of`"""
+    joint: Int[np.ndarray, " L"]
+    """the joint of each"""
+    constants: Float[np.ndarray, "S L 4"]
+    """the parameters of each"""
+    turn: Float[np.ndarray, "S L"]
+    """velocity over which each turns over [m/s or rad/s]; 0 if it is no dry friction"""
+    drives: Int[np.ndarray, " U"]
+    """the joint that each input drives"""
+    actuators: Float[np.ndarray, "S U 7"]
+    """from command to force, see `GAIN` to `RANGE`"""
+    sensors: Float[np.ndarray, "S X 3"]
+    """from state to measurement, see `OFFSET` to `LATENCY`"""
+    learned: Learned
+    """forces in joints that no formula gives"""

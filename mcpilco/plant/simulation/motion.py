@@ -19,22 +19,20 @@ from numba import njit
 
 from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from mcpilco.compiling import digest
-from mcpilco.plant.simulation.laws import joint_force, turn_over
-from mcpilco.plant.simulation.learned import learned_force, place_on
-from mcpilco.plant.simulation.tables import (
-    DEAD_ZONE,
+from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, shaped
+from mcpilco.plant.simulation.layout import (
     DELAY,
     GAIN,
     LAG,
     LATENCY,
-    LIMIT,
     OFFSET,
-    PLAY,
-    RANGE,
     SCALE,
     Tables,
 )
+from mcpilco.plant.simulation.learned import learned_force, place_on
 
+SOURCES = "bodies", "plant/simulation", "plant/effects"
+"""folders of the code that is compiled here"""
 POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
 """of a step [m or rad, m/s or rad/s]"""
 SHORTEST = 1e-6
@@ -70,29 +68,12 @@ ERROR = np.array(
 
 
 @njit(**INLINED)
-def shaped(actuators, s, u, command, previous):
-    """The command of input u behind range, gain, dead zone, limit and play.
-
-    `previous` is the last one.
-    """
-    most = actuators[s, u, RANGE]
-    x = actuators[s, u, GAIN] * min(max(command, -most), most)
-    dead, limit, play = actuators[s, u, DEAD_ZONE], actuators[s, u, LIMIT], actuators[s, u, PLAY]
-    if dead > 0.0:
-        x = max(x - dead, 0.0) + min(x + dead, 0.0)
-    x = min(max(x, -limit), limit)
-    if play > 0.0:
-        x = min(max(previous, x - play), x + play)
-    return x
-
-
-@njit(**INLINED)
 def drive(tables, s, u, actuated, since):
     """Force that input u is at, `since` seconds into a segment."""
-    lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
+    lag = tables.actuators[s, u, LAG]
     if lag > 0.0:
-        x += (actuated[u, 0] - x) * math.exp(-since / lag)
-    return x
+        return lagging(actuated[u, 0], actuated[u, 1], since, lag)
+    return actuated[u, 1]
 
 
 @njit(**INLINED)
@@ -148,9 +129,7 @@ def turning(tables, s, v, tv, kv, h):
     part = 1.0
     for i in range(len(tables.law)):
         j = tables.joint[i]
-        a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
-        c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
-        width = turn_over(tables.law[i], a, b, c, d)
+        width = tables.turn[s, i]
         change = abs(tv[j] - v[j])
         felt = h * abs(kv[6, j] - kv[0, j]) > VELOCITY_TOLERANCE
         if width > 0.0 and v[j] * tv[j] < 0.0 and change > width and felt:
@@ -244,7 +223,7 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
     for u in range(len(tables.drives)):
         last = tables.actuators[s, u, GAIN] * commands[n, 0, u]
         for i in range(commands.shape[1]):
-            last = shaped(tables.actuators, s, u, commands[n, i, u], last)
+            last = shaped(tables.actuators[s, u], commands[n, i, u], last)
             forces[i, u] = last
         actuated[u, 0] = actuated[u, 1] = forces[0, u]
     for i in range(lead):
@@ -271,8 +250,7 @@ def switch(tables, s, forces, i, now, dt, actuated):
 def settle(tables, s, duration, actuated):
     """Where the actuators are after so long a time."""
     for u in range(len(tables.drives)):
-        lag, x = tables.actuators[s, u, LAG], actuated[u, 1]
-        actuated[u, 0] = x + (actuated[u, 0] - x) * math.exp(-duration / lag) if lag > 0.0 else x
+        actuated[u, 0] = drive(tables, s, u, actuated, duration)
 
 
 def _compiled(source: str):
@@ -336,7 +314,7 @@ def _compiled(source: str):
     return follow
 
 
-_follow = _compiled(digest("bodies", "plant/simulation"))
+_follow = _compiled(digest(*SOURCES))
 
 
 def simulate(
@@ -363,7 +341,12 @@ def simulate(
         dt: sampling time [s].
         taken: the steps of the integrator are added to it.
         accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
+
+    Raises:
+        InputError: a law that no effect has.
     """
+    for law in tables.law:
+        force_of(law)
     y = np.empty((*start.shape, commands.shape[1] - lead))
     w = scratch(start.shape[1] // 2)
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken

@@ -1,4 +1,4 @@
-"""Motions that go on from command to command: what an env needs, where `simulate` has them all."""
+"""Motions that go on from command to command, as an env needs them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from numba import njit
 
 from mcpilco.bodies import scratch
 from mcpilco.compiling import digest
-from mcpilco.plant.simulation.motion import look, next_event, settle, shaped, switch, travel
-from mcpilco.plant.simulation.tables import DELAY, LATENCY, OFFSET, SCALE, Tables
+from mcpilco.plant.simulation.laws import shaped
+from mcpilco.plant.simulation.layout import DELAY, LATENCY, OFFSET, SCALE, Tables
+from mcpilco.plant.simulation.motion import SOURCES, look, next_event, settle, switch, travel
 
 ACCURACY = 1e-3
 """error allowed in an integrator's step, relative to that of `simulate` [-]: the motion of an env
@@ -47,7 +48,7 @@ def _compiled(source: str):
             for u in range(U):
                 last = forces[b, newest, u]
                 forces[b, :-1, u] = forces[b, 1:, u].copy()
-                forces[b, newest, u] = shaped(tables.actuators, 0, u, commands[b, u], last)
+                forces[b, newest, u] = shaped(tables.actuators[0, u], commands[b, u], last)
             switch(tables, 0, forces[b], newest, 0.0, dt, actuated[b])
             now, step = 0.0, dt
             for k in range(T):
@@ -73,7 +74,7 @@ def _compiled(source: str):
     return advance
 
 
-_advance = _compiled(digest("bodies", "plant/simulation"))
+_advance = _compiled(digest(*SOURCES))
 
 
 class Stepper:

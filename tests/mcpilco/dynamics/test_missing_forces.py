@@ -17,7 +17,6 @@ from mcpilco.dynamics.missing_forces import MissingForces
 from mcpilco.dynamics.physics import PhysicsMean
 from mcpilco.plant import system_of
 from mcpilco.plant.equations.chain import inverse_dynamics
-from mcpilco.plant.equations.laws import JOINT_LAWS
 from mcpilco.typing import InputError
 from tests.mcpilco.dynamics.test_physics import NOISE, PLANT, simulated
 from tests.mcpilco.plant.equations.test_step import task_of
@@ -36,8 +35,8 @@ def forces_of(plant, motion):
     found = []
     for q, v, a in motion.tolist():
         tau = np.array(inverse_dynamics(system, q, v, a, system.gravity))
-        for law, j, constants in system.laws:
-            tau[j] -= JOINT_LAWS[law](q[j], v[j], *constants)
+        for effect, j, constants in system.laws:
+            tau[j] -= effect.force(q[j], v[j], *constants)
         found.append(tau)
     return np.array(found)
 

@@ -10,8 +10,7 @@ import torch
 
 from envs.plants import cart_pole, double_pendulum
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.equations.friction import followable, most_mobile
-from mcpilco.plant.equations.step import numbers_of, step_of, system_of
+from mcpilco.plant.equations.step import followable, most_mobile, numbers_of, step_of, system_of
 from mcpilco.plant.plant import EffectInstance, Plant
 from tests.mcpilco.plant.equations.test_step import task_of
 
@@ -49,9 +48,10 @@ def test_steps_that_can_follow_leave_friction_as_it_is():
     known = system_of(plant.tables(plant.nominal[None]), {})
     system = copy.deepcopy(known)
     followable(known, system, step=1e-4)
-    assert system.laws == known.laws
+    constants = [law[2] for law in known.laws]
+    assert [law[2] for law in system.laws] == constants
     followable(known, system, step=1e-2)
-    assert system.laws != known.laws
+    assert [law[2] for law in system.laws] != constants
 
 
 def test_friction_elsewhere_is_not_slowed_down():
@@ -62,7 +62,7 @@ def test_friction_elsewhere_is_not_slowed_down():
     known = system_of(plant.tables(plant.nominal[None]), {})
     system = copy.deepcopy(known)
     followable(known, system, step=0.01)
-    turns = {joint: constants[1] for law, joint, constants in system.laws if constants[1] > 0.0}
+    turns = {joint: constants[1] for _, joint, constants in system.laws if len(constants) == 2}
     assert turns[0] == 0.002 < turns[1]
 
 

@@ -13,12 +13,12 @@ from mcpilco.dynamics import JointPolynomials
 from mcpilco.kernels import GIP, Monomials
 from mcpilco.plant.equations.chain import (
     LEAST_INERTIA,
+    PolynomialForces,
     accelerations,
     accelerations_with,
     inverse_dynamics,
     mass_matrix,
 )
-from mcpilco.plant.equations.polynomial_force import PolynomialForces
 from mcpilco.plant.equations.step import numbers_of, step_of
 from tests.mcpilco.plant.equations.test_chain import system
 from tests.mcpilco.plant.equations.test_step import task_of

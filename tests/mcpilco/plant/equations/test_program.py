@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import torch
 
-from mcpilco.plant.equations.number import Tape, cos, exp, larger, sin, smaller, sqrt, tanh
+from mcpilco.plant.arithmetic import Tape, cos, exp, larger, sin, smaller, sqrt, tanh
 from mcpilco.plant.equations.program import Program
 
 FORMULAS: dict[str, Callable[[Any, Any], Any]] = {

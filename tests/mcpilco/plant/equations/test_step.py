@@ -12,7 +12,7 @@ from envs.plants import cart_pole, double_pendulum
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.equations.step import numbers_of, step_of
 from mcpilco.plant.plant import EffectInstance, Plant
-from mcpilco.plant.simulation import simulate
+from mcpilco.plant.simulation.motion import simulate
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -128,7 +128,7 @@ def test_numbers_follow_the_parameters():
         (("actuator_delay", "actuator", (0.13,)), 1, "last 2 commands"),
         (("actuator_lag", "actuator", (0.1,)), 2, "last 3 commands"),
         (("backlash", "actuator", (0.1,)), 0, "backlash"),
-        (("sensor_delay", "pole_angle", (0.01,)), 0, "delays of sensors"),
+        (("sensor_delay", "pole_angle", (0.01,)), 0, "sensor_delay"),
     ],
 )
 def test_what_a_program_cannot_say_is_named(effect, memory, words):

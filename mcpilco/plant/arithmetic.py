@@ -1,18 +1,26 @@
-"""Numbers that take note of what is computed with them.
+"""Arithmetic for formulas that are written once: of floats, arrays, tensors, or a tape's numbers.
 
-A formula that is written for floats, and called with these, leaves its operations on a tape: each
-once, however often it occurs, and none that changes nothing, such as a product with 0 or 1. What a
-general algorithm does in vain for a plane chain is so gone before anything is computed.
+A formula in Python that uses the operators, `abs` and the functions here (`sin`, `tanh`, `smaller`,
+...) takes numbers of any kind. numba compiles the same source (`mcpilco.plant.simulation.laws`).
+Called with a tape's numbers it leaves its operations on the tape: each once, however often it
+occurs, and none that changes nothing, such as a product with 0 or 1. The operations that a general
+algorithm wastes on a plane chain are gone before anything is computed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
 
 INPUT, CONSTANT = -2, -1
 ADD, SUBTRACT, MULTIPLY, DIVIDE, MINIMUM, MAXIMUM, SINE, COSINE, TANH, EXP, SQRT, ABS = range(12)
 """operations; those from `SINE` on take one number"""
+NAMES: tuple[str, ...] = ("add", "subtract", "multiply", "divide", "minimum", "maximum")
+NAMES += ("sin", "cos", "tanh", "exp", "sqrt", "abs")
+"""of the operations, in numpy and as methods of tensors"""
 
 FLOATS: dict[int, Callable[..., float]] = {
     ADD: lambda a, b: a + b,
@@ -118,42 +126,63 @@ def _binary(operation: int, a: Real, b: Real) -> Real:
     return Number(tape, tape.node(operation, *places))
 
 
-def _unary(operation: int, x: Real) -> Real:
+def _unary(operation: int, x: Any) -> Any:
     if isinstance(x, Number):
         return Number(x.tape, x.tape.node(operation, x.node))
-    return FLOATS[operation](x)
+    if isinstance(x, float | int):
+        return FLOATS[operation](x)
+    method = getattr(x, NAMES[operation], None)
+    return method() if method else getattr(np, NAMES[operation])(x)
 
 
-def sin(x: Real) -> Real:
+def _extreme(operation: int, a: Any, b: Any) -> Any:
+    """The smaller or larger number; one that is infinite on the other side changes nothing."""
+    endless = math.inf if operation == MINIMUM else -math.inf
+    if isinstance(a, Number | float | int) and isinstance(b, Number | float | int):
+        if _is(a, endless) or _is(b, endless):
+            return b if _is(a, endless) else a
+        return _binary(operation, a, b)
+    if hasattr(a, "clamp") or hasattr(b, "clamp"):  # tensors
+        import torch
+
+        like = a if hasattr(a, "clamp") else b
+        return getattr(torch, NAMES[operation])(*(torch.as_tensor(x).to(like) for x in (a, b)))
+    return getattr(np, NAMES[operation])(a, b)
+
+
+X = TypeVar("X")
+
+
+def sin(x: X) -> X:
     """Sine of an angle [rad]."""
     return _unary(SINE, x)
 
 
-def cos(x: Real) -> Real:
+def cos(x: X) -> X:
     """Cosine of an angle [rad]."""
     return _unary(COSINE, x)
 
 
-def tanh(x: Real) -> Real:
+def tanh(x: X) -> X:
     """Hyperbolic tangent."""
     return _unary(TANH, x)
 
 
-def exp(x: Real) -> Real:
+def exp(x: X) -> X:
     """e^x."""
     return _unary(EXP, x)
 
 
-def sqrt(x: Real) -> Real:
+def sqrt(x: X) -> X:
     """Square root."""
     return _unary(SQRT, x)
 
 
-def smaller(a: Real, b: Real) -> Real:
+def smaller(a: Any, b: Any) -> Any:
     """min(a, b)."""
-    return _binary(MINIMUM, a, b)
+    return _extreme(MINIMUM, a, b)
 
 
-def larger(a: Real, b: Real) -> Real:
+def larger(a: Any, b: Any) -> Any:
     """max(a, b)."""
-    return _binary(MAXIMUM, a, b)
+    return _extreme(MAXIMUM, a, b)
