@@ -44,6 +44,8 @@ class Gap:
     """noise of a state's measurement in its unit; by default it is estimated"""
     held_out: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
     """recordings that no fit may see, without .csv; by default the last ones of three or more"""
+    effects: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE.py...")] = ()
+    """Python files with effects of your own, which are executed: they are searched for as well"""
     dt: Annotated[float | None, optional("FLOAT", "the longest of theirs")] = None
     """sampling time to which all are brought [s]"""
 
@@ -68,6 +70,7 @@ class Gap:
             free=tuple(name for entry in self.free for name in entry.split(",")),
             noise=named_numbers("--noise", self.noise),
             held_out=tuple(name for entry in self.held_out for name in entry.split(",")),
+            effects=self.effects,
         )
         self.out.mkdir(parents=True, exist_ok=True)
         write_json(gap, self.out / "gap.json")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from mcpilco.gap.validate import most_predictive
 from mcpilco.gap.verdict import explains_most, mispredicts, settled, something_else, worth
 from mcpilco.gap.where import Disagreement, locate, located
 from mcpilco.gap.windows import SECONDS, Windows
-from mcpilco.plant import Plant
+from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording
 
 ORDINARY = 3.0
@@ -83,6 +83,7 @@ def investigate(
     free: Sequence[str] = (),
     noise: Mapping[str, float] | None = None,
     held_out: Sequence[str] = (),
+    effects: Own | Iterable[Own] = (),
 ) -> Gap:
     """Finds where a plant and recordings disagree, names the missing effects and adds them.
 
@@ -95,10 +96,12 @@ def investigate(
         noise: std of the measurement noise of some states [their unit]; the others' is estimated.
         held_out: names of recordings that no fit may see; by default the last ones of three or
             more.
+        effects: a user's own effects beside those of the catalogue, or Python files with them.
 
     Raises:
         InputError: the recordings do not fit the plant or one another.
     """
+    plant = plant.knowing(own_effects(effects))
     sent = [
         Given.of(plant, timed, uncertainty, free, noise or {}, held_out)
         for timed in timings(recordings)

@@ -14,7 +14,7 @@ from mcpilco.gap.model import Model
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.where import correlation_time, residuals
 from mcpilco.gap.windows import Windows
-from mcpilco.plant import CATALOGUE, EffectInstance
+from mcpilco.plant import EffectInstance
 
 ENOUGH = 15.0
 """least gain in BIC for which an effect is added"""
@@ -148,7 +148,7 @@ def _in_order(grown: Sequence[Fit], yardstick: Yardstick) -> list[Fit]:
     named should not depend on that.
     """
     judged = sorted(((yardstick.bic(found), found) for found in grown), key=lambda pair: pair[0])
-    least, usual = judged[0][0], list(CATALOGUE)
+    least, usual = judged[0][0], list(grown[0].model.plant.catalogue)
     same = [found for bic, found in judged if bic - least < SAME]
     same.sort(key=lambda f: [usual.index(active.effect.name) for active in f.model.named])
     return [*same, *(found for _, found in judged[len(same) :])]

@@ -43,6 +43,7 @@ from .effects import CATALOGUE
 from .effects.base import Effect, Probe, Scale, Symbol, sizes
 from .effects.joint import TURN, CoulombFriction, DryFriction, JointForce, Spring, ViscousFriction
 from .effects.learned import Axis, LearnedForce, design
+from .effects.own import Own, own_effects
 from .equations.chain import PolynomialForces, mass_matrix
 from .equations.features import friction_features, physics_features
 from .equations.program import Program, Rows, features_of
@@ -98,6 +99,7 @@ __all__ = [
     "JointForce",
     "Layout",
     "LearnedForce",
+    "Own",
     "Parameter",
     "Plant",
     "PlantStep",
@@ -127,6 +129,7 @@ __all__ = [
     "move_assets",
     "numbers_of",
     "order_of",
+    "own_effects",
     "past_inputs",
     "physics_features",
     "plant_for",

@@ -15,6 +15,7 @@ from numpy.polynomial import Polynomial
 
 from mcpilco.files import write_bytes
 from mcpilco.plant.correction import Addition, Correction, corrected
+from mcpilco.plant.effects.base import OUTSIDE
 from mcpilco.plant.effects.joint import FASTEST
 from mcpilco.plant.mjcf import plant_of
 from mcpilco.plant.mjcf_inertials import Inertials
@@ -116,8 +117,11 @@ class CorrectedModel:
     def add(self, addition: Addition) -> str | None:
         """Writes an effect, or returns a sentence on why MJCF cannot say it."""
         values = ", ".join(f"{k} = {v:g}" for k, v in addition.parameters.items())
+        named = f"{addition.name} ({addition.target}; {values})"
         fault = addition.effect.write_mjcf(self, addition.target, addition.values)
-        return f"{addition.name} ({addition.target}; {values}): {fault}" if fault else None
+        if fault in OUTSIDE.values():
+            return f"MJCF cannot say {named}; {fault}."
+        return f"{named}: {fault}" if fault else None
 
     def finish(self) -> None:
         """Writes what several effects share."""

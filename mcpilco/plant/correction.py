@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from mcpilco.files import write_bytes
 from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.effects.learned import Axis, LearnedForce
+from mcpilco.plant.effects.own import Own, own_effects
 from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.typing import InputError
 
@@ -33,11 +34,13 @@ class Addition:
     """a joint, body, actuator or state, as the effect's place has it"""
     parameters: Mapping[str, float]
     """by symbol, in its unit; what only smooths a formula may be left out"""
+    own: Effect | None = None
+    """a user's own effect of this name; None: that of the catalogue"""
 
     def __post_init__(self) -> None:
-        if self.name not in CATALOGUE:
+        if self.own is None and self.name not in CATALOGUE:
             raise InputError(f"there is no effect {self.name!r}; there are {', '.join(CATALOGUE)}.")
-        symbols = {symbol.name: symbol for symbol in CATALOGUE[self.name].symbols}
+        symbols = {symbol.name: symbol for symbol in self.effect.symbols}
         for name, value in self.parameters.items():
             if name not in symbols:
                 known = ", ".join(symbols)
@@ -53,7 +56,7 @@ class Addition:
     @property
     def effect(self) -> Effect:
         """The effect of this name."""
-        return CATALOGUE[self.name]
+        return self.own or CATALOGUE[self.name]
 
     @property
     def values(self) -> tuple[float, ...]:
@@ -85,6 +88,7 @@ def correction_of(plant: Plant, nominal: Plant) -> Correction:
             active.effect.name,
             active.target,
             dict(zip((s.name for s in active.effect.symbols), values, strict=True)),
+            own=None if active.effect.name in CATALOGUE else active.effect,
         )
         for active, values in plant.added
     )
@@ -102,7 +106,7 @@ def corrected(plant: Plant, correction: Correction) -> Plant:
             f"The correction is for the plant {correction.plant!r}, got {plant.name!r}; if they "
             'are the same system, change "plant" in the correction.'
         )
-    named = [(EffectInstance(CATALOGUE[e.name], e.target), e.values) for e in correction.effects]
+    named = [(EffectInstance(e.effect, e.target), e.values) for e in correction.effects]
     changed = plant.where(**correction.parameters).having(named)
     return changed.with_learned(correction.learned)
 
@@ -126,6 +130,7 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
                     for name, value in effect.parameters.items()
                 },
             }
+            | ({"file": effect.own.file} if effect.own else {})
             for effect in correction.effects
         ],
     }
@@ -134,11 +139,17 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
     return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
 
 
-def read_correction(path: str | Path) -> Correction:
+def read_correction(path: str | Path, effects: Own | Iterable[Own] = ()) -> Correction:
     """The correction in a file.
 
+    Args:
+        path: of the JSON file.
+        effects: Python files with a user's own effects, or these: what a correction refers to is
+            not executed unless it is given here.
+
     Raises:
-        InputError: the file is missing, is no JSON, or does not say what a correction must.
+        InputError: the file is missing, is no JSON, or does not say what a correction must; or it
+            has an effect that is neither in the catalogue nor given.
     """
     path = Path(path)
     try:
@@ -148,13 +159,17 @@ def read_correction(path: str | Path) -> Correction:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON file: {error}.") from None
     try:
-        return correction_from(content)
+        return correction_from(content, effects)
     except InputError as error:
         raise InputError(f"{path} is no correction of a plant: {error}") from None
 
 
-def correction_from(content: Any) -> Correction:
+def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correction:
     """The correction that the JSON object of a file describes.
+
+    Args:
+        content: the object.
+        effects: a user's own effects, as in `read_correction`.
 
     Raises:
         InputError: a part is missing, unknown or of another kind.
@@ -163,28 +178,37 @@ def correction_from(content: Any) -> Correction:
     content = _object(content, "it", ("format", "plant", "parameters", "effects", "learned"))
     if content["format"] != FORMAT or isinstance(content["format"], bool):
         raise InputError(f'"format" must be {FORMAT}, got {_short(content["format"])}.')
-    plant, effects = content["plant"], content["effects"]
+    plant, additions = content["plant"], content["effects"]
     if not isinstance(plant, str):
         raise InputError(f'"plant" must be the name of a plant, got {_short(plant)}.')
-    if not isinstance(effects, list):
-        raise InputError(f'"effects" must be a list, got {_short(effects)}.')
+    if not isinstance(additions, list):
+        raise InputError(f'"effects" must be a list, got {_short(additions)}.')
     parameters = _object(content["parameters"], '"parameters"')
     for name, value in parameters.items():
         _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
     if not isinstance(content["learned"], list):
         raise InputError(f'"learned" must be a list, got {_short(content["learned"])}.')
     learned = tuple(map(_learned, content["learned"]))
-    return Correction(plant, parameters, tuple(map(_addition, effects)), learned)
+    own = {effect.name: effect for effect in own_effects(effects)}
+    return Correction(plant, parameters, tuple(_addition(a, own) for a in additions), learned)
 
 
-def _addition(content: Any) -> Addition:
-    content = _object(content, "an effect", ("name", "target", "parameters"))
-    for key in ("name", "target"):
+def _addition(content: Any, own: Mapping[str, Effect]) -> Addition:
+    content = {"file": ""} | _object(content, "an effect")
+    content = _object(content, "an effect", ("name", "target", "parameters", "file"))
+    for key in ("name", "target", "file"):
         if not isinstance(content[key], str):
             raise InputError(f'"{key}" of an effect must be a word, got {_short(content[key])}.')
     values = _object(content["parameters"], f'"parameters" of {content["name"]}')
     infinite = {name: math.inf if value is None else value for name, value in values.items()}
-    return Addition(content["name"], content["target"], infinite)
+    name, file = content["name"], content["file"]
+    if file and name not in own:
+        raise InputError(
+            f"the effect {name!r} is a user's own, of the file {file!r}, which is not executed "
+            f"because a correction names it. If you trust it, read the correction with "
+            f"mcpilco.plant.read_correction(path, effects={file!r})."
+        )
+    return Addition(name, content["target"], infinite, own.get(name))
 
 
 def _grid(force: LearnedForce) -> dict[str, Any]:

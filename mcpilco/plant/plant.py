@@ -88,6 +88,8 @@ class Plant:
     """which states are angles [rad]"""
     masses: Mapping[str, str] = field(default_factory=dict)
     """the parameter that is a body's mass, by body"""
+    own: tuple[Effect, ...] = ()
+    """a user's own effects, beside those of the catalogue"""
 
     def where(self, **values: float) -> Plant:
         """This plant with other values of some parameters.
@@ -134,6 +136,15 @@ class Plant:
         added = tuple((a, a.effect.part(values, share)) for a, values in self.added)
         return replace(self, added=added)
 
+    def knowing(self, effects: Sequence[Effect]) -> Plant:
+        """This plant with a user's own effects in its catalogue, see `own_effects`."""
+        return replace(self, own=(*self.own, *effects))
+
+    @property
+    def catalogue(self) -> dict[str, Effect]:
+        """The effects that it may lack, by name: the catalogue and a user's own."""
+        return CATALOGUE | {effect.name: effect for effect in self.own}
+
     def with_learned(self, forces: Sequence[LearnedForce]) -> Plant:
         """This plant with some learned forces more.
 
@@ -171,7 +182,7 @@ class Plant:
         """Every effect of the catalogue at every target that it can have here."""
         return [
             EffectInstance(effect, target)
-            for effect in CATALOGUE.values()
+            for effect in self.catalogue.values()
             for target in effect.targets(self.layout)
         ]
 

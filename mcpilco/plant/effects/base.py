@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -96,8 +98,12 @@ class Effect(ABC):
     """its parameters, in the order of their values"""
     special: ClassVar[tuple[str, ...]] = ()
     """effects that it becomes for some of its values"""
-    file: str = ""
-    """name of the file of its class, where a user gave one; corrections refer to it"""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other)
+
+    def __hash__(self) -> int:
+        return hash(type(self))
 
     @abstractmethod
     def targets(self, layout: Layout) -> tuple[str, ...]:
@@ -108,14 +114,14 @@ class Effect(ABC):
         return True
 
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
-        """Writes itself into an MJCF model, or returns why it cannot and what to do instead.
+        """Writes itself into an MJCF model; where it cannot, returns what to do instead, or why.
 
         Args:
             model: what is written to.
             target: a joint, body, actuator or state.
             values: one for each of its symbols.
         """
-        return f"MJCF cannot say it; {OUTSIDE[self.place]}."
+        return OUTSIDE[self.place]
 
     @abstractmethod
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
@@ -135,6 +141,11 @@ class Effect(ABC):
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         """Values beyond which it explains nothing, however well it fits."""
         return np.full(len(self.symbols), np.inf)
+
+    @property
+    def file(self) -> str:
+        """Name of the file of its class, which a correction refers to where it is a user's own."""
+        return Path(getattr(sys.modules.get(type(self).__module__), "__file__", "") or "").name
 
     @property
     def neutral(self) -> Float[np.ndarray, " symbols"]:

@@ -14,7 +14,7 @@ from mcpilco.gap.maps import SPAN_S, Leftover, TimeMap, leftover, time_map
 from mcpilco.gap.name import Estimate
 from mcpilco.gap.search import Found
 from mcpilco.gap.show import KNOWN_S, Comparison, Models, at_end, error
-from mcpilco.plant import CATALOGUE, Plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 from mcpilco.show.plots.gap import (
     plot_force_map,
@@ -41,7 +41,7 @@ def effects(gap: Gap) -> Section:
         sizes = "; ".join(
             f"{symbol} = {interval(estimate)}" for symbol, estimate in named.parameters.items()
         )
-        formula = (CATALOGUE[named.name].__doc__ or "").splitlines()[0].rstrip(".")
+        formula = (gap.plant.catalogue[named.name].__doc__ or "").splitlines()[0].rstrip(".")
         others = ", ".join(named.family[1:]) or "–"
         sure = f"{100 * named.probability:.0f} %"
         rows.append((named.name, named.target, sizes, sure, others, formula))
