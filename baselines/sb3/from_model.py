@@ -8,8 +8,10 @@ agent.learn(600)  # steps of the env
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -17,8 +19,10 @@ from torch import Tensor
 from baselines.sb3.agent import SB3Agent
 from baselines.sb3.imagination import Imagination, Imagined, Perturbed
 from baselines.sb3.library import random_numbers
-from mcpilco.agent import MCPILCO, difference
+from mcpilco.agent import MCPILCO, agent_of, difference, finished_trial
 from mcpilco.config import Checked
+from mcpilco.logbook import RunFolder
+from mcpilco.policies import RewardCost
 from mcpilco.typing import InputError
 
 
@@ -66,6 +70,9 @@ class WarmStart(Checked):
         return self.particles + self.rounds * self.own_particles
 
 
+_TOLERANCE = 0.05
+"""mean difference between rewards and 1 - cost that noise may make [-]"""
+
 DEFAULT = WarmStart()
 """what is taken where nothing is said"""
 
@@ -98,6 +105,38 @@ def warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = Non
         for _ in range(numbers.rounds):
             rows = imagination.rollouts(_Own(agent), numbers.own_particles, generator)
             _learn(agent, rows, numbers.round_steps)
+
+
+def stored_source(path: Path, agent: Any) -> MCPILCO:
+    """The agent of a run of MC-PILCO, after its last trial, as the source of a warm start.
+
+    Args:
+        path: of the run folder.
+        agent: new, of SAC or TQC, for the same system.
+
+    Raises:
+        InputError: the run is of another algorithm or system, or its cost is not that of the
+            rewards; or the new agent cannot use it.
+        RunFolderError: the run has no finished trial, or cannot be read.
+    """
+    if not isinstance(agent, SB3Agent):
+        raise InputError(f"--warm-start is for sac and tqc, got --algo {agent.algo}.")
+    run = RunFolder.open(path)
+    if (algo := run.config.get("algo", "mcpilco")) != "mcpilco":
+        raise InputError(
+            f"--warm-start takes a run of the algorithm mcpilco, got {path} of {algo}."
+        )
+    trial = finished_trial(run)
+    source: Any = agent_of(run, trial, agent.env)
+    rollout = run.read_arrays(trial, "rollout")
+    learned = isinstance(source.task.cost, RewardCost) or "costs" not in rollout
+    if not learned and np.abs(1.0 - rollout["costs"] - rollout["rewards"]).mean() > _TOLERANCE:
+        raise InputError(
+            f"The rewards in {path} are not 1 - cost, so what its model would be rewarded with is "
+            "not what the env gives; give the task a cost of 1 - reward."
+        )
+    check_warm_start(agent, source)
+    return source
 
 
 def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = None) -> None:

@@ -1,7 +1,7 @@
 from . import algorithms
 from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference
-from .algorithms import Agent, find, find_after_import
+from .algorithms import Agent, find, find_after_import, with_package
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .controller import Act, remembering
 from .episode import BrokenEpisodeError, reported, run_episode
@@ -11,6 +11,18 @@ from .model import Model
 from .model_based import ModelBasedAgent
 from .model_based_file import load_policy
 from .policy_file import write_policy
+from .presets import preset_numbers, suitable_preset, with_model
+from .stored import (
+    agent_of,
+    algorithm_of,
+    begin_run,
+    changed_versions,
+    choose_trial,
+    finished_trial,
+    learn_rest,
+    open_run_env,
+    reopened,
+)
 from .streams import Streams
 from .task_file import load_task
 from .trial_agent import TrialAgent
@@ -27,20 +39,33 @@ __all__ = [
     "SavedAgent",
     "Streams",
     "TrialAgent",
+    "agent_of",
+    "algorithm_of",
     "algorithms",
+    "begin_run",
+    "changed_versions",
+    "choose_trial",
     "difference",
     "find",
     "find_after_import",
+    "finished_trial",
     "guess_task",
     "horizon_of",
     "input_bounds",
     "inspect_env",
+    "learn_rest",
     "load_policy",
     "load_task",
     "make_env",
+    "open_run_env",
+    "preset_numbers",
     "remembering",
+    "reopened",
     "reported",
     "run_episode",
+    "suitable_preset",
     "task_of",
+    "with_model",
+    "with_package",
     "write_policy",
 ]

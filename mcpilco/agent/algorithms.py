@@ -128,3 +128,9 @@ def find_after_import(name: str) -> type[TrialAgent]:
         except ImportError as error:
             raise InputError(f"The algorithm {name!r} cannot be imported: {error}.") from error
     return find(name)
+
+
+def with_package(name: str) -> str:
+    """The name of an algorithm as any process can find it: `package:name` where it needs one."""
+    package = find_after_import(name).__module__.partition(".")[0]
+    return name if ":" in name or package == "mcpilco" else f"{package}:{name}"

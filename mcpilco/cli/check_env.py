@@ -8,9 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from mcpilco.cli.options import TaskPath, optional
-from mcpilco.cli.system import given_task, open_env, use_one_thread
-from mcpilco.typing import InputError
+from mcpilco.cli.options import TaskPath, given_task, optional
+from mcpilco.cli.system import register, require_at_least, use_one_thread
 
 _MARKS = {"fits": "ok", "note": "--", "fault": "no"}
 
@@ -36,18 +35,15 @@ class CheckEnv:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        for name in ("horizon", "steps"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"--{name} must be at least 1, got {value}.")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}.")
+        require_at_least(1, horizon=self.horizon, steps=self.steps)
+        require_at_least(0, seed=self.seed)
         use_one_thread()
+        register()
 
-        from mcpilco.agent import inspect_env
+        from mcpilco.agent import inspect_env, make_env
 
         faults = 0
-        with contextlib.closing(open_env(self.env, {})) as env:
+        with contextlib.closing(make_env(self.env)) as env:
             task = given_task(self.task)
             found = inspect_env(env, task, horizon=self.horizon, steps=self.steps, seed=self.seed)
             for finding in found:

@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.collision_words import (
-    table,
-    tell_alarms,
-    tell_errors,
-    tell_limits,
-    tell_pushes,
-)
-from mcpilco.cli.options import optional
-from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.options import Columns, Files, column_names, optional
 from mcpilco.cli.simulate_arm import Simulate
 from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError
@@ -27,15 +19,19 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from mcpilco.identification.collision import CurrentModel, ThresholdConfig, Thresholds
+    from mcpilco.identification.collision import (
+        CurrentModel,
+        Detections,
+        Event,
+        ThresholdConfig,
+        Thresholds,
+    )
     from mcpilco.recordings import ArmRecording, ArmSamples
 
 HELD_OUT = 0.3
 """share of each recording, its end, that thresholds are set by where no other is given"""
 
-Files = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
 ModelPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
-Columns = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")]
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ class Learn:
         )
 
         body = _robot(self.robot)
-        joints, named = body.chain.joints, _named(self.columns)
+        joints, named = body.chain.joints, column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
         dt = _dt(free[0]) if self.dt is None else self.dt
         config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
@@ -112,8 +108,8 @@ class Learn:
         limits = _limits(model, held, self.limits)
         save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
-        tell_errors(model, held)
-        tell_limits(model, limits)
+        _print_errors(model, held)
+        _print_thresholds(model, limits)
         for sentence in report.warnings:
             print(f"mcpilco: {sentence}", file=sys.stderr)
         if not report.converged:
@@ -144,12 +140,12 @@ class Threshold:
         from mcpilco.identification.collision import load_collision_model, save_collision_model
 
         model, _ = load_collision_model(self.model)
-        read = _read(self.recordings, model.joints, _named(self.columns), model.dt)
+        read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
         held = _joined(read, model.config)
         limits = _limits(model, held, self.limits)
         save_collision_model(self.model, model, limits)
-        tell_errors(model, held)
-        tell_limits(model, limits)
+        _print_errors(model, held)
+        _print_thresholds(model, limits)
         return 0
 
 
@@ -181,7 +177,7 @@ class Detect:
         model, limits = load_collision_model(self.model)
         self.out.mkdir(parents=True, exist_ok=True)
         told: dict[str, Any] = {}
-        for recording in _read(self.recordings, model.joints, _named(self.columns), model.dt):
+        for recording in _read(self.recordings, model.joints, column_names(self.columns), model.dt):
             samples = arm_samples(recording, model.config.window)
             found = detect(model, limits, samples)
             alarms = events(found, model.joints)
@@ -189,11 +185,11 @@ class Detect:
             film = self.out / f"{recording.name}.rrd"
             chain = model.features.body.chain
             write_collision_film(film, recording.name, chain, samples, found, alarms, push)
-            write_bytes(self.out / f"{recording.name}.csv", table(found, model.joints))
+            write_bytes(self.out / f"{recording.name}.csv", _table(found, model.joints))
             told[recording.name] = [vars(event) for event in alarms]
-            tell_alarms(recording.name, alarms)
+            _print_alarms(recording.name, alarms)
             if push is not None:
-                tell_pushes(found, push)
+                _print_pushes(found, push)
         write_bytes(self.out / "collisions.json", json.dumps(told, indent=1).encode())
         first = next(iter(told))
         print(f"Look at it with: mcpilco view {self.out / first}.rrd")
@@ -233,10 +229,6 @@ def _robot(path: Path) -> Any:
     except ValueError as error:
         raise InputError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
     return RigidBody.of(model, terms=CURRENT_TERMS)
-
-
-def _named(columns: tuple[str, ...]) -> dict[str, str]:
-    return dict(pairs("--columns", separated(columns)))
 
 
 def _read(
@@ -302,3 +294,69 @@ def _positive(points: int) -> int:
     if points < 100:
         raise InputError(f"--points must be at least 100, got {points}; try 1500.")
     return points
+
+
+# Printing and tables ------------------------------------------------------------------------------
+
+
+def _print_errors(model: CurrentModel, held: ArmSamples) -> None:
+    """Root mean square errors of each joint, in motion and at rest."""
+    import numpy as np
+
+    residual, still = held.i - model.mean(held), model.quiet(held)
+    for name, rows in (("in motion", ~still), ("at rest", still)):
+        count = np.maximum(rows.sum(axis=0), 1)
+        error = np.sqrt((residual**2 * rows).sum(axis=0) / count)
+        shown = ", ".join(f"{j} {e:.3g}" for j, e in zip(model.joints, error, strict=True))
+        print(f"Error {name} [A]: {shown}")
+
+
+def _print_thresholds(model: CurrentModel, limits: Thresholds) -> None:
+    """The thresholds of each joint."""
+    unit = "A" if limits.config.rule == "current" else "std"
+    kinds = {"in motion": limits.moving, "at rest": limits.resting}
+    for name, values in kinds.items() if limits.config.by_phase else (("", limits.moving),):
+        shown = ", ".join(f"{j} {v:.3g}" for j, v in zip(model.joints, values, strict=True))
+        print(f"Thresholds {f'{name} ' if name else ''}[{unit}]: {shown}")
+
+
+def _print_alarms(name: str, alarms: Sequence[Event]) -> None:
+    """A line an alarm."""
+    print(f"{name}: {len(alarms)} alarms")
+    for event in alarms:
+        where = "at rest" if event.resting else "in motion"
+        print(
+            f"  {event.start_s:8.3f} s to {event.end_s:8.3f} s, {where}: "
+            f"{', '.join(event.joints)}, {event.excess:.1f} thresholds"
+        )
+
+
+def _print_pushes(found: Detections, push: np.ndarray) -> None:
+    """Which of the true pushes were found, and when."""
+    import numpy as np
+
+    from mcpilco.recordings import runs
+
+    spans = runs(np.abs(push).max(axis=1) > 0.0)
+    hits = 0
+    for start, end in spans:
+        at = np.flatnonzero(found.collision[start:end])
+        force = float(np.linalg.norm(push[start:end], axis=1).max())
+        told = "missed"
+        if len(at):
+            told = f"found after {1000 * (found.time[start + at[0]] - found.time[start]):.0f} ms"
+        hits += bool(len(at))
+        print(f"  push at {found.time[start]:.3f} s, {force:.0f} N: {told}")
+    print(f"  {hits} of {len(spans)} pushes found")
+
+
+def _table(found: Detections, joints: Sequence[str]) -> bytes:
+    """The output of the detector as a CSV, a row a sample."""
+    import numpy as np
+
+    from mcpilco.files import csv_bytes
+
+    kinds = ("expected", "residual", "threshold", "joints")
+    names = ["time", *(f"{j}_{k if k != 'joints' else 'alarm'}" for k in kinds for j in joints)]
+    arrays = np.hstack([getattr(found, kind).astype(float) for kind in kinds])
+    return csv_bytes(names, np.round(np.column_stack([found.time, arrays]), 6).tolist())

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import agent_of, finished_trial, open_run_env, use_one_thread
-from mcpilco.typing import InputError
+from mcpilco.cli.system import register, require_at_least, use_one_thread
 
 if TYPE_CHECKING:
     from mcpilco.agent import Agent
@@ -39,14 +38,12 @@ class Evaluate:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        if self.episodes < 1:
-            raise InputError(f"--episodes must be at least 1, got {self.episodes}.")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}.")
-        if self.horizon is not None and self.horizon < 1:
-            raise InputError(f"--horizon must be at least 1, got {self.horizon}.")
+        require_at_least(1, episodes=self.episodes, horizon=self.horizon)
+        require_at_least(0, seed=self.seed)
         use_one_thread()
+        register()
 
+        from mcpilco.agent import agent_of, finished_trial, open_run_env
         from mcpilco.logbook import RunFolder
 
         run = RunFolder.open(self.run)

@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import agent_of, finished_trial
+from mcpilco.cli.system import register
 from mcpilco.typing import InputError
 
 
@@ -30,7 +30,8 @@ class Export:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        from mcpilco.agent import write_policy
+        register()
+        from mcpilco.agent import agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder
         from mcpilco.policies import SumOfGaussians
 

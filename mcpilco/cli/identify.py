@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.options import Columns, Files, column_names, optional
 from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
@@ -43,7 +42,7 @@ Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 class Identify:
     """Find the masses, inertias and friction of a robot in recordings of its motion."""
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    recordings: Files
     """CSV, npz or parquet, with the columns `time`, `<joint>_position`, and `<joint>_torque` (of a
     slide `<joint>_force`) or a command for each motor"""
     model: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
@@ -65,7 +64,7 @@ class Identify:
     """of the zero-phase filter [Hz]"""
     held_out: float = 0.2
     """share at the end of each recording that is not fitted to, but tested on"""
-    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
+    columns: Columns = ()
     """what the files call time, positions and forces, where it differs; also separated by commas"""
     dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
     """sampling time to which all are brought [s]"""
@@ -94,7 +93,7 @@ class Identify:
         model = load_robot(self.model)
         recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)
         segments, errors, remarks = read_robot(
-            self.recordings, model, dict(pairs("--columns", separated(self.columns))), self.dt
+            self.recordings, model, column_names(self.columns), self.dt
         )
         for error in errors:
             print(f"left out: {error}", file=sys.stderr)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.pairs import pairs, separated
+from mcpilco.cli.options import Columns, Files, column_names, optional
 from mcpilco.cli.system import use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 class InverseDynamics:
     """Learn a robot's inverse dynamics from recordings, and test them on the end of each."""
 
-    recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+    recordings: Files
     """CSV, npz or parquet, with the columns `time`, `<joint>_position`, `<joint>_torque`; also
     `<joint>_velocity` and `<joint>_acceleration` where they are measured"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
@@ -43,7 +42,7 @@ class InverseDynamics:
     """most samples to learn from, at a constant step; time grows as their cube"""
     hold_out: float = 0.2
     """share at the end of each recording that the model is tested on"""
-    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")] = ()
+    columns: Columns = ()
     """what the files call their columns, where it differs; also separated by commas"""
     dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
     """sampling time to which all are brought [s]"""
@@ -113,7 +112,7 @@ class InverseDynamics:
         )
 
         joints, kinds = self._robot(chain)
-        columns = dict(pairs("--columns", separated(self.columns)))
+        columns = column_names(self.columns)
         recordings = read_joint_recordings(self.recordings, joints, columns, self.dt)
         for recording in recordings:
             for remark in recording.remarks:

@@ -1,27 +1,218 @@
-"""How arguments that several commands share look in `--help`."""
+"""Options that several commands share: their types, how they are read, and those of a training."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-RunPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
-"""a run folder, without a flag"""
+from mcpilco.config import CART_POLE
+from mcpilco.typing import InputError
 
+if TYPE_CHECKING:
+    import gymnasium as gym
 
-TaskPath = Annotated[
-    Path | None,
-    tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: what the env shows, or a guess)"),
-]
-"""file of a task: .py, .toml or .json"""
-
-
-Algo = Annotated[str, tyro.conf.arg(metavar="NAME")]
-"""a registered algorithm; of a package that is not installed as `package:name`"""
+    from mcpilco.agent import TrialAgent
+    from mcpilco.task import TaskSpec
 
 
 def optional(metavar: str, default: str) -> object:
     """Annotation of an argument that may be None; `default` says what is taken then."""
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
+
+
+RunPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
+"""a run folder, without a flag"""
+TaskPath = Annotated[
+    Path | None,
+    tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: what the env shows, or a guess)"),
+]
+"""file of a task: .py, .toml or .json"""
+Algo = Annotated[str, tyro.conf.arg(metavar="NAME")]
+"""a registered algorithm; of a package that is not installed as `package:name`"""
+SuitablePreset = Annotated[
+    str | None, optional("NAME", "default; thorough where the mean is physics")
+]
+"""a preset, or the one that suits the model"""
+Columns = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=COLUMN...")]
+"""the names of columns in a file, as `column_names` reads them"""
+EnvKeywords = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
+"""keywords of an env, as `keywords` reads them"""
+Files = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
+"""recordings, without a flag"""
+
+
+# Entries NAME=VALUE -------------------------------------------------------------------------------
+
+
+def pairs(option: str, entries: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Names and values.
+
+    Raises:
+        InputError: an entry is no NAME=VALUE.
+    """
+    for entry in entries:
+        name, equals, value = entry.partition("=")
+        if not (name and equals):
+            raise InputError(f"{option} must be NAME=VALUE, got {entry!r}.")
+        yield name, value
+
+
+def separated(entries: Sequence[str]) -> list[str]:
+    """The entries, of which some hold several, separated by commas."""
+    return [part for entry in entries for part in entry.split(",") if part]
+
+
+def column_names(entries: Sequence[str]) -> dict[str, str]:
+    """The file's name of each column that is named otherwise there.
+
+    Raises:
+        InputError: an entry is no NAME=COLUMN.
+    """
+    return dict(pairs("--columns", separated(entries)))
+
+
+def number(what: str, text: str) -> float:
+    """The number in a text.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{what} must be a number, got {text!r}.") from None
+
+
+def named_numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
+    """Numbers by name, of entries that are also separated by commas.
+
+    Raises:
+        InputError: an entry is no NAME=VALUE, or its value no number.
+    """
+    found = pairs(option, separated(entries))
+    return {name: number(f"{option} {name}", value) for name, value in found}
+
+
+def uncertainty(entries: Sequence[str]) -> float | dict[str, float]:
+    """Prior standard deviations of parameters: by name, or one for all.
+
+    Raises:
+        InputError: an entry is neither STD nor NAME=STD.
+    """
+    if named := [entry for entry in entries if "=" in entry]:
+        return named_numbers("--uncertainty", named)
+    return number("--uncertainty", entries[-1])
+
+
+def keywords(option: str, entries: Sequence[str]) -> dict[str, Any]:
+    """Keywords of an env: numbers, true, false, words, or what a JSON file holds.
+
+    A run folder that keeps them needs no other file.
+
+    Raises:
+        InputError: an entry is no NAME=VALUE, or its file cannot be read.
+    """
+    return {name: _value(option, text) for name, text in pairs(option, entries)}
+
+
+def _value(option: str, text: str) -> Any:
+    path = Path(text)
+    if path.suffix == ".json":
+        try:
+            text = path.read_text(encoding="utf-8")
+            return json.loads(text)
+        except OSError as error:
+            raise InputError(f"{option}: cannot read {path}: {error.strerror or error}.") from None
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{option}: {path} is no JSON file: {error}.") from None
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+# Trainings ----------------------------------------------------------------------------------------
+
+
+def given_task(path: Path | None) -> TaskSpec | None:
+    """The task in the file that the user names, if any; Python in it is executed.
+
+    Raises:
+        InputError: the file holds no task.
+    """
+    from mcpilco.agent import load_task
+
+    return None if path is None else load_task(path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """Options of every command that learns: in which env, by which algorithm, of which model."""
+
+    env: str = CART_POLE
+    """Gymnasium id of the env; `module:Id` imports the module first"""
+    env_kwargs: EnvKeywords = ()
+    """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
+    algo: Algo = "mcpilco"
+    """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
+    stable-baselines3; of another package `package:name`, or the name of its entry point"""
+    preset: SuitablePreset = None
+    """setting of the agent, and of the cart-pole; mcpilco has default, thorough, thesis and
+    tro2022, pilco default and tip, the others default"""
+    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
+    """steps of a rollout"""
+    task: TaskPath = None
+    """file with states, angles and cost of the env, where the env does not show them"""
+    exploration: Annotated[int | None, optional("INT", "one rollout")] = None
+    """steps of random inputs at first; several rollouts, where they end early"""
+    model: Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")] = None
+    """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
+    makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
+    prior: Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")] = None
+    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
+    memory: Annotated[int | None, optional("INT", "that of the preset, 0")] = None
+    """of mcpilco: past inputs that model and policy see, for actuators that lag"""
+    delay: Annotated[float | None, optional("SECONDS", "that of the preset, 0")] = None
+    """of mcpilco: delay of the actuator [s]; the policy acts on the state predicted for then"""
+
+    @property
+    def chosen_preset(self) -> str:
+        """The one that is given, or the one that suits the model."""
+        from mcpilco.agent import suitable_preset
+
+        return suitable_preset(self.preset, self.algo, self.model)
+
+    def numbers(self) -> tuple[Any, dict[str, Any]]:
+        """The agent's configuration and the env's keywords.
+
+        Raises:
+            InputError: the algorithm has no such preset, model or exploration, or a keyword of the
+                env cannot be read.
+        """
+        from mcpilco.agent import find_after_import, preset_numbers, with_model
+
+        config, env_kwargs = preset_numbers(
+            find_after_import(self.algo),
+            self.chosen_preset,
+            self.env,
+            self.horizon,
+            self.exploration,
+        )
+        config = with_model(config, self.model, self.prior, self.memory, self.delay)
+        return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
+
+    def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:
+        """A new agent of the algorithm with these numbers, in an env whose task is given or shown.
+
+        Raises:
+            McPilcoError: the numbers, the env and the task do not fit one another.
+        """
+        from mcpilco.agent import find_after_import
+
+        kind = find_after_import(self.algo)
+        return kind(kind.policy_name, env, config=config, seed=seed, task=given_task(self.task))

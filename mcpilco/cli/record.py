@@ -8,19 +8,26 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.new_files import make_folder, require_new
-from mcpilco.cli.options import optional
-from mcpilco.cli.pairs import EnvKeywords, keywords
-from mcpilco.cli.system import agent_of, finished_trial, open_env, use_one_thread
+from mcpilco.cli.options import EnvKeywords, keywords, optional
+from mcpilco.cli.system import (
+    make_folder,
+    register,
+    require_at_least,
+    require_new,
+    use_one_thread,
+)
 from mcpilco.config import CART_POLE
-from mcpilco.typing import EnvError, InputError
+from mcpilco.typing import InputError
 
-FEWEST = 10
-"""steps of a rollout"""
+if TYPE_CHECKING:
+    import gymnasium as gym
+
+    from mcpilco.logbook import RunFolder
+
 REMEDY = "name another folder or another seed"
 """where a file is there already"""
 KINDS = ("excitation", "random")
@@ -58,23 +65,31 @@ class Record:
         """
         self._check()
         use_one_thread()
+        register()
+
+        from mcpilco.agent import agent_of, finished_trial
+        from mcpilco.crossing import record_rollouts
+        from mcpilco.recordings import write_recording
 
         run = None if self.policy in KINDS else _run(self.policy)
-        env = self._env(run)
-        paths = [self.out / f"{self._stem()}-{k:02d}.csv" for k in range(self.rollouts)]
-        done: list[Path] = []
-        with contextlib.closing(env):
-            recordings = self._recordings(env, run, paths)
+        kind = "policy" if run is not None else self.policy
+        paths = [self.out / f"{kind}-seed{self.seed}-{k:02d}.csv" for k in range(self.rollouts)]
+        done = 0
+        with contextlib.closing(self._env(run)) as env:
+            policy: Any = self.policy if run is None else agent_of(run, finished_trial(run))
+            names = [path.stem for path in paths]
+            recordings = record_rollouts(env, policy, self.seconds, names, self.seed)
             make_folder(self.out, paths, REMEDY)
             try:
-                with _progress(len(paths), self.quiet) as tell:
-                    for path, recording in recordings:
-                        _write(path, recording)
-                        done.append(path)
-                        tell(path, recording)
+                with _progress(len(paths), self.quiet) as show:
+                    for path, recording in zip(paths, recordings, strict=True):
+                        require_new(path, REMEDY)
+                        write_recording(path, recording)
+                        done += 1
+                        show(path, recording)
             except KeyboardInterrupt:
                 print(
-                    f"mcpilco: interrupted; {len(done)} of {len(paths)} recordings are saved in "
+                    f"mcpilco: interrupted; {done} of {len(paths)} recordings are saved in "
                     f"{self.out}.",
                     file=sys.stderr,
                 )
@@ -87,65 +102,23 @@ class Record:
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise InputError(f"--{name} must be positive [s], got {value}.")
-        if self.rollouts < 1:
-            raise InputError(f"--rollouts must be at least 1, got {self.rollouts}.")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}.")
+        require_at_least(1, rollouts=self.rollouts)
+        require_at_least(0, seed=self.seed)
 
-    def _stem(self) -> str:
-        kind = self.policy if self.policy in KINDS else "policy"
-        return f"{kind}-seed{self.seed}"
+    def _env(self, run: RunFolder | None) -> gym.Env:
+        """The env, without its time limit; that of the run where no other is named."""
+        from mcpilco.agent import make_env, open_run_env
 
-    def _env(self, run: Any) -> Any:
-        """The env, without its time limit."""
-        if run is not None and self.env in (None, run.config["env"]):
-            env_id, kwargs = run.config["env"], dict(run.config["env_kwargs"])
-        else:
-            env_id, kwargs = self.env or CART_POLE, {}
-        kwargs |= keywords("--env-kwargs", self.env_kwargs)
+        kwargs = keywords("--env-kwargs", self.env_kwargs)
         if self.dt is not None:
             kwargs["dt"] = self.dt
-        return open_env(env_id, {**kwargs, "max_episode_steps": -1})
-
-    def _recordings(self, env: Any, run: Any, paths: list[Path]) -> Iterator[tuple[Path, Any]]:
-        """Each file's path and recording, one rollout after the other.
-
-        Raises:
-            McPilcoError: the env, the run and the options do not fit; before the first rollout.
-        """
-        from mcpilco.agent import input_bounds, task_of
-
-        agent = None if run is None else agent_of(run, finished_trial(run, None))
-        shown = getattr(env.unwrapped, "task", None)
-        task = task_of(env, agent.task if agent is not None and shown is None else None)
-        low, high = input_bounds(env)
-        steps = round(self.seconds / self.rollouts / task.dt)
-        if steps < FEWEST:
-            raise InputError(
-                f"--seconds must leave each rollout at least {FEWEST} steps of {task.dt:g} s, got "
-                f"{self.seconds:g} s for {self.rollouts} of them; record for longer."
-            )
-        act = _actor(self.policy, run, agent, task, low, high, steps)
-        return self._rollouts(env, task, act, steps, paths)
-
-    def _rollouts(
-        self, env: Any, task: Any, act: Any, steps: int, paths: list[Path]
-    ) -> Iterator[tuple[Path, Any]]:
-        import numpy as np
-
-        from mcpilco.agent import run_episode
-        from mcpilco.recordings import from_rollout
-        from mcpilco.sensing import state_view
-
-        view, seeds = state_view(env, task), np.random.SeedSequence(self.seed).spawn(len(paths))
-        for path, seed in zip(paths, seeds, strict=True):
-            rng = np.random.default_rng(seed)
-            reset_seed = int(rng.integers(2**31))
-            rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
-            yield path, from_rollout(path.stem, rollout, task)
+        kwargs["max_episode_steps"] = -1
+        if run is not None and self.env in (None, run.config["env"]):
+            return open_run_env(run, {**run.config["env_kwargs"], **kwargs})
+        return make_env(self.env or CART_POLE, **kwargs)
 
 
-def _run(policy: str) -> Any:
+def _run(policy: str) -> RunFolder:
     from mcpilco.logbook import RunFolder
 
     if not Path(policy).is_dir():
@@ -156,40 +129,9 @@ def _run(policy: str) -> Any:
     return RunFolder.open(policy)
 
 
-def _actor(policy: str, run: Any, agent: Any, task: Any, low: Any, high: Any, steps: int) -> Any:
-    """From random numbers to a policy for one rollout."""
-    import numpy as np
-
-    from mcpilco.recordings import excitation
-
-    def excite(rng: np.random.Generator) -> Callable[[Any], Any]:
-        script = iter(excitation(low, high, steps, task.dt, rng))
-        return lambda observation: next(script)
-
-    def draw(rng: np.random.Generator) -> Callable[[Any], Any]:
-        return lambda observation: rng.uniform(low, high)
-
-    if agent is None:
-        return excite if policy == "excitation" else draw
-    if (agent.task.state_names, agent.task.input_names) != (task.state_names, task.input_names):
-        raise EnvError(
-            f"The policy in {run.path} expected the states {', '.join(agent.task.state_names)} and "
-            f"the inputs {', '.join(agent.task.input_names)}, got an env with "
-            f"{', '.join(task.state_names)} and {', '.join(task.input_names)}; leave --env out."
-        )
-    return lambda rng: agent.on_states()
-
-
-def _write(path: Path, recording: Any) -> None:
-    from mcpilco.recordings import write_recording
-
-    require_new(path, REMEDY)
-    write_recording(path, recording)
-
-
 @contextlib.contextmanager
 def _progress(count: int, quiet: bool) -> Iterator[Callable[[Path, Any], None]]:
-    """What is told of each recording; draws a line for each, above a bar on a terminal."""
+    """A function that prints a line for each recording, above a bar on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -198,9 +140,9 @@ def _progress(count: int, quiet: bool) -> Iterator[Callable[[Path, Any], None]]:
     with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task("recordings", total=count)
 
-        def tell(path: Path, recording: Any) -> None:
+        def show(path: Path, recording: Any) -> None:
             line = f"{path}: {recording.time[-1]:.2f} s, {len(recording)} samples"
             bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
             bar.advance(task)
 
-        yield tell
+        yield show

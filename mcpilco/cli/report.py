@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.system import register, use_one_thread
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,7 @@ class Report:
             McPilcoError: a wrong input; the sentence says which.
         """
         use_one_thread()
-
-        import baselines  # noqa: F401  registers its algorithms
+        register()
         from mcpilco.logbook import RunFolder
         from mcpilco.show.report import write_report
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.collision_words import csv_bytes
-from mcpilco.cli.new_files import make_folder
+from mcpilco.cli.system import make_folder
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class Simulate:
         """A CSV with seven decimals, of which sensors tell five."""
         import numpy as np
 
-        from mcpilco.files import write_bytes
+        from mcpilco.files import csv_bytes, write_bytes
         from mcpilco.recordings import FORCE, columns_of
 
         names = ["time", *columns_of(log.joints)]

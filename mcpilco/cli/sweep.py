@@ -5,19 +5,15 @@ from __future__ import annotations
 import contextlib
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.learning import Learning
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import open_env, use_one_thread, with_package
+from mcpilco.cli.options import Learning, optional
+from mcpilco.cli.system import register, use_one_thread
 from mcpilco.typing import InputError
-
-_SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +43,15 @@ class Sweep(Learning):
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        seeds = parse_seeds(self.seeds)
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
+        from mcpilco.agent import with_package
+        from mcpilco.sweep import Settings, SweepFolder, parse_seeds, sweep, sweep_progress
+
+        seeds = parse_seeds(self.seeds)
+        register()
         config, env_kwargs = self.numbers()
         self._check(config, env_kwargs)
-
-        from mcpilco.sweep import Settings, SweepFolder, sweep
 
         # `module:name` tells each process, on whatever machine, where something is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
@@ -72,7 +70,7 @@ class Sweep(Learning):
         engine = self._engine()
         done = SweepFolder(self.out, settings).results().keys() & set(seeds)
         try:
-            with progress(len(seeds), len(done), self.quiet) as on_result:
+            with sweep_progress(len(seeds), len(done), self.quiet) as on_result:
                 summary = sweep(settings, seeds, self.out, engine, on_result)
         except KeyboardInterrupt:
             done = SweepFolder(self.out, settings).results().keys() & set(seeds)
@@ -89,77 +87,16 @@ class Sweep(Learning):
 
     def _check(self, config: Any, env_kwargs: dict[str, Any]) -> None:
         """Raises McPilcoError where every seed would fail the same way."""
+        from mcpilco.agent import make_env
+
         use_one_thread()
-        with contextlib.closing(open_env(self.env, env_kwargs)) as env:
+        with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
             self.agent(env, config)
 
     def _engine(self) -> Any:
         from mcpilco.sweep import LocalEngine, RayEngine
 
         return RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
-
-
-def parse_seeds(text: str) -> Sequence[int]:
-    """The seeds that `0:30` or `3,5,7` stand for.
-
-    Raises:
-        InputError: it is neither, or holds a negative number or none.
-    """
-    try:
-        if ":" in text:
-            first, end = text.split(":")
-            seeds = list(range(int(first), int(end)))
-        else:
-            seeds = sorted({int(seed) for seed in text.split(",")})
-    except ValueError:
-        seeds = []
-    if not seeds or min(seeds) < 0 or max(seeds) >= 2**32:
-        raise InputError(
-            f"--seeds must be like 0:30, which are 0 to 29, or like 3,5,7, got {text!r}."
-        )
-    return seeds
-
-
-@contextlib.contextmanager
-def progress(seeds: int, done: int, quiet: bool) -> Iterator[Any]:
-    """What `sweep` tells each result; draws a line for each, above a bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    console = Console(quiet=quiet)
-    bar = Progress(
-        TextColumn("seeds"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeLeft(),
-        console=console,
-        speed_estimate_period=_SPEED_PERIOD_S,
-        disable=quiet or not console.is_terminal,
-    )
-    if done:
-        console.print(f"{done} of {seeds} seeds are there already.", highlight=False)
-    with bar:
-        task = bar.add_task("seeds", total=seeds, completed=done)
-
-        def on_result(seed: int, outcome: Any) -> None:
-            bar.console.print(_line(seed, outcome), markup=False, highlight=False, soft_wrap=True)
-            bar.advance(task)
-
-        yield on_result
-
-
-def _line(seed: int, outcome: Any) -> str:
-    from mcpilco.sweep import Failure
-
-    if isinstance(outcome, Failure):
-        return f"seed {seed} failed: {outcome.reason}"
-    trials = outcome["trials"]
-    words = {True: "yes", False: "no", None: "-"}
-    success = " ".join(words[row["success"]] for row in trials)
-    returns = " ".join(f"{row['return']:.1f}" for row in trials if row["return"] is not None)
-    cpu = sum(row["cpu_s"] for row in trials)
-    return f"seed {seed}: success {success}, return {returns}, {cpu:.1f} CPU s"
 
 
 def _print_table(summary: Any) -> None:

@@ -17,13 +17,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.learning import Learning
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import open_env, use_one_thread
+from mcpilco.cli.options import Learning, optional
+from mcpilco.cli.system import register, require_at_least, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from mcpilco.agent import Agent
+    from mcpilco.logbook import RunFolder
 
 _OUT = "runs/out"
 
@@ -62,52 +61,42 @@ class Train(Learning):
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
-        if self.trials is not None and self.trials < 1:
-            raise InputError(f"--trials must be at least 1, got {self.trials}.")
-        if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}.")
+        require_at_least(1, trials=self.trials)
+        require_at_least(0, seed=self.seed)
         use_one_thread()
+        register()
         if self.resume is not None:
             return self._go_on()
 
-        from mcpilco.logbook import RunFolder
+        from mcpilco.agent import begin_run, make_env
 
         config, env_kwargs = self.numbers()
-        env = open_env(self.env, env_kwargs)
-        with contextlib.closing(env):
+        with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
             agent = self.agent(env, config, self.seed)
-            source = None if self.warm_start is None else self._source(agent)
+            source = None if self.warm_start is None else _source(self.warm_start, agent)
             trials = agent.usual_trials(config) if self.trials is None else self.trials
-            record = self._record(config, env_kwargs) | {"trials": trials}
-            run = RunFolder.create(self._folder(), record)
+            files = {"task": self.task, "warm_start": self.warm_start}
+            more = {name: str(path) for name, path in files.items() if path is not None}
+            run = begin_run(
+                self._folder(),
+                agent,
+                self.algo,
+                self.env,
+                env_kwargs,
+                self.chosen_preset,
+                trials,
+                more,
+            )
             with run.writing():
                 if source is not None:
-                    self._warm_start(agent, source, run)
+                    if not self.quiet:
+                        print(f"warm start: training in the model of {self.warm_start}", flush=True)
+                    _warm_start(run, agent, source)
                 return self._learn(agent, run)
-
-    def _source(self, agent: Any) -> Any:
-        """The agent that `--warm-start` names.
-
-        Raises:
-            McPilcoError: it cannot be used for this agent.
-        """
-        from mcpilco.cli.warm_start import teacher
-
-        assert self.warm_start is not None
-        return teacher(self.warm_start, agent)
-
-    def _warm_start(self, agent: Any, source: Any, run: Any) -> None:
-        """Begin with what the source's model says, and save that."""
-        from baselines.sb3.from_model import warm_start
-
-        if not self.quiet:
-            print(f"warm start: training in the model of {self.warm_start}", flush=True)
-        warm_start(agent, source)
-        agent.save(run.agent_path)
 
     def _go_on(self) -> int:
         """The rest of a run."""
-        from mcpilco.cli.resume import reopened
+        from mcpilco.agent import changed_versions, reopened
 
         given = dataclasses.replace(
             self, resume=None, task=None, trials=None, quiet=False, tensorboard=False, live=False
@@ -118,21 +107,26 @@ class Train(Learning):
                 "run; beside it stand only --task, --trials, --quiet, --tensorboard and --live."
             )
         assert self.resume is not None
-        with reopened(self.resume, self.trials, self.task) as (run, agent):
+        with reopened(self.resume, self.trials, self.task, _warm_again) as (run, agent):
+            if changed := changed_versions(run):
+                print(
+                    f"mcpilco: note: {', '.join(changed)} since the run began; its numbers may "
+                    "differ from those of an uninterrupted one.",
+                    file=sys.stderr,
+                )
             return self._learn(agent, run)
 
-    def _learn(self, agent: Agent, run: Any) -> int:
+    def _learn(self, agent: Any, run: RunFolder) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
-        rest = run.config["trials"] - len(run.finished_trials())
-        try:
-            with self._watched(run), self._callbacks(run) as callbacks:
-                if rest:
-                    agent.learn(agent.timesteps_of(rest), callback=callbacks)
-                else:  # it was stopped after its last trial
-                    from mcpilco.logbook import as_callback
+        from mcpilco.agent import learn_rest
+        from mcpilco.show.recorder import run_callbacks
 
-                    as_callback(callbacks).on_training_start(agent, 0)
-                    as_callback(callbacks).on_training_end()
+        try:
+            with (
+                self._watched(run),
+                run_callbacks(run, not self.quiet, self.tensorboard) as callbacks,
+            ):
+                learn_rest(run, agent, callbacks)
         except KeyboardInterrupt:
             print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
             return 130
@@ -154,21 +148,8 @@ class Train(Learning):
         algo = "" if self.algo == "mcpilco" else f"{self.algo.rpartition(':')[2]}-"
         return Path(_OUT) / f"{name}-{algo}{self.chosen_preset}-seed{self.seed}-{time}"
 
-    def _record(self, config: Any, env_kwargs: dict[str, Any]) -> dict[str, Any]:
-        """What config.json holds."""
-        return {
-            "env": self.env,
-            "env_kwargs": env_kwargs,
-            "algo": self.algo,
-            "preset": self.chosen_preset,
-            "seed": self.seed,
-            "config": dataclasses.asdict(config),
-            **({} if self.task is None else {"task": str(self.task)}),
-            **({} if self.warm_start is None else {"warm_start": str(self.warm_start)}),
-        }
-
     @contextlib.contextmanager
-    def _watched(self, run: Any) -> Iterator[None]:
+    def _watched(self, run: RunFolder) -> Iterator[None]:
         """With `--live`, a `mcpilco view` beside the training, which outlives it until closed."""
         if not self.live:
             yield
@@ -187,26 +168,33 @@ class Train(Learning):
                 with contextlib.suppress(KeyboardInterrupt):
                     viewer.wait()
 
-    @contextlib.contextmanager
-    def _callbacks(self, run: Any) -> Iterator[list[Any]]:
-        """What listens to the training; terminal and files are given back whatever happens."""
-        from mcpilco.logbook import JsonLines, Progress, TensorBoard
-        from mcpilco.show.recorder import Recorder
 
-        callbacks = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
-        events = run.path / "tensorboard"
-        if self.tensorboard or events.exists():
-            done = [run.result(trial)["policy_steps"] for trial in run.finished_trials()]
-            callbacks.append(TensorBoard(events, earlier_steps=sum(done)))
-        if not self.quiet:
-            callbacks.append(Progress())
-        with contextlib.ExitStack() as stack:
-            for callback in callbacks:
-                stack.callback(callback.close)
-            yield callbacks
+def _source(path: Path, agent: Any) -> Any:
+    """The agent of the run that `--warm-start` names.
+
+    Raises:
+        McPilcoError: it cannot be used for this agent.
+    """
+    from baselines.sb3.from_model import stored_source
+
+    return stored_source(path, agent)
 
 
-def _saved(run: Any) -> str:
+def _warm_start(run: RunFolder, agent: Any, source: Any) -> None:
+    """Train in the source's model, and save the agent."""
+    from baselines.sb3.from_model import warm_start
+
+    warm_start(agent, source)
+    agent.save(run.agent_path)
+
+
+def _warm_again(run: RunFolder, agent: Any) -> None:
+    """The warm start that had not ended when the run was stopped."""
+    if "warm_start" in run.config:
+        _warm_start(run, agent, _source(Path(run.config["warm_start"]), agent))
+
+
+def _saved(run: RunFolder) -> str:
     """A sentence on what an interrupted run holds."""
     trials = run.finished_trials()
     where = shlex.quote(str(run.path))

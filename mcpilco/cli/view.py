@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import tyro
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import choose_trial, open_env
+from mcpilco.cli.system import register
 from mcpilco.typing import InputError, McPilcoError
 
 _FIRST_WINDOW_S = 1.0
@@ -57,6 +57,8 @@ class View:
         Raises:
             McPilcoError: a wrong input; the sentence says which.
         """
+        register()
+        from mcpilco.agent import choose_trial
         from mcpilco.logbook import RunFolder
 
         for film in (self.run, *(self.run / name for name in FILMS)):
@@ -133,8 +135,10 @@ def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
 
 def _scene(run: Any) -> Any:
     """How the run's env draws its states; None, with a note, where it cannot be made here."""
+    from mcpilco.agent import open_run_env
+
     try:
-        with contextlib.closing(open_env(run.config["env"], run.config["env_kwargs"])) as env:
+        with contextlib.closing(open_run_env(run)) as env:
             return getattr(env.unwrapped, "scene", None)
     except McPilcoError as error:
         print(f"mcpilco: without the scene: {' '.join(str(error).split())}", file=sys.stderr)
@@ -143,6 +147,8 @@ def _scene(run: Any) -> Any:
 
 def _recorded(run: Any) -> list[int]:
     """The trials that have a recording."""
+    from mcpilco.agent import choose_trial
+
     names = (path.stem for path in (run.path / "rollouts").glob("*.rrd"))
     trials = sorted(int(name) for name in names if name.isdecimal())
     choose_trial(

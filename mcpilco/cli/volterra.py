@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from mcpilco.cli.options import optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.system import make_folder, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -67,7 +65,7 @@ class Volterra:
         model = self._best(train, test)
         for warning in model.report.warnings:
             print(f"mcpilco: warning: {warning}", file=sys.stderr)
-        _make(self.out)
+        make_folder(self.out)
         mean, std = model.predict(test.inputs)
         save_volterra(model, self.out / "model.npz")
         _write_prediction(self.out / "prediction.csv", model, test, mean, std)
@@ -150,32 +148,22 @@ def _tell(model: VolterraModel, train: Series, test: Series) -> None:
         )
 
 
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {folder} cannot be made ({error.strerror}).") from None
-
-
 def _write_prediction(
     path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
 ) -> None:
     """Measured and predicted outputs, and the predictions' standard deviations with the noise."""
     import numpy as np
 
-    from mcpilco.files import write_bytes
+    from mcpilco.files import csv_bytes, write_bytes
 
     columns: dict[str, np.ndarray] = {"sample": np.arange(len(test))}
     for e, name in enumerate(model.output_names):
         columns[name] = test.outputs[:, e]
         columns[f"{name}_predicted"] = mean[:, e]
         columns[f"{name}_std"] = np.hypot(std[:, e], model.noise_std[e])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
     cells = ([f"{value:.10g}" for value in column] for column in columns.values())
-    writer.writerows(zip(*cells, strict=True))
-    write_bytes(path, text.getvalue().replace("nan", "").encode())
+    content = csv_bytes(list(columns), zip(*cells, strict=True))
+    write_bytes(path, content.replace(b"nan", b""))
 
 
 def _picture(

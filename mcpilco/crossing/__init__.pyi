@@ -1,13 +1,19 @@
 from .outcomes import Crossing, Outcome, Place, cross, read_crossing, write_crossing
 from .prior import as_mean, remembered_inputs
+from .rollouts import record_rollouts
+from .workflow import LEGS, CrossingSettings, Workflow
 
 __all__ = [
+    "LEGS",
     "Crossing",
+    "CrossingSettings",
     "Outcome",
     "Place",
+    "Workflow",
     "as_mean",
     "cross",
     "read_crossing",
+    "record_rollouts",
     "remembered_inputs",
     "write_crossing",
 ]

@@ -9,6 +9,7 @@ from .arms import (
     read_arm,
 )
 from .excitations import PARTS, Part, excitation
+from .for_plant import read_for_plant
 from .joints import (
     ARRAYS,
     JointData,
@@ -55,6 +56,7 @@ __all__ = [
     "marker_recording",
     "noise_std",
     "read_arm",
+    "read_for_plant",
     "read_joint_recordings",
     "read_markers",
     "read_recording",

@@ -2,19 +2,54 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import operator
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mcpilco.data import Prediction, Rollout, Transitions, TrialResult
-from mcpilco.logbook import Agent, Callback, RunFolder, measures_in, values_of, write_json
+from mcpilco.logbook import (
+    Agent,
+    Callback,
+    JsonLines,
+    Progress,
+    RunFolder,
+    TensorBoard,
+    measures_in,
+    values_of,
+    write_json,
+)
 from mcpilco.policies import costs_of
 from mcpilco.task import TaskSpec
+
+
+@contextlib.contextmanager
+def run_callbacks(
+    run: RunFolder, progress: bool = False, tensorboard: bool = False
+) -> Iterator[list[Callback]]:
+    """The callbacks that fill a run folder; files and terminal are given back whatever happens.
+
+    Args:
+        run: just made, or rewound.
+        progress: also show on the terminal how far the training is.
+        tensorboard: also write event files, which a run that has some always goes on with.
+    """
+    callbacks: list[Any] = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
+    events = run.path / "tensorboard"
+    if tensorboard or events.exists():
+        done = [run.result(trial)["policy_steps"] for trial in run.finished_trials()]
+        callbacks.append(TensorBoard(events, earlier_steps=sum(done)))
+    if progress:
+        callbacks.append(Progress())
+    with contextlib.ExitStack() as stack:
+        for callback in callbacks:
+            stack.callback(callback.close)
+        yield callbacks
 
 
 class Recorder(Callback):

@@ -22,12 +22,11 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # the settings and tables of runs/recipe
 
-from recipe.run import DEFAULT, differences, dropping, hasty, searching, swept, table
+from harness import broken_off, fill, folder, hasty, machines, parse_seeds, read_summaries, swept
+from recipe.run import DEFAULT, differences, dropping, searching, table
 
-from mcpilco.cli.sweep import parse_seeds
 from mcpilco.config import CART_POLE, Config
 from mcpilco.sweep import Settings
-from mcpilco.sweep.page import broken_off, fill, machines, read_summaries
 
 HERE = Path(__file__).parent
 TRIALS, FRESH = 4, 100
@@ -88,7 +87,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/ablations") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     failed = False
     for name in arguments.rows:
         for base in arguments.bases:

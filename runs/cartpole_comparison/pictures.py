@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from cartpole_swingup.run import EXPERIENCE, PUBLISHED
+from harness import write_picture
 from matplotlib.figure import Figure
 
 from mcpilco.show.plots.comparison import Curve, plain_log_axis, plot_curves
 from mcpilco.show.plots.style import SYSTEM
 from mcpilco.sweep.comparison import Run
 from mcpilco.sweep.comparison.statistics import Measure, estimate, measure_of
-from mcpilco.sweep.page import write_picture
 
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}
 """of the thesis's figures"""

@@ -24,11 +24,19 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, and the thesis's tables
 
 from cartpole_comparison import pictures, tables
+from harness import (
+    code_of,
+    costs,
+    failures,
+    fill,
+    machines,
+    parse_seeds,
+    preset_settings,
+    read_summaries,
+    swept,
+)
 
-from mcpilco.cli.sweep import Sweep, parse_seeds, progress
-from mcpilco.cli.system import algorithm, numbers
 from mcpilco.sweep.comparison import Run, read_run
-from mcpilco.sweep.page import costs, failures, fill, machines, read_summaries
 
 HERE = Path(__file__).parent
 SYSTEMS = {
@@ -101,47 +109,28 @@ def main() -> int:
 
 def by_trials(row: Row, arguments: Arguments, out: Path) -> int:
     """Train the seeds that are missing, judged after each trial."""
-    return Sweep(
-        out=out,
-        seeds=arguments.seeds or row.seeds,
-        env=SYSTEMS[arguments.env],
-        algo=row.algo,
-        preset=row.preset,
-        trials=TRIALS,
-        fresh=FRESH,
-        workers=arguments.workers,
-    )()
+    seeds = parse_seeds(arguments.seeds or row.seeds)
+    settings = preset_settings(SYSTEMS[arguments.env], row.algo, row.preset, TRIALS, FRESH)
+    return code_of(swept(settings, seeds, out, arguments.workers), seeds)
 
 
 def by_amounts(row: Row, arguments: Arguments, out: Path) -> int:
     """Train the seeds that are missing, judged after amounts of experience."""
     from baselines.seed_curve import CurveJob, CurveSettings
-    from mcpilco.sweep import Failure, LocalEngine, SweepFolder, sweep
+    from mcpilco.sweep import Failure
 
     seeds, env = parse_seeds(arguments.seeds or row.seeds), SYSTEMS[arguments.env]
-    config, env_kwargs = numbers(algorithm(row.algo), row.preset, env, None)
     settings = CurveSettings(
-        env=f"envs:{env}",
-        env_kwargs=env_kwargs,
-        preset=row.preset,
-        config=config,
-        trials=len(row.amounts),
-        fresh=FRESH,
-        algo=f"baselines:{row.algo}",
+        **vars(preset_settings(env, row.algo, row.preset, len(row.amounts), FRESH)),
         amounts=tuple(round(seconds / DT) for seconds in row.amounts),
     )
     make_job = functools.partial(CurveJob, checkpoints=out.with_name(f"{out.name}-checkpoints"))
-    done = SweepFolder(out, settings).results().keys() & set(seeds)
-    with progress(len(seeds), len(done), quiet=False) as tell:
 
-        def on_result(seed: int, outcome: object) -> None:
-            tell(seed, outcome)
-            if not isinstance(outcome, Failure):
-                make_job(settings, seed).forget()
+    def forget(seed: int, outcome: object) -> None:
+        if not isinstance(outcome, Failure):
+            make_job(settings, seed).forget()
 
-        engine = LocalEngine(arguments.workers)
-        summary = sweep(settings, seeds, out, engine, on_result, make_job)
-    return int(any(str(seed) in summary["failed"] for seed in seeds))
+    return code_of(swept(settings, seeds, out, arguments.workers, forget, make_job), seeds)
 
 
 def write_readme(out: Path) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 from cartpole_swingup.run import cells, spreads, table
 
 from mcpilco.logbook import read_json
+from mcpilco.sweep import markdown, mean_cell, rate_cell, spread, spread_cell
 from mcpilco.sweep.comparison import Run
 from mcpilco.sweep.comparison.statistics import all_amounts, estimate, measure_of, same
 from mcpilco.sweep.comparison.tables import cell, solved
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread, spread_cell
 
 WORKS = 0.9
 """share of fresh rollouts in which a policy that works succeeds, at least [-]"""

@@ -11,7 +11,6 @@ the README of the project.
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,9 +19,21 @@ from typing import Any, Literal
 
 import tyro
 
-from mcpilco.cli.sweep import parse_seeds, progress
-from mcpilco.config import PRESETS, Config, PolicyConfig, SearchConfig
-from mcpilco.sweep.page import costs, failures, fill, machines, read_summaries
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import (
+    costs,
+    failures,
+    fill,
+    folder,
+    hasty,
+    machines,
+    parse_seeds,
+    read_summaries,
+    swept,
+)
+
+from mcpilco.config import PRESETS
 
 HERE = Path(__file__).parent
 ENV = "envs:mcpilco/CartPoleSwingUp-v0"
@@ -77,7 +88,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/cartpole_swingup") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     summaries = [run(preset, arguments, out) for preset in arguments.presets]
     write_readmes(out)
     print(f"Tables: {out / 'README.md'}")
@@ -86,7 +97,7 @@ def main() -> int:
 
 def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
     """Train the seeds of a preset that are missing; its summary."""
-    from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
+    from mcpilco.sweep import Settings
 
     plan = QUICK if arguments.quick else PLANS[preset]
     seeds = parse_seeds(arguments.seeds or plan.seeds)
@@ -94,17 +105,8 @@ def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
     config, fresh = (hasty(chosen.config), 5) if arguments.quick else (chosen.config, FRESH)
 
     settings = Settings(ENV, chosen.env_kwargs, preset, config, plan.trials, fresh)
-    path = out / "results" / preset
-    done = SweepFolder(path, settings).results().keys() & set(seeds)
     print(f"Preset {preset}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
-    with progress(len(seeds), len(done), quiet=False) as on_result:
-        return sweep(settings, seeds, path, LocalEngine(arguments.workers), on_result)
-
-
-def hasty(config: Config) -> Config:
-    """The configuration with a search that takes no time, and finds nothing."""
-    search = SearchConfig(particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    return dataclasses.replace(config, policy=PolicyConfig(bases=10), search=search)
+    return swept(settings, seeds, out / "results" / preset, arguments.workers)
 
 
 # The tables ---------------------------------------------------------------------------------------
@@ -161,7 +163,7 @@ def thesis_setting(summaries: Mapping[str, Any]) -> list[str]:
 
 def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
     """Success of one rollout and of many, for each preset, and for seeds that none was tuned on."""
-    from mcpilco.sweep.summary import mean_cell, rate, rate_cell
+    from mcpilco.sweep import mean_cell, rate, rate_cell
 
     success = {}
     for preset, summary in ours.items():
@@ -183,7 +185,7 @@ def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
 
 def spreads(summaries: Mapping[str, Any], key: str) -> dict[str, list[str]]:
     """Two rows a preset: the mean, as the thesis has it, and what tells more."""
-    from mcpilco.sweep.summary import spread_cell
+    from mcpilco.sweep import spread_cell
 
     rows = {}
     for preset, summary in summaries.items():
@@ -204,7 +206,7 @@ def cells(summary: Mapping[str, Any], cell: Any) -> list[str]:
 
 def table(key: str, digits: int, rows: Mapping[str, Sequence[str]], published: bool = True) -> str:
     """The thesis's rows, where it has any, and ours."""
-    from mcpilco.sweep.summary import markdown
+    from mcpilco.sweep import markdown
 
     theirs = [
         (f"{name}, thesis", *(f"{value:.{digits}f}" for value in values))
@@ -216,7 +218,7 @@ def table(key: str, digits: int, rows: Mapping[str, Sequence[str]], published: b
 
 def later_setting(summaries: Mapping[str, Any]) -> list[str]:
     """A row a seed of the preset tro2022: when it is solved."""
-    from mcpilco.sweep.summary import markdown
+    from mcpilco.sweep import markdown
 
     summary = summaries.get("tro2022")
     if summary is None or not summary["trials"]:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from collision import pictures
+from harness import fill, places
 
 from mcpilco.files import read_arrays
 from mcpilco.logbook import read_json
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import markdown
 
 Trials = Sequence[Mapping[str, Any]]
 PHASES = {"moving": "moving", "resting": "resting", "leaning": "resting, slow"}

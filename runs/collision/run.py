@@ -29,10 +29,10 @@ from threadpoolctl import threadpool_limits
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
 
 from collision.pages import write_page
+from harness import folder, parse_seeds
 
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
 from envs.arms.waypoints import Targets, waypoints
-from mcpilco.cli.sweep import parse_seeds
 from mcpilco.files import write_arrays, write_bytes
 from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (
@@ -48,7 +48,7 @@ from mcpilco.identification.collision import (
 )
 from mcpilco.identification.collision.model import conditioned, inputs_of, prior, regressors
 from mcpilco.recordings import ArmSamples, arm_samples
-from mcpilco.sweep import job
+from mcpilco.sweep import machine
 
 HERE = Path(__file__).parent
 CONTROLLERS = {"pd": Drives(), "pid": PID}
@@ -106,7 +106,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/collision") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
     size = QUICK if arguments.quick else Size()
     torch.set_num_threads(1)
@@ -141,7 +141,7 @@ def trial(controller: str, seed: int, size: Size) -> tuple[dict[str, Any], dict[
         "detectors": judge(arm, models, calibrate, test, rng, size),
     }
     shown = stretch(arm, models, calibrate, rng)
-    return {**found, "cpu_s": time.process_time() - begun, "machine": job.machine()}, shown
+    return {**found, "cpu_s": time.process_time() - begun, "machine": machine()}, shown
 
 
 def simulate(

@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import json
 import platform
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, write_picture
+
 from mcpilco.config import Phase, SearchConfig
 from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
 from mcpilco.files import write_bytes
@@ -33,9 +38,8 @@ from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SaturatingCost, SumOfGaussians
 from mcpilco.search import PolicySearch, Problem, adam, fused
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, write_picture
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine as processor
+from mcpilco.sweep import markdown
 from mcpilco.task import TaskSpec
 
 HERE = Path(__file__).parent
@@ -186,7 +190,7 @@ def slope(sizes: Sequence[float], ms: Sequence[float]) -> float:
 def machine() -> dict[str, Any]:
     """Where it was measured."""
     versions = {name: version(name) for name in ("torch", "numba", "numpy")}
-    return {**job.machine(), "python": platform.python_version(), **versions}
+    return {**processor(), "python": platform.python_version(), **versions}
 
 
 # The page -----------------------------------------------------------------------------------------

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import fill, places, write_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mcpilco.logbook import read_json
-from mcpilco.sweep.page import fill, places, write_picture
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import markdown
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

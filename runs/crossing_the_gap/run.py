@@ -11,7 +11,6 @@ from all results that are there. What a seed has recorded and trained lies in ru
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -24,19 +23,24 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # the settings of runs/recipe
 
 from crossing_the_gap import pages
-from recipe.run import DEFAULT, hasty
+from harness import folder, hasty, keep, parse_seeds, use_one_thread
+from recipe.run import DEFAULT
 
-import envs  # noqa: F401  registers its ids
-from mcpilco.cli.cross import Cross
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.cli.system import use_one_thread
+import envs
 from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
-from mcpilco.crossing import read_crossing, remembered_inputs
+from mcpilco.crossing import LEGS as LEGS_OF_A_CROSSING
+from mcpilco.crossing import (
+    CrossingSettings,
+    Place,
+    Workflow,
+    read_crossing,
+    remembered_inputs,
+)
 from mcpilco.data import Stopwatch
-from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
 from mcpilco.plant import read_correction
-from mcpilco.sweep import job
+from mcpilco.show.recorder import run_callbacks
+from mcpilco.sweep import Settings, machine, run_seed
 
 HERE = Path(__file__).parent
 WORK = Path("runs/out/crossing")
@@ -73,7 +77,7 @@ class Arguments:
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     use_one_thread()
-    out = arguments.out or (Path("runs/out/crossing_quick") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
     for seed in seeds:
         path = out / "results" / "seeds" / f"{seed:04d}.json"
@@ -81,8 +85,7 @@ def main() -> int:
         for leg in arguments.legs:
             if leg not in found["legs"]:
                 found["legs"][leg] = LEARN[leg](seed, found, work(seed, arguments.quick))
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, (json.dumps(found, indent=1) + "\n").encode())
+                keep(path, found)
                 print(
                     f"seed {seed}, {found['kind']}, {leg}: {told(found['legs'][leg])}", flush=True
                 )
@@ -101,7 +104,7 @@ def begun(seed: int) -> dict[str, Any]:
         "seed": seed,
         "kind": kind,
         "hidden": hidden(kind, np.random.default_rng([seed, 77])),
-        "machine": job.machine(),
+        "machine": machine(),
         "legs": {},
     }
 
@@ -148,27 +151,31 @@ def crossed(algo: str, leg: str) -> Callable[[int, Mapping[str, Any], Path], dic
     def learn(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
         watch = Stopwatch()
         place = path if algo == "mcpilco" else path.with_name(f"{path.name}-{algo}")
-        place.mkdir(parents=True, exist_ok=True)
-        (place / "hidden.json").write_text(json.dumps(found["hidden"]))
         trials = {"trials": SAC_TRIALS} if algo == "sac" else {}
         few = {"trials": 1, "episodes": 3} if "quick" in path.parts else trials
-        command = Cross(
-            out=place / "crossing",
-            env_kwargs=(f"effects={place / 'hidden.json'}",),
+        settings = CrossingSettings(
+            system=Place(CART_POLE, {"effects": found["hidden"]}),
+            simulation=Place(CART_POLE, {}),
             dt=DT,
             algo=algo,
             seed=seed,
-            quiet=True,
             **few,
         )
-        command()
+        work = Workflow(place / "crossing", settings, envs.PLANTS[CART_POLE]())
+        work.begin()
+        work.record()
+        work.correct()
+        work.require_corrected()
+        for name in LEGS_OF_A_CROSSING:
+            work.train(name, run_callbacks)
+            work.attempt(name)
         outcome = read_crossing(place / "crossing" / f"{leg}.json")
         gap = read_json(place / "crossing" / "gap" / "gap.json")
         return {
             "promised": outcome.promised.success,
             "happened": outcome.happened.success,
             "return": outcome.happened.returns,
-            "experience_s": command.seconds if leg == "corrected" else 0.0,
+            "experience_s": settings.seconds if leg == "corrected" else 0.0,
             "verdict": gap["verdict"],
             "named": [f"{effect['name']} at {effect['target']}" for effect in gap["effects"]],
             "cpu_s": watch.read().cpu_s,
@@ -206,14 +213,14 @@ def learned(
 ) -> dict[str, Any]:
     """Success of each trial's policy, by the experience behind it."""
     few = "quick" in path.parts
-    settings = job.Settings(
+    settings = Settings(
         env=f"envs:{CART_POLE}",
         env_kwargs={"effects": found["hidden"]},
         config=hasty(config) if few else config,
         trials=1 if few else trials,
         fresh=3 if few else 100,
     )
-    result = job.run_seed(settings, seed)
+    result = run_seed(settings, seed)
     return {
         "experience_s": [trial["experience_s"] for trial in result["trials"]],
         "p": [trial["p"] for trial in result["trials"]],

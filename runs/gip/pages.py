@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import fill, places, write_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mcpilco.sweep.page import fill, places, write_picture
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import markdown
 
 Trials = Sequence[Mapping[str, Any]]
 

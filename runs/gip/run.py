@@ -11,7 +11,6 @@ Reference: thesis section 3.4, figures 3.2 to 3.4.
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +22,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from gip import pages
 from gip.experiments import EXPERIMENTS, QUICK, Sizes
 
-from mcpilco.files import write_bytes
-from mcpilco.logbook import read_json
-from mcpilco.sweep import job
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import folder, keep, kept, use_one_thread
+
+from mcpilco.sweep import machine
 
 HERE = Path(__file__).parent
 SEEDS = {"scara": 20, "ur10": 3, "efficiency": 3}
@@ -48,17 +49,16 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    job.one_thread()
-    out = arguments.out or (Path("runs/out/gip") if arguments.quick else HERE)
+    use_one_thread()
+    out = folder(HERE, arguments.out, arguments.quick)
     sizes = QUICK if arguments.quick else Sizes()
     for experiment in arguments.only:
         most = 1 if arguments.quick else arguments.trials or SEEDS[experiment]
         for seed in range(min(most, SEEDS[experiment])):
             path = out / "results" / experiment / f"{seed:04d}.json"
             if not path.exists():
-                found = EXPERIMENTS[experiment](seed, sizes) | {"machine": job.machine()}
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, json.dumps(found, indent=1).encode())
+                found = EXPERIMENTS[experiment](seed, sizes) | {"machine": machine()}
+                keep(path, found)
                 print(f"{experiment}, seed {seed}", flush=True)
         pages.write(out, gathered(out), template=HERE / "README.md")  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")
@@ -67,10 +67,7 @@ def main() -> int:
 
 def gathered(out: Path) -> dict[str, list[dict[str, Any]]]:
     """The trials of each experiment that are there."""
-    found = {
-        name: [read_json(path) for path in sorted((out / "results" / name).glob("*.json"))]
-        for name in SEEDS
-    }
+    found = {name: kept(out / "results" / name) for name in SEEDS}
     return {name: trials for name, trials in found.items() if trials}
 
 

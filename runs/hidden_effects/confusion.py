@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import write_picture
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mcpilco.plant import CATALOGUE
-from mcpilco.sweep.page import write_picture
 
 OUTSIDE = ("detent", "feed", "patch", "coupling")
 HIDDEN = (*CATALOGUE, "none", *OUTSIDE)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from cases import TIERS
 from confusion import write_confusion
+from harness import fill
 from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, right
 
-from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown, rate, rate_cell
+from mcpilco.sweep import markdown, rate, rate_cell
 
 HERE = Path(__file__).parent
 

@@ -14,7 +14,6 @@ between its marked lines.
 from __future__ import annotations
 
 import csv
-import json
 import multiprocessing
 import sys
 import tempfile
@@ -26,17 +25,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
+
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
 from cases import TIERS, Case, Tier, draw
+from harness import keep, parse_seeds, use_one_thread
 from identified import identified, missing
 from page import write_readme
 from peers import peers
 from verdicts import right
 
-from mcpilco.cli.sweep import parse_seeds
 from mcpilco.compiling import digest
-from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
-from mcpilco.sweep import job
+from mcpilco.sweep import machine
 
 if TYPE_CHECKING:
     from mcpilco.plant import Plant
@@ -98,8 +99,7 @@ def run(arguments: Arguments) -> None:
         }
         for done in as_completed(waiting):
             found, path = done.result(), waiting[done]
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, json.dumps(found, indent=1).encode())
+            keep(path, found)
             told = [(e["name"], e["target"]) for e in found["found"]]
             truth = [(e.get("kind", e["name"]), e["target"]) for e in found["truth"]]
             mark = "right" if right(found) else "wrong"
@@ -120,7 +120,7 @@ def solve(tier: str, seed: int, known: dict[str, Any], with_peers: bool) -> dict
         known: a result that lacks the peers, or nothing.
         with_peers: whether they are tried.
     """
-    job.one_thread()
+    use_one_thread()
     case = draw(seed, TIERS[tier])
     plant = nominal(case.plant)
     recordings = read(case, plant)
@@ -148,7 +148,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "events": told["events"],
         "cpu_s": spent,
         "method": METHOD,
-        "machine": job.machine(),
+        "machine": machine(),
     }
 
 

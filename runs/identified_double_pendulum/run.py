@@ -21,6 +21,7 @@ from jaxtyping import Float
 
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
 
+from harness import fill, use_one_thread
 from identified_double_pendulum import judge
 from identified_double_pendulum.free_runs import fit_free_runs
 from identified_double_pendulum.motion import KEPT, Motion, low_passed
@@ -28,9 +29,7 @@ from measured_double_pendulum.run import NAMES, recordings
 
 from mcpilco import identification
 from mcpilco.identification import Moments, RigidBody, Rows, base_parameters, check_links, project
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import markdown
 
 HERE = Path(__file__).parent
 TERMS = "viscous", "coulomb", "armature"
@@ -56,7 +55,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    job.one_thread()
+    use_one_thread()
     started = time.process_time()
     motions = [Motion.of(recording) for recording in recordings(arguments.data, DT)]
     robot = published()

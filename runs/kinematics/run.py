@@ -12,7 +12,6 @@ Reference: thesis chapter 2, section 2.6.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -26,11 +25,13 @@ import tyro
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, folder, keep, kept, parse_seeds, places
+
 from envs.arms.dh import UR10
 from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm, random_marked_arm
 from envs.arms.motions import RANGES, random_way_points, sinusoids, through
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.files import write_bytes
 from mcpilco.gp import GP
 from mcpilco.identification.kinematics import (
     ForwardKinematics,
@@ -47,11 +48,8 @@ from mcpilco.identification.kinematics.forward import (
     rows_for_fit,
 )
 from mcpilco.kernels import RBF
-from mcpilco.logbook import read_json
 from mcpilco.recordings import MarkerRecording, marker_recording
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine, markdown
 from mcpilco.typing import InputError
 
 HERE = Path(__file__).parent
@@ -90,24 +88,24 @@ class Arguments:
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     quick = arguments.quick
-    out = arguments.out or (Path("runs/out/kinematics") if quick else HERE)
+    out = folder(HERE, arguments.out, quick)
     torch.set_num_threads(1)
     with threadpool_limits(1):
         for cell in STRUCTURE:
             for robot in range(2 if quick else ROBOTS):
-                kept(out / "results" / cell / f"{robot:04d}.json", structure, cell, robot)
+                measured(out / "results" / cell / f"{robot:04d}.json", structure, cell, robot)
         write_readme(out)
         for seed in parse_seeds(arguments.seeds)[: 1 if quick else None]:
             for cell in FORWARD:
-                kept(out / "results" / cell / f"{seed:04d}.json", forward, cell, seed, quick)
+                measured(out / "results" / cell / f"{seed:04d}.json", forward, cell, seed, quick)
                 write_readme(out)  # a stop loses no table
-            kept(out / "results" / "controller" / f"{seed:04d}.json", control, seed, quick)
+            measured(out / "results" / "controller" / f"{seed:04d}.json", control, seed, quick)
             write_readme(out)
     print(f"Tables: {out / 'README.md'}")
     return 0
 
 
-def kept(path: Path, measure: Callable[..., dict[str, Any]], *arguments: Any) -> None:
+def measured(path: Path, measure: Callable[..., dict[str, Any]], *arguments: Any) -> None:
     """Measure and keep what has not been measured yet."""
     if path.exists():
         return
@@ -115,10 +113,9 @@ def kept(path: Path, measure: Callable[..., dict[str, Any]], *arguments: Any) ->
     found = {
         **measure(*arguments),
         "cpu_s": time.process_time() - begun,
-        "machine": job.machine(),
+        "machine": machine(),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, json.dumps(found, indent=1).encode())
+    keep(path, found)
     print(f"{path.parent.name}, seed {path.stem}: {found['cpu_s']:.1f} CPU s", flush=True)
 
 
@@ -329,10 +326,7 @@ def joined(first: MarkerRecording, second: MarkerRecording) -> MarkerRecording:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    found = {
-        part: [read_json(path) for path in sorted((out / "results" / part).glob("*.json"))]
-        for part in (*STRUCTURE, *FORWARD, "controller")
-    }
+    found = {part: kept(out / "results" / part) for part in (*STRUCTURE, *FORWARD, "controller")}
     parts = ["### Triplets and chains", structure_table(found)]
     if any(found[cell] for cell in FORWARD):
         parts += ["### Forward kinematics: RMSE, median over arms (least to greatest)"]

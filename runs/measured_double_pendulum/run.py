@@ -16,14 +16,16 @@ from pathlib import Path
 
 import tyro
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, use_one_thread
+
 from envs.plants import double_pendulum
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
 from mcpilco.show.report.gap_tables import effects, errors, events, steps
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
 
 HERE = Path(__file__).parent
 NAMES = "double_chirp_both", "double_chirp_both_c"
@@ -72,7 +74,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    job.one_thread()
+    use_one_thread()
     started = time.process_time()
     gap = find(arguments.data, arguments.dt, arguments.held_out)
     seconds = time.process_time() - started

@@ -16,13 +16,15 @@ from pathlib import Path
 
 import tyro
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, use_one_thread
+
 from envs.plants import PLANTS
 from mcpilco.gap import investigate
 from mcpilco.gap.investigate import Gap
 from mcpilco.recordings import Recording, read_recordings
 from mcpilco.show.report.gap_tables import effects, errors, events, steps
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
 
 HERE = Path(__file__).parent
 NAMES = "dircol", "energy", "ddp", "release"
@@ -48,7 +50,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    job.one_thread()
+    use_one_thread()
     started = time.process_time()
     gap = find(arguments.data, arguments.dt)
     seconds = time.process_time() - started

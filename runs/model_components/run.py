@@ -19,12 +19,21 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
-from mcpilco.cli.sweep import parse_seeds
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import broken_off, fill, folder, machines, parse_seeds, read_summaries
+
 from mcpilco.config import CART_POLE, CART_POLES, PRESETS, Config, ModelConfig, SearchConfig
-from mcpilco.sweep import LocalEngine, Settings, sweep
-from mcpilco.sweep.job import SeedJob
-from mcpilco.sweep.page import broken_off, fill, machines, read_summaries
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell
+from mcpilco.sweep import (
+    LocalEngine,
+    SeedJob,
+    Settings,
+    markdown,
+    mean_cell,
+    rate_cell,
+    spread_cell,
+    sweep,
+)
 
 HERE = Path(__file__).parent
 FRESH = 50
@@ -119,7 +128,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/model_components") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     failed = False
     for name in arguments.cells:
         for system in arguments.systems:

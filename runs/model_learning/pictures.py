@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from harness import write_picture
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,7 +15,6 @@ from model_learning.forecasts import Forecast
 from model_learning.tables import SHOWN, Gathered
 
 from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
-from mcpilco.sweep.page import write_picture
 
 _LINES = 60
 """particles that are drawn"""

@@ -23,6 +23,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
 
+from harness import fill, folder, parse_seeds
 from model_learning import pictures, tables
 from model_learning.forecasts import MODELS, Forecast, read_policy
 from model_learning.forecasts import forecaster as fitted
@@ -30,10 +31,8 @@ from model_learning.measures import Measured, averaged, measure, read_measured, 
 
 import envs  # noqa: F401  registers its ids
 from mcpilco.agent import Streams, input_bounds, make_env, run_episode, task_of
-from mcpilco.cli.sweep import parse_seeds
 from mcpilco.data import Rollout
-from mcpilco.sweep.job import one_thread
-from mcpilco.sweep.page import fill
+from mcpilco.sweep import one_thread
 from mcpilco.task import TaskSpec
 
 HERE = Path(__file__).parent
@@ -63,7 +62,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/model_learning") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds, count = parse_seeds(arguments.seeds), ROLLOUTS
     if arguments.quick:
         seeds, count = seeds[:1], 1

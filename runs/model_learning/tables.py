@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from mcpilco.logbook import versions
-from mcpilco.sweep.job import machine
-from mcpilco.sweep.summary import bootstrapped, markdown, mean, mean_cell, spread, spread_cell
+from mcpilco.sweep import bootstrapped, machine, markdown, mean, mean_cell, spread, spread_cell
 
 TIMES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 """instants that have a column [s]"""

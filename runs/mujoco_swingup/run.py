@@ -17,9 +17,22 @@ from typing import Any
 
 import tyro
 
-from mcpilco.cli.sweep import Sweep
-from mcpilco.sweep.page import costs, failures, fill, machines, outcomes, read_summaries
-from mcpilco.sweep.summary import markdown, mean, mean_cell, rate, rate_cell
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import (
+    code_of,
+    costs,
+    failures,
+    fill,
+    machines,
+    outcomes,
+    parse_seeds,
+    preset_settings,
+    read_summaries,
+    swept,
+)
+
+from mcpilco.sweep import markdown, mean, mean_cell, rate, rate_cell
 
 HERE = Path(__file__).parent
 ENV = "mcpilco/MujocoCartPoleSwingUp-v0"
@@ -48,18 +61,12 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    code = Sweep(
-        out=arguments.out / "results" / PRESET,
-        seeds=arguments.seeds,
-        env=ENV,
-        preset=PRESET,
-        trials=TRIALS,
-        workers=arguments.workers,
-        fresh=arguments.fresh,
-    )()
+    seeds = parse_seeds(arguments.seeds)
+    settings = preset_settings(ENV, "mcpilco", PRESET, TRIALS, arguments.fresh)
+    summary = swept(settings, seeds, arguments.out / "results" / PRESET, arguments.workers)
     write_readme(arguments.out)
     print(f"Tables: {arguments.out / 'README.md'}")
-    return code
+    return code_of(summary, seeds)
 
 
 def write_readme(out: Path) -> None:

@@ -20,11 +20,12 @@ from typing import Any, Literal
 
 import tyro
 
-from mcpilco.cli.sweep import parse_seeds, progress
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import broken_off, costs, fill, machines, parse_seeds, read_summaries, swept
+
 from mcpilco.config import Config, SearchConfig
-from mcpilco.sweep import LocalEngine, Settings, sweep
-from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import Settings, markdown
 
 HERE = Path(__file__).parent
 
@@ -121,8 +122,7 @@ def train(case: Case, out: Path, arguments: Arguments) -> int:
         fresh_horizon=case.limit,
     )
     seeds = parse_seeds(arguments.seeds)
-    with progress(len(seeds), 0, quiet=False) as on_result:
-        summary = sweep(settings, seeds, out, LocalEngine(arguments.workers), on_result)
+    summary = swept(settings, seeds, out, arguments.workers)
     return 1 if summary["failed"] else 0
 
 

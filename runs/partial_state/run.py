@@ -19,12 +19,30 @@ from typing import Any, Literal
 
 import tyro
 
-from mcpilco.cli.sweep import parse_seeds, progress
-from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import (
+    broken_off,
+    costs,
+    fill,
+    folder,
+    hasty,
+    machines,
+    parse_seeds,
+    read_summaries,
+    swept,
+)
+
+from mcpilco.config import PRESETS, EstimatorConfig
 from mcpilco.logbook import read_json
-from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
-from mcpilco.sweep.page import broken_off, costs, fill, machines, read_summaries
-from mcpilco.sweep.summary import markdown, mean_cell, rate_cell, spread_cell, summarise
+from mcpilco.sweep import (
+    Settings,
+    markdown,
+    mean_cell,
+    rate_cell,
+    spread_cell,
+    summarise,
+)
 
 HERE = Path(__file__).parent
 ENV = "envs:mcpilco/CartPoleSwingUpPositions-v0"
@@ -58,7 +76,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/partial_state") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     failed = False
     for name in arguments.settings:
         failed |= bool(run(name, arguments, out)["failed"])
@@ -74,17 +92,8 @@ def run(name: str, arguments: Arguments, out: Path) -> dict[str, Any]:
     if arguments.quick:
         seeds = seeds[:1]
         settings = Settings(ENV, {}, name, hasty(SETTINGS[name]), trials=1, fresh=5)
-    path = out / "results" / name
-    done = SweepFolder(path, settings).results().keys() & set(seeds)
     print(f"{name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
-    with progress(len(seeds), len(done), quiet=False) as on_result:
-        return sweep(settings, seeds, path, LocalEngine(arguments.workers), on_result)
-
-
-def hasty(config: Config) -> Config:
-    """The configuration with a search that takes no time, and finds nothing."""
-    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    return replace(config, policy=PolicyConfig(bases=10), search=search)
+    return swept(settings, seeds, out / "results" / name, arguments.workers)
 
 
 # The tables ---------------------------------------------------------------------------------------

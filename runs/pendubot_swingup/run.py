@@ -21,16 +21,15 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, folder, hasty, kept, parse_seeds, places, use_one_thread
+
 import envs
 from mcpilco import MCPILCO
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.cli.system import use_one_thread
 from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
 from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.sweep.fresh import FreshEpisodes
-from mcpilco.sweep.job import machine
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown, rate, rate_cell, spread, spread_cell
+from mcpilco.sweep import FreshEpisodes, machine, markdown, rate, rate_cell, spread, spread_cell
 
 HERE = Path(__file__).parent
 ENV = "mcpilco/Pendubot-v0"
@@ -80,7 +79,7 @@ class Arguments:
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     use_one_thread()
-    out = arguments.out or (Path("runs/out/pendubot_swingup") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds, trials = parse_seeds(arguments.seeds), TRIALS
     if arguments.quick:
         seeds, trials = seeds[:1], 2
@@ -111,12 +110,6 @@ def wrong_masses(seed: int) -> dict[str, float]:
     """Nominal masses of a seed [kg]."""
     rng, true = np.random.default_rng([seed, 7]), envs.PLANTS[ENV]().values
     return {m: true[m] * (1.0 + float(rng.uniform(-WRONG, WRONG))) for m in MASSES}
-
-
-def hasty(config: Config) -> Config:
-    """The same with a search that learns nothing in no time."""
-    search = SearchConfig(particles=8, steps=(2,), restarts=(0,), evaluation_particles=8)
-    return replace(config, policy=PolicyConfig(bases=10), search=search)
 
 
 def learned(config: Config, seed: int, trials: int) -> Iterator[dict[str, Any]]:
@@ -170,7 +163,7 @@ def write_readme(out: Path) -> None:
 
 def read_results(folder: Path) -> list[dict[str, Any]]:
     """Of the seeds that are there, unfinished ones too."""
-    return [read_json(path) for path in sorted(folder.glob("*.json"))]
+    return kept(folder)
 
 
 def table(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:

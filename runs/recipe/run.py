@@ -21,12 +21,19 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
-from mcpilco.cli.sweep import parse_seeds, progress
-from mcpilco.config import PRESETS, Config, ModelConfig, PolicyConfig
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import broken_off, fill, folder, hasty, machines, parse_seeds, read_summaries, swept
+
+from mcpilco.config import PRESETS, Config, ModelConfig
 from mcpilco.logbook import read_json
-from mcpilco.sweep import LocalEngine, Settings, SweepFolder, sweep
-from mcpilco.sweep.page import broken_off, fill, machines, read_summaries
-from mcpilco.sweep.summary import markdown, mean, mean_cell, spread_cell
+from mcpilco.sweep import (
+    Settings,
+    markdown,
+    mean,
+    mean_cell,
+    spread_cell,
+)
 
 HERE = Path(__file__).parent
 TRIALS, FRESH = 4, 100
@@ -89,7 +96,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/recipe") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     failed = False
     for name in arguments.settings:
         for system in arguments.systems:
@@ -110,21 +117,6 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
         settings = Settings(env, {}, name, hasty(config), trials=1, fresh=5)
     print(f"{system}, {name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
     return swept(settings, seeds, out / "results" / system / name, arguments.workers)
-
-
-def swept(
-    settings: Settings, seeds: Sequence[int], path: Path, workers: int | None
-) -> dict[str, Any]:
-    """Train the seeds that are missing, with a line for each; the summary of all."""
-    done = SweepFolder(path, settings).results().keys() & set(seeds)
-    with progress(len(seeds), len(done), quiet=False) as on_result:
-        return sweep(settings, seeds, path, LocalEngine(workers), on_result)
-
-
-def hasty(config: Config) -> Config:
-    """The configuration with a search that takes no time, and finds nothing."""
-    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    return replace(config, policy=PolicyConfig(bases=10), search=search)
 
 
 # The tables ---------------------------------------------------------------------------------------

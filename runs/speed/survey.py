@@ -14,12 +14,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from harness import fill
 from speed.step import ENGINES, Size
 
 from mcpilco.files import write_bytes
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine as processor
+from mcpilco.sweep import markdown
 
 HERE = Path(__file__).parent
 COMMAND = HERE.parent / "speed_policy_step.py"
@@ -94,7 +94,7 @@ def calls(size: Size, engine: str) -> dict[str, Any]:
 def machine() -> dict[str, Any]:
     """Where it was measured."""
     versions = {name: version(name) for name in ("torch", "numba", "numpy")}
-    return {**job.machine(), "python": platform.python_version(), **versions}
+    return {**processor(), "python": platform.python_version(), **versions}
 
 
 # The page -----------------------------------------------------------------------------------------

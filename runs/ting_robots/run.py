@@ -14,7 +14,6 @@ Reference: Ting et al., sections IV-B and IV-C, tables I and II.
 from __future__ import annotations
 
 import copy
-import json
 import sys
 import time
 import warnings
@@ -29,9 +28,11 @@ import numpy as np
 import tyro
 from threadpoolctl import threadpool_limits
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, folder, keep, kept, parse_seeds, places
+
 from envs.arms import control_times, follow, load, measured, random_sinusoids
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.files import write_bytes
 from mcpilco.identification import (
     ALL_METHODS,
     PROJECTIONS,
@@ -51,9 +52,8 @@ from mcpilco.identification import (
 )
 from mcpilco.logbook import read_json
 from mcpilco.recordings import Recording, Segment
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine as processor
+from mcpilco.sweep import markdown
 from mcpilco.typing import McPilcoError
 
 HERE = Path(__file__).parent
@@ -137,7 +137,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/ting_robots") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
     for seed in seeds:
         for cell, (robot, noise) in CELLS.items():
@@ -145,8 +145,7 @@ def main() -> int:
             known = read_json(path) if path.exists() else None
             if known is None or missing(known, quick=arguments.quick):
                 found = trial(robot, noise, seed, quick=arguments.quick, known=known)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, json.dumps(found, indent=1).encode())
+                keep(path, found)
                 ours, theirs = (found["rows"][a][b]["position"] for a, b in (DEFAULT, BASELINE))
                 print(f"{cell}, seed {seed}: {ours:.4f} rad, ridge + eq. (5) {theirs:.4f} rad")
         write_readme(out, quick=arguments.quick)  # a stop loses no table
@@ -202,7 +201,7 @@ def trial(
         "true": true,
         "recording_s": float(recording.time[-1]),
         "cpu_s": known["cpu_s"] + time.process_time() - begun,
-        "machine": job.machine(),
+        "machine": processor(),
     }
 
 
@@ -320,10 +319,7 @@ def _rms(error: np.ndarray) -> float:
 
 def write_readme(out: Path, *, quick: bool = False) -> None:
     """Put the tables of the results that are there into README.md; all rows or none of a trial."""
-    read = {
-        cell: [read_json(path) for path in sorted((out / "results" / cell).glob("*.json"))]
-        for cell in CELLS
-    }
+    read = {cell: kept(out / "results" / cell) for cell in CELLS}
     whole = {
         cell: [trial for trial in trials if not missing(trial, quick=quick)]
         for cell, trials in read.items()

@@ -12,7 +12,6 @@ Reference: Ting et al., section IV-A, figure 2.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -25,14 +24,13 @@ import tyro
 from matplotlib.figure import Figure
 from threadpoolctl import threadpool_limits
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, folder, keep, kept, parse_seeds, places, write_picture
+
 from mcpilco import identification
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.files import write_bytes
 from mcpilco.identification import middle_reliability
-from mcpilco.logbook import read_json
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places, write_picture
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
 RELEVANT, INPUTS, SAMPLES = 10, 100, 1000
@@ -74,15 +72,14 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/ting_synthetic") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     seeds = parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]
     for seed in seeds:
         for cell, numbers in CELLS.items():
             path = out / "results" / cell / f"{seed:04d}.json"
             if not path.exists():
                 found = trial(*numbers, seed, 200 if arguments.quick else SAMPLES)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, json.dumps(found, indent=1).encode())
+                keep(path, found)
                 clean = found["clean"]
                 print(f"{cell}, seed {seed}: {OURS} {clean[OURS]:.3f}, OLS {clean['OLS']:.3f}")
         write_readme(out)  # a stop loses no table
@@ -114,7 +111,7 @@ def trial(snr: float, redundant: int, seed: int, samples: int) -> dict[str, Any]
             errors["cpu_s"][name] = time.process_time() - begun
             errors["clean"][name] = nmse(b, *clean)
             errors["noisy"][name] = nmse(b, *noisy)
-    return {"seed": seed, "samples": samples, **errors, "machine": job.machine()}
+    return {"seed": seed, "samples": samples, **errors, "machine": machine()}
 
 
 def nmse(b: np.ndarray, X: np.ndarray, y: np.ndarray) -> float:
@@ -126,10 +123,7 @@ def nmse(b: np.ndarray, X: np.ndarray, y: np.ndarray) -> float:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    found = {
-        cell: [read_json(path) for path in sorted((out / "results" / cell).glob("*.json"))]
-        for cell in CELLS
-    }
+    found = {cell: kept(out / "results" / cell) for cell in CELLS}
     found = {cell: trials for cell, trials in found.items() if trials}
     write_picture(out / "figure2.png", picture(found))
     parts = [

@@ -13,7 +13,6 @@ Reference: thesis section 6.5, figures 6.1 to 6.4.
 from __future__ import annotations
 
 import copy
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,11 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from threadpoolctl import threadpool_limits
 
-from mcpilco.files import replacing, write_bytes
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, folder, keep, kept, places
+
+from mcpilco.files import replacing
 from mcpilco.gp import GP, WeightSpaceGP
 from mcpilco.identification import (
     VolterraConfig,
@@ -41,13 +44,10 @@ from mcpilco.identification import (
 )
 from mcpilco.identification.volterra import MEMORY
 from mcpilco.kernels import IPK
-from mcpilco.logbook import read_json
 from mcpilco.recordings import Series
 from mcpilco.show.plots.style import MODEL, SYSTEM, new_axes
 from mcpilco.show.plots.volterra import plot_lags
-from mcpilco.sweep import job
-from mcpilco.sweep.page import fill, places
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
 LAGS = 70
@@ -119,7 +119,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    out = arguments.out or (Path("runs/out/volterra") if arguments.quick else HERE)
+    out = folder(HERE, arguments.out, arguments.quick)
     torch.set_num_threads(1)
     wanted = {name: CELLS[name] for name in arguments.cells}
     most = 1 if arguments.quick else max(cell.seeds for cell in wanted.values())
@@ -133,8 +133,7 @@ def main() -> int:
         for path, cell in missing.items():
             with threadpool_limits(1):
                 found = trial(cell, seed, 200 if arguments.quick else cell.samples)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, json.dumps(found, indent=1).encode())
+            keep(path, found)
             fits = ", ".join(f"{k} {v['fit']:.1f}" for k, v in found["kernels"].items())
             print(f"{path.parent.name}, seed {seed}: Fit % {fits}", flush=True)
         if missing:
@@ -174,7 +173,7 @@ def trial(cell: ThirdOrder | Wiener, seed: int, samples: int) -> dict[str, Any]:
         "noise": noise_of(train, cell, seed, samples),
         "kernels": found,
         "penalties": pictures,
-        "machine": job.machine(),
+        "machine": machine(),
     }
 
 
@@ -255,10 +254,7 @@ Trials = Mapping[str, Sequence[Mapping[str, Any]]]
 
 def write_readme(out: Path) -> None:
     """Put tables and pictures of the results that are there into README.md."""
-    found = {
-        name: [read_json(path) for path in sorted((out / "results" / name).glob("*.json"))]
-        for name in CELLS
-    }
+    found = {name: kept(out / "results" / name) for name in CELLS}
     found = {name: trials for name, trials in found.items() if trials}
     third = {name: trials for name, trials in found.items() if name.startswith("third")}
     parts = [

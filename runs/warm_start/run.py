@@ -21,17 +21,17 @@ from typing import Any, Literal
 
 import tyro
 
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+
+from harness import fill, parse_seeds, use_one_thread
+
 import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.sb3 import WarmStart, make_learner, warm_start
 from mcpilco import MCPILCO
-from mcpilco.cli.sweep import parse_seeds
-from mcpilco.cli.system import use_one_thread
 from mcpilco.data import Stopwatch
 from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.sweep.job import machine
-from mcpilco.sweep.page import fill
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
 ENV = "mcpilco/CartPoleSwingUp-v0"

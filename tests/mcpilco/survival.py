@@ -22,7 +22,7 @@ import torch._dynamo
 import torch._refs  # noqa: F401  loaded once, for all
 
 import mcpilco.agent.agent
-import mcpilco.cli.resume
+import mcpilco.agent.stored
 import mcpilco.show.recorder
 import mcpilco.show.recording  # noqa: F401  loaded once, for all
 from mcpilco.cli import main

@@ -12,9 +12,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from mcpilco.agent import MCPILCO
+from mcpilco.agent import MCPILCO, agent_of
 from mcpilco.cli import main
-from mcpilco.cli.system import agent_of
 from mcpilco.config import PRESETS
 from mcpilco.files import read_groups, write_groups
 from mcpilco.logbook import RunFolder, read_history

@@ -8,9 +8,8 @@ import pytest
 
 import mcpilco.sweep
 from mcpilco.cli import main
-from mcpilco.cli.sweep import parse_seeds
 from mcpilco.config import PRESETS, Preset
-from mcpilco.sweep import Failure, Settings, sweep
+from mcpilco.sweep import Failure, Settings, parse_seeds, sweep
 from mcpilco.sweep.engines import attempt
 from mcpilco.typing import InputError
 from tests.mcpilco.sweep.strange import HERE, TINY

@@ -13,6 +13,8 @@ from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
 
 RUNS = Path(__file__).parent.parent.parent / "runs"
 
+sys.path.append(str(RUNS))  # harness.py
+
 
 @pytest.fixture(scope="module")
 def home(request) -> Path:

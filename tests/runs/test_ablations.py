@@ -6,9 +6,10 @@ import sys
 
 import pytest
 import torch
+from harness import BEGIN, END
 
+import mcpilco.sweep
 from mcpilco.agent import load_task
-from mcpilco.sweep.page import BEGIN, END
 from tests.mcpilco.test_sweep import HereEngine
 from tests.runs.test_recipe import differing
 
@@ -38,7 +39,7 @@ def test_a_task_differs_from_the_envs_in_its_cost_only(name, home):
 
 def test_quick_runs_a_seed_of_each_base_and_goes_on(run, tmp_path, monkeypatch, capsys):
     engine = HereEngine()
-    monkeypatch.setattr(sys.modules["recipe.run"], "LocalEngine", lambda workers: engine)
+    monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: engine)
     arguments = ["run.py", "--quick", "--rows", "base", "tip-cost", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)
     texts = []

@@ -78,7 +78,7 @@ def test_a_seed_that_broke_off_keeps_its_checkpoint_and_is_listed(run, command, 
 
 def test_no_row_is_tuned_on_the_seeds_that_are_shown(run):
     """MC-PILCO saw 0 to 17, stable-baselines3 100 and above."""
-    from mcpilco.cli.sweep import parse_seeds
+    from mcpilco.sweep import parse_seeds
 
     for row in run.ROWS.values():
         seeds = parse_seeds(row.seeds)

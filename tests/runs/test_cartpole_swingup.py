@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 ROOT = Path(__file__).parent.parent.parent
 

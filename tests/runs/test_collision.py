@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import BEGIN, END
 
 from envs.arms.sticky_arm import Push
 from mcpilco.identification.collision import Detections
-from mcpilco.sweep.page import BEGIN, END
 
 pytestmark = pytest.mark.xdist_group("collision run")  # one process makes it for all of them
 

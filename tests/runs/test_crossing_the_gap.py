@@ -9,10 +9,10 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
+from harness import BEGIN, END
 
 import envs  # noqa: F401  registers its ids
 from mcpilco.config import CART_POLE
-from mcpilco.sweep.page import BEGIN, END
 
 TRANSFER = {"promised": 1.0, "happened": 0.05, "return": 9.0, "experience_s": 0.0, "cpu_s": 60.0}
 LEARNED = {"experience_s": [3.0, 6.0, 9.0], "p": [0.0, 0.2, 0.95], "cpu_s": 20.0}

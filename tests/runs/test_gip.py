@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 
 @pytest.fixture

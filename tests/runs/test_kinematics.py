@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 RUN = Path(__file__).parents[2] / "runs" / "kinematics" / "run.py"
 

@@ -5,10 +5,10 @@ import json
 import sys
 
 import numpy as np
+from harness import BEGIN, END
 
 from mcpilco.config import CART_POLE
 from mcpilco.sweep import Settings
-from mcpilco.sweep.page import BEGIN, END
 from tests.mcpilco.test_sweep import HereEngine
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 RUNS = Path(__file__).parents[2] / "runs"
 PAGES = sorted(RUNS.glob("*/README.md"))

@@ -5,9 +5,9 @@ import sys
 
 import numpy as np
 import pytest
+from harness import BEGIN, END
 
 import envs
-from mcpilco.sweep.page import BEGIN, END
 
 
 def trial(success: bool, p: float, seconds: float) -> dict:

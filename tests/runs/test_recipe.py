@@ -6,8 +6,8 @@ import math
 import sys
 
 import pytest
+from harness import BEGIN, END
 
-from mcpilco.sweep.page import BEGIN, END
 from mcpilco.sweep.summary import summarise
 
 

@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 
 def test_the_command_writes_its_tables_and_measures_nothing_twice(run, monkeypatch, tmp_path):

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from harness import BEGIN, END
 
 from mcpilco.identification import Solution
-from mcpilco.sweep.page import BEGIN, END
 
 RUN = Path(__file__).parents[2] / "runs" / "ting_synthetic" / "run.py"
 

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from mcpilco.sweep.page import BEGIN, END
+from harness import BEGIN, END
 
 
 @pytest.fixture

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import mcpilco.agent.agent
-from mcpilco.agent import algorithms
+from mcpilco.agent import algorithm_of, algorithms, find, with_package
 from mcpilco.cli import main
-from mcpilco.cli.system import algorithm, algorithm_of, with_package
 from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.logbook import RunFolder
 from mcpilco.typing import RunFolderError
@@ -167,11 +166,11 @@ def test_presets_of_the_command_line_are_those_of_the_algorithm(tmp_path, capsys
     run = ["train", *RUN, "--preset", "nonsense", "--out", str(tmp_path / "run")]
     for name in ("mcpilco", "pilco"):
         assert main([*run, "--algo", name]) == 2
-        assert str(sorted(algorithm(name).presets)) in " ".join(capsys.readouterr().err.split())
+        assert str(sorted(find(name).presets)) in " ".join(capsys.readouterr().err.split())
 
 
 ALGORITHM = """
-from mcpilco.agent import algorithms
+from mcpilco.agent import algorithm_of, algorithms, find, with_package
 from tests.mcpilco.fakes import FakeAgent
 
 
@@ -224,7 +223,7 @@ def test_an_algorithm_of_an_installed_package_is_chosen_by_its_entry_point(stran
     (about / "entry_points.txt").write_text(entry)
     sys.path.insert(0, str(stranger))
     assert "prudent" in algorithms.names()
-    assert algorithm("prudent").algo == "careful"
+    assert find("prudent").algo == "careful"
 
 
 def test_preset_sets_the_cart_pole_and_no_other_env(tmp_path, fake, strange):

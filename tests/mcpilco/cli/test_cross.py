@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mcpilco.agent.agent
 from mcpilco.cli import cross as command
 from mcpilco.cli import main
+from mcpilco.crossing import workflow
 from mcpilco.logbook import RunFolder
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent
@@ -32,32 +34,52 @@ def hindered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-class Found(command.Gap):
-    """Finds what is hidden at once."""
+class Found:
+    """An investigation that finds at once what is hidden, in place of one that takes minutes."""
 
+    verdict = "named"
+    comparison = None
     times = 0
 
-    def __call__(self) -> int:
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> type[Found]:
+    """Replaces the investigation."""
+
+    def investigate(plant, recordings, **options) -> Found:
         Found.times += 1
-        self.out.mkdir(parents=True, exist_ok=True)
+        return Found()
+
+    def write_gap(gap: Found, path: Path) -> None:
         effect = {
             "name": "coulomb_friction",
             "target": "cart",
             "parameters": {"f_c": {"value": 2.0, "low": 1.9, "high": 2.1, "unit": "N"}},
         }
-        content = {"verdict": "named", "effects": [effect], "error": {"closed": {"value": 0.99}}}
-        (self.out / "gap.json").write_text(json.dumps(content))
-        (self.out / "corrected.json").write_text(json.dumps(HINDERED))
-        return 0
+        effects = [effect] if gap.verdict == "named" else []
+        content = {"verdict": gap.verdict, "effects": effects, "error": {"closed": {"value": 0.99}}}
+        path.write_text(json.dumps(content))
+
+    def write_correction(path: Path, correction: Any) -> Path:
+        path.write_text(json.dumps(HINDERED))
+        return path
+
+    monkeypatch.setattr(Found, "times", 0)
+    monkeypatch.setattr(Found, "verdict", "named")
+    monkeypatch.setattr(workflow, "investigate", investigate)
+    monkeypatch.setattr(workflow, "write_gap", write_gap)
+    monkeypatch.setattr(workflow, "write_correction", write_correction)
+    monkeypatch.setattr(workflow, "correction_of", lambda gap, plant: None)
+    monkeypatch.setattr(Found, "corrected", None, raising=False)
+    monkeypatch.setattr(command, "show_gap", lambda gap, out, written: None)
+    return Found
 
 
 def crossed(*more: str) -> int:
     return main(["cross", "--out", "out", "--env-kwargs", "effects=hidden.json", *FEW, *more])
 
 
-def test_all_stages_lead_to_the_story(hindered: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(command, "Gap", Found)
-    Found.times = 0
+def test_all_stages_lead_to_the_story(hindered: Path, found, capsys) -> None:
     assert crossed() == 0
     told = capsys.readouterr().out
     assert "Trained in the nominal simulation: it promised" in told
@@ -72,9 +94,7 @@ def test_all_stages_lead_to_the_story(hindered: Path, monkeypatch, capsys) -> No
     assert (hindered / "out" / "crossing.rrd").exists()
 
 
-def test_the_same_command_goes_on_where_it_was_stopped(hindered: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(command, "Gap", Found)
-    Found.times = 0
+def test_the_same_command_goes_on_where_it_was_stopped(hindered: Path, found, capsys) -> None:
     assert crossed() == 0
     out = hindered / "out"
     kept = {path: path.stat().st_mtime_ns for path in (out / "recordings").glob("*.csv")}
@@ -83,31 +103,38 @@ def test_the_same_command_goes_on_where_it_was_stopped(hindered: Path, monkeypat
         (out / lost).unlink()
     capsys.readouterr()
     assert crossed() == 0
-    assert Found.times == 1
+    assert found.times == 1
     assert (out / "corrected.json").read_text() == before
     first = out / "recordings" / "excitation-seed0-00.csv"
     assert first.stat().st_mtime_ns == kept[first]
     assert (out / "recordings" / "excitation-seed1-00.csv").exists()
 
 
-def test_a_folder_of_other_settings_is_refused(hindered: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(command, "Gap", Found)
+def test_a_folder_of_other_settings_is_refused(hindered: Path, found, capsys) -> None:
     assert crossed() == 0
     capsys.readouterr()
     sentence = refused(capsys, "cross", "--out", "out", *FEW, "--seed", "1")
     assert "another env_kwargs, seed" in sentence
 
 
-def test_too_little_data_ends_the_crossing(hindered: Path, monkeypatch, capsys) -> None:
-    class Poor(command.Gap):
-        def __call__(self) -> int:
-            self.out.mkdir(parents=True, exist_ok=True)
-            (self.out / "gap.json").write_text('{"verdict": "too_poor", "effects": []}')
-            return 0
-
-    monkeypatch.setattr(command, "Gap", Poor)
+def test_too_little_data_ends_the_crossing(hindered: Path, found, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(found, "verdict", "too_poor")
     assert "record for longer" in refused(capsys, "cross", "--out", "out", *FEW)
     assert not (hindered / "out" / "nominal").exists()
+
+
+def test_an_interruption_keeps_the_stages_and_names_the_same_command(
+    hindered: Path, found, monkeypatch, capsys
+) -> None:
+    def stop(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workflow.Workflow, "attempt", stop)
+    assert crossed() == 130
+    error = capsys.readouterr().err
+    assert "the same command goes on" in error
+    assert "--resume" not in error
+    assert (hindered / "out" / "nominal" / "summary.json").exists()
 
 
 @pytest.mark.parametrize(

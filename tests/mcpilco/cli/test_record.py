@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import mcpilco.agent
+import mcpilco.crossing.rollouts as rollouts_module
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
 from mcpilco.data import Rollout
@@ -63,13 +63,13 @@ def test_equal_seeds_give_equal_files_and_rollouts_differ(tmp_path) -> None:
 
 def test_the_file_holds_what_was_measured_and_applied(tmp_path, monkeypatch) -> None:
     rollouts = []
-    genuine = mcpilco.agent.run_episode
+    genuine = rollouts_module.run_episode
 
     def keep(*arguments, **options):
         rollouts.append(genuine(*arguments, **options))
         return rollouts[-1]
 
-    monkeypatch.setattr(mcpilco.agent, "run_episode", keep)
+    monkeypatch.setattr(rollouts_module, "run_episode", keep)
     assert record(tmp_path) == 0
     for path, rollout in zip(sorted(tmp_path.iterdir()), rollouts, strict=True):
         recording = read(path)

@@ -3,8 +3,7 @@ from __future__ import annotations
 import json
 
 import pytest
-
-from mcpilco.sweep.page import (
+from harness import (
     BEGIN,
     END,
     costs,
@@ -15,6 +14,7 @@ from mcpilco.sweep.page import (
     outcomes,
     read_summaries,
 )
+
 from mcpilco.typing import InputError
 
 SPREAD = {"median": 30.0, "q1": 25.0, "q3": 35.04}

@@ -1,11 +1,11 @@
-"""The options of the command line that say which model an agent learns."""
+"""The numbers of a training, of a preset and with another model."""
 
 from __future__ import annotations
 
 import pytest
 
 from baselines.pilco.config import PilcoConfig
-from mcpilco.cli.model import suitable_preset, with_model
+from mcpilco.agent import suitable_preset, with_model
 from mcpilco.config import Config, ModelConfig
 from mcpilco.plant import Correction, write_correction
 from mcpilco.typing import InputError

@@ -1,23 +1,21 @@
-"""The options that say which model an agent learns, of several commands."""
+"""The numbers of a training: a preset of an algorithm, and the model that is asked for."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from mcpilco.cli.options import optional
 from mcpilco.config import KERNELS
+from mcpilco.plant import read_correction
 from mcpilco.typing import InputError
 
-PHYSICS = "physics"
-"""what a model's name says of its mean"""
+if TYPE_CHECKING:
+    from mcpilco.agent.trial_agent import TrialAgent
 
-SuitablePreset = Annotated[
-    str | None, optional("NAME", "default; thorough where the mean is physics")
-]
-"""a preset, or the one that suits the model"""
+PHYSICS = "physics"
+"""the part of a model's name that makes the equations of the plant its mean"""
 
 
 def suitable_preset(given: str | None, algo: str, model: str | None) -> str:
@@ -27,6 +25,46 @@ def suitable_preset(given: str | None, algo: str, model: str | None) -> str:
     """
     physics = algo == "mcpilco" and PHYSICS in (model or "").split("+")
     return given or ("thorough" if physics else "default")
+
+
+def preset_numbers(
+    kind: type[TrialAgent],
+    preset_name: str,
+    env_id: str,
+    horizon: int | None = None,
+    exploration: int | None = None,
+) -> tuple[Any, dict[str, Any]]:
+    """The agent's configuration and the env's keywords, of a preset.
+
+    Args:
+        kind: the algorithm.
+        preset_name: of its presets.
+        env_id: of the env.
+        horizon: of a rollout [steps]; None: the env's time limit.
+        exploration: random inputs at first [steps]; None: one rollout.
+
+    Raises:
+        InputError: the algorithm has no such preset, or does not explore beforehand.
+    """
+    if preset_name not in kind.presets:
+        raise InputError(
+            f"--preset of the algorithm {kind.algo} must be one of {sorted(kind.presets)}, "
+            f"got {preset_name!r}."
+        )
+    preset = kind.presets[preset_name]
+    env_kwargs = preset.keywords(env_id)
+    config = preset.config_for(env_id)
+    if exploration is not None:
+        if not hasattr(config, "exploration"):
+            raise InputError(
+                f"--exploration is no option of the algorithm {kind.algo}; its presets say how it "
+                "begins."
+            )
+        config = dataclasses.replace(config, exploration=exploration)
+    if horizon is None:
+        return config, env_kwargs
+    config = dataclasses.replace(config, horizon=horizon)
+    return config, {**env_kwargs, "max_episode_steps": horizon}
 
 
 def with_model(
@@ -68,13 +106,6 @@ def with_model(
         mean = PHYSICS if PHYSICS in parts else "zero"
         changes |= {"kernel": "+".join(kernel), "mean": mean}
     if prior is not None:
-        changes["plant"] = _described(prior)
+        read_correction(prior)  # it says what is wrong with the file
+        changes["plant"] = json.loads(prior.read_text(encoding="utf-8"))
     return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))
-
-
-def _described(path: Path) -> dict[str, Any]:
-    """What a file says of a plant, after a check that it does."""
-    from mcpilco.plant import read_correction
-
-    read_correction(path)
-    return json.loads(path.read_text(encoding="utf-8"))

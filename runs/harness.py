@@ -1,21 +1,169 @@
-"""The page of a claim: tables between two marked lines of its README, written from summaries."""
+"""What the runs share: seeds are trained, results kept as JSON, and tables written into a README.
+
+A run is one claim: `python runs/<claim>/run.py` takes seeds, keeps a file of results for each, and
+rewrites the README of its folder between two marked lines from all results that are there.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import torch
+from threadpoolctl import threadpool_limits
+
+import baselines  # noqa: F401  registers its algorithms
+from mcpilco import sweep as many
+from mcpilco.agent import find, preset_numbers
+from mcpilco.config import Config, PolicyConfig
 from mcpilco.data import title_of
 from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
-from mcpilco.sweep.summary import markdown, mean_cell, measures_of, rate_cell, spread_cell
+from mcpilco.sweep import (
+    OnResult,
+    SeedJob,
+    Settings,
+    SweepFolder,
+    markdown,
+    mean_cell,
+    measures_of,
+    parse_seeds,
+    rate_cell,
+    spread_cell,
+    sweep_progress,
+)
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+__all__ = [
+    "BEGIN",
+    "END",
+    "broken_off",
+    "code_of",
+    "costs",
+    "failures",
+    "fill",
+    "folder",
+    "hasty",
+    "keep",
+    "kept",
+    "machines",
+    "marks",
+    "outcomes",
+    "parse_seeds",
+    "places",
+    "preset_settings",
+    "read_summaries",
+    "swept",
+    "use_one_thread",
+    "write_picture",
+]
+
+
+def use_one_thread() -> None:
+    """Keep torch and BLAS to one thread: runs share a machine, and last digits depend on it."""
+    torch.set_num_threads(1)
+    threadpool_limits(1)
+
+
+# Seeds --------------------------------------------------------------------------------------------
+
+
+def folder(here: Path, out: Path | None, quick: bool) -> Path:
+    """The folder of results/ and README.md: the one asked for, else that of the run.
+
+    Args:
+        here: folder of the run.
+        out: asked for.
+        quick: whether the run only shows that it works, and must not touch its own folder.
+    """
+    return out or (Path("runs/out") / here.name if quick else here)
+
+
+def hasty(config: Config) -> Config:
+    """The configuration with a search that takes no time, and finds nothing."""
+    search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
+    return replace(config, policy=PolicyConfig(bases=10), search=search)
+
+
+def preset_settings(env: str, algo: str, preset: str, trials: int, fresh: int = 100) -> Settings:
+    """The settings of a sweep with a preset, as `mcpilco sweep` makes them.
+
+    Args:
+        env: id of an env of this project.
+        algo: name of an algorithm of this project.
+        preset: of its presets.
+        trials: policies to learn.
+        fresh: rollouts that each is judged by.
+    """
+    config, env_kwargs = preset_numbers(find(algo), preset, env)
+    algo = algo if algo == "mcpilco" else f"baselines:{algo}"
+    return Settings(f"envs:{env}", env_kwargs, preset, config, trials, fresh, algo=algo)
+
+
+def swept(
+    settings: Any,
+    seeds: Sequence[int],
+    path: Path,
+    workers: int | None = None,
+    then: OnResult | None = None,
+    make_job: Callable[[Any, int], Any] = SeedJob,
+) -> dict[str, Any]:
+    """Train the seeds that are missing, with a line for each; the summary of all.
+
+    Args:
+        settings: of the sweep.
+        seeds: asked for.
+        path: folder of their results.
+        workers: processes at a time; None: one a core.
+        then: called with each seed that ends, and its result or `Failure`.
+        make_job: what trains one seed of these settings.
+    """
+    done = SweepFolder(path, settings).results().keys() & set(seeds)
+    with sweep_progress(len(seeds), len(done), quiet=False) as show:
+
+        def on_result(seed: int, outcome: Any) -> None:
+            show(seed, outcome)
+            if then is not None:
+                then(seed, outcome)
+
+        engine = many.LocalEngine(workers)
+        return many.sweep(settings, seeds, path, engine, on_result, make_job)
+
+
+def code_of(summary: Mapping[str, Any], seeds: Sequence[int]) -> int:
+    """The exit code of a run: 1 where one of its seeds failed."""
+    return int(any(str(seed) in summary["failed"] for seed in seeds))
+
+
+def keep(path: Path, found: Mapping[str, Any]) -> None:
+    """Write a result as JSON; its folder is made.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, json.dumps(found, indent=1).encode())
+
+
+def kept(results: Path) -> list[dict[str, Any]]:
+    """The results in a folder, in the order of their names.
+
+    Raises:
+        RunFolderError: a file cannot be read.
+    """
+    return [read_json(path) for path in sorted(results.glob("*.json"))]
+
+
+# The page -----------------------------------------------------------------------------------------
 
 
 def marks(name: str) -> tuple[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mcpilco.cli.pairs import keywords, named_numbers
+from mcpilco.cli.options import keywords, named_numbers
 from mcpilco.typing import InputError
 
 

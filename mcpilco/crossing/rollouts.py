@@ -1,0 +1,95 @@
+"""Recordings of an env: rollouts under exciting inputs, under random ones, or under a policy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from mcpilco.agent import Act, input_bounds, run_episode, task_of
+from mcpilco.recordings import Recording, excitation, from_rollout
+from mcpilco.sensing import state_view
+from mcpilco.task import TaskSpec
+from mcpilco.typing import EnvError, InputError
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+
+    from mcpilco.agent import TrialAgent
+
+FEWEST = 10
+"""steps of a rollout"""
+
+
+def record_rollouts(
+    env: gym.Env,
+    policy: Literal["excitation", "random"] | TrialAgent,
+    seconds: float,
+    names: Sequence[str],
+    seed: int,
+) -> Iterator[Recording]:
+    """Recordings of equal length, one rollout after the other; each begins with a reset.
+
+    Args:
+        env: without a time limit below that length.
+        policy: informative inputs, uniformly random ones, or those of an agent.
+        seconds: of all rollouts together [s].
+        names: of the recordings.
+        seed: of everything random; equal seeds give equal recordings.
+
+    Raises:
+        McPilcoError: the env, the policy and the time do not fit; before the first rollout.
+    """
+    agent = None if isinstance(policy, str) else policy
+    shown = getattr(env.unwrapped, "task", None)
+    task = task_of(env, agent.task if agent is not None and shown is None else None)
+    steps = round(seconds / len(names) / task.dt)
+    if steps < FEWEST:
+        raise InputError(
+            f"--seconds must leave each rollout at least {FEWEST} steps of {task.dt:g} s, got "
+            f"{seconds:g} s for {len(names)} of them; record for longer."
+        )
+    act = _actor(policy, task, env, steps)
+    return _rollouts(env, task, act, steps, names, seed)
+
+
+def _rollouts(
+    env: gym.Env,
+    task: TaskSpec,
+    act: Callable[[np.random.Generator], Act],
+    steps: int,
+    names: Sequence[str],
+    seed: int,
+) -> Iterator[Recording]:
+    view, seeds = state_view(env, task), np.random.SeedSequence(seed).spawn(len(names))
+    for name, own in zip(names, seeds, strict=True):
+        rng = np.random.default_rng(own)
+        reset_seed = int(rng.integers(2**31))
+        rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
+        yield from_rollout(name, rollout, task)
+
+
+def _actor(
+    policy: Literal["excitation", "random"] | TrialAgent, task: TaskSpec, env: gym.Env, steps: int
+) -> Callable[[np.random.Generator], Act]:
+    """From random numbers to the policy of one rollout."""
+    low, high = input_bounds(env)
+
+    def excite(rng: np.random.Generator) -> Act:
+        script = iter(excitation(low, high, steps, task.dt, rng))
+        return lambda observation: next(script)
+
+    def draw(rng: np.random.Generator) -> Act:
+        return lambda observation: rng.uniform(low, high)
+
+    if isinstance(policy, str):
+        return excite if policy == "excitation" else draw
+    agent: Any = policy
+    if (agent.task.state_names, agent.task.input_names) != (task.state_names, task.input_names):
+        raise EnvError(
+            f"The policy expected the states {', '.join(agent.task.state_names)} and the inputs "
+            f"{', '.join(agent.task.input_names)}, got an env with {', '.join(task.state_names)} "
+            f"and {', '.join(task.input_names)}; leave --env out."
+        )
+    return lambda rng: agent.on_states()

@@ -1,0 +1,279 @@
+"""The crossing of the gap: record a system, correct its simulation, train in both, try both.
+
+work = Workflow(Path("out"), CrossingSettings(system, simulation), plant)
+work.begin()
+work.record()
+work.correct()
+for leg in LEGS:
+    work.train(leg, listeners)
+    work.attempt(leg)
+
+Each stage is kept in the folder, and a stage whose result is there is not repeated:
+
+recordings/           of the system, a file a rollout
+gap/                  gap.json and corrected.json, as `mcpilco gap` writes them
+nominal/, corrected/  run folders of the two trainings
+nominal.json, ...     outcomes of their policies, in simulation and on the system
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mcpilco.agent import (
+    agent_of,
+    begin_run,
+    find_after_import,
+    learn_rest,
+    make_env,
+    preset_numbers,
+    reopened,
+    suitable_preset,
+    task_of,
+    with_model,
+)
+from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, write_crossing
+from mcpilco.crossing.prior import as_mean, remembered_inputs
+from mcpilco.crossing.rollouts import record_rollouts
+from mcpilco.gap import Gap, investigate
+from mcpilco.gap.report import write_json as write_gap
+from mcpilco.logbook import RunFolder, read_json, write_json
+from mcpilco.plant import correction_of, read_correction, write_correction
+from mcpilco.recordings import read_for_plant, write_recording
+from mcpilco.typing import InputError, RunFolderError
+
+if TYPE_CHECKING:
+    from mcpilco.logbook import Callback
+    from mcpilco.plant import Plant
+
+TRIALS = 4
+"""of an algorithm that learns by trials"""
+PHYSICS_MODEL = "physics+rbf"
+"""the equations of the simulation, and a residual beside them"""
+LEGS = ("nominal", "corrected")
+"""the policies that are compared, by the simulation that they are trained in"""
+
+Listeners = Callable[[RunFolder], AbstractContextManager[Sequence["Callback"]]]
+"""opens the callbacks of a training that write into its run folder"""
+
+
+@dataclass(frozen=True)
+class CrossingSettings:
+    """From which system to which simulation, and how much is measured and learned."""
+
+    system: Place
+    """an env that is met only to record it, and once by each policy"""
+    simulation: Place
+    """the env that simulates it; its plant is corrected"""
+    seconds: float = 60.0
+    """of recordings of the system [s]"""
+    rollouts: int = 6
+    """recordings, of equal length"""
+    dt: float | None = None
+    """sampling time of the recordings [s]; None: the env's"""
+    uncertainty: float | Mapping[str, float] = 0.01
+    """prior std of nominal parameters, relative [-]"""
+    free: tuple[str, ...] = ()
+    """parameters of which nothing is known beforehand"""
+    algo: str = "mcpilco"
+    """registered name of the algorithm that trains in simulation"""
+    preset: str | None = None
+    """of the algorithm; None: the one that suits its model"""
+    trials: int | None = None
+    """policies to learn in each simulation; None: `TRIALS`, or those of the preset"""
+    episodes: int = 100
+    """fresh ones, by which a policy is judged in simulation and on the system"""
+    seed: int = 0
+    """of everything random; equal seeds give equal results"""
+
+
+@dataclass(frozen=True)
+class Workflow:
+    """The stages of a crossing, in one folder."""
+
+    out: Path
+    """the folder"""
+    settings: CrossingSettings
+    plant: Plant
+    """of the simulation, with its nominal parameters"""
+
+    def begin(self, typed: Mapping[str, Any] | None = None) -> None:
+        """Make the folder, or make sure that it was begun with the same settings.
+
+        Args:
+            typed: the settings as JSON values, as the user typed them; None: `settings`.
+
+        Raises:
+            RunFolderError: it was not, or the folder cannot be made.
+        """
+        path = self.out / "cross.json"
+        known = asdict(self.settings) if typed is None else dict(typed)
+        known = json.loads(json.dumps(known))  # as it comes back from the file
+        if path.exists():
+            there = read_json(path)
+            if changed := [key for key in known if there.get(key) != known[key]]:
+                raise RunFolderError(
+                    f"{self.out} was begun with another {', '.join(changed)}; name a new folder."
+                )
+            return
+        try:
+            self.out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunFolderError(
+                f"{self.out} cannot be made ({error.strerror or error}); choose another folder."
+            ) from error
+        write_json(path, known)
+
+    def record(self) -> list[Path]:
+        """The files of the recordings; those that are missing are recorded now.
+
+        A rollout is a file, so that what a system has done is never asked of it again.
+
+        Raises:
+            McPilcoError: the env cannot be made, or the time is too short.
+        """
+        told, paths = self.settings, []
+        (self.out / "recordings").mkdir(parents=True, exist_ok=True)
+        for k in range(told.rollouts):
+            seed = told.rollouts * told.seed + k
+            paths.append(self.out / "recordings" / f"excitation-seed{seed}-00.csv")
+            if paths[-1].exists():
+                continue
+            sampled = {} if told.dt is None else {"dt": told.dt}
+            kwargs = {**told.system.kwargs, **sampled, "max_episode_steps": -1}
+            with contextlib.closing(make_env(told.system.env, **kwargs)) as env:
+                seconds, name = told.seconds / told.rollouts, paths[-1].stem
+                for recording in record_rollouts(env, "excitation", seconds, [name], seed):
+                    write_recording(paths[-1], recording)
+        return paths
+
+    @property
+    def gap(self) -> Path:
+        """Folder of the investigation and of the corrected simulation."""
+        return self.out / "gap"
+
+    @property
+    def verdict(self) -> str | None:
+        """Of an investigation that is complete; None where there is none."""
+        if not (self.gap / "gap.json").exists():
+            return None
+        verdict = str(read_json(self.gap / "gap.json")["verdict"])
+        whole = verdict == "too_poor" or (self.gap / "corrected.json").exists()
+        return verdict if whole else None
+
+    def correct(self) -> Gap | None:
+        """Find what the simulation lacks; None where that was found before.
+
+        Raises:
+            McPilcoError: the recordings cannot be used.
+        """
+        found = None
+        if self.verdict is None:
+            paths = sorted((self.out / "recordings").glob("*.csv"))
+            recordings, _ = read_for_plant(self.plant, paths)
+            found = investigate(
+                self.plant,
+                recordings,
+                uncertainty=self.settings.uncertainty,
+                free=self.settings.free,
+            )
+            self.gap.mkdir(parents=True, exist_ok=True)
+            write_gap(found, self.gap / "gap.json")
+            if found.verdict != "too_poor":
+                correction = correction_of(found.corrected, self.plant)
+                write_correction(self.gap / "corrected.json", correction)
+        return found
+
+    def require_corrected(self) -> None:
+        """Raises InputError where the recordings tell too little to correct a simulation by."""
+        if self.verdict == "too_poor":
+            raise InputError(
+                f"{self.out / 'recordings'} holds too little information on the system to correct "
+                "a simulation by; record for longer (--seconds), in another folder."
+            )
+
+    def train(self, leg: str, listeners: Listeners) -> RunFolder:
+        """The run of a leg; what is missing of it is trained now.
+
+        Args:
+            leg: one of `LEGS`.
+            listeners: callbacks of the training, which write the run folder.
+
+        Raises:
+            McPilcoError: the env and the algorithm do not fit.
+        """
+        path = self.out / leg
+        if (path / "config.json").exists():
+            run = RunFolder.open(path)
+            if run.summary() is None:
+                with reopened(path) as (run, agent), listeners(run) as callbacks:
+                    learn_rest(run, agent, callbacks)
+            return run
+        told, kind = self.settings, find_after_import(self.settings.algo)
+        model = self._model(leg)
+        preset = suitable_preset(told.preset, told.algo, model.get("name"))
+        config, env_kwargs = preset_numbers(kind, preset, told.simulation.env)
+        config = with_model(config, **model)
+        env_kwargs |= self._simulation(leg).kwargs
+        with contextlib.closing(make_env(told.simulation.env, **env_kwargs)) as env:
+            agent = kind(kind.policy_name, env, config=config, seed=told.seed)
+            trials = agent.usual_trials(config) if self._trials is None else self._trials
+            run = begin_run(path, agent, told.algo, told.simulation.env, env_kwargs, preset, trials)
+            with run.writing(), listeners(run) as callbacks:
+                learn_rest(run, agent, callbacks)
+        return run
+
+    def attempt(self, leg: str) -> Crossing:
+        """Try the best policy of a leg in its simulation and, once, on the system.
+
+        Raises:
+            McPilcoError: a run folder is damaged, or an env misbehaves.
+        """
+        path = self.out / f"{leg}.json"
+        if path.exists():
+            return read_crossing(path)
+        run, told = RunFolder.open(self.out / leg), self.settings
+        kwargs = run.config["env_kwargs"]
+        with contextlib.closing(make_env(told.simulation.env, **kwargs)) as env:
+            agents = {trial: agent_of(run, trial, env) for trial in run.finished_trials()}
+            found = cross(
+                {trial: agent.controller for trial, agent in agents.items()},
+                simulation=Place(told.simulation.env, kwargs),
+                system=told.system,
+                horizon=next(iter(agents.values())).horizon,
+                seed=told.seed,
+                episodes=told.episodes,
+            )
+        write_crossing(path, found)
+        return found
+
+    @property
+    def _trials(self) -> int | None:
+        by_trials = self.settings.algo in ("mcpilco", "pilco")
+        return TRIALS if self.settings.trials is None and by_trials else self.settings.trials
+
+    def _simulation(self, leg: str) -> Place:
+        """The simulation of a leg."""
+        place = self.settings.simulation
+        if leg == "nominal":
+            return place
+        return Place(place.env, {**place.kwargs, "effects": read_json(self.gap / "corrected.json")})
+
+    def _model(self, leg: str) -> dict[str, Any]:
+        """The model of MC-PILCO: the equations of a simulation, and the inputs in its states."""
+        if self.settings.algo != "mcpilco":
+            return {}
+        if leg == "nominal":
+            return {"name": PHYSICS_MODEL}
+        correction = read_correction(self.gap / "corrected.json")
+        prior = write_correction(self.out / "prior.json", as_mean(correction))
+        place = self.settings.simulation
+        with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
+            memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
+        return {"name": PHYSICS_MODEL, "prior": prior, **({"memory": memory} if memory else {})}
