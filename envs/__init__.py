@@ -16,7 +16,7 @@ from envs.cartpole import CartPoleSwingUpEnv
 from envs.double_pendulum import AcrobotEnv, PendubotEnv
 from envs.judge import UprightJudge
 from envs.pendulum import PendulumEnv
-from envs.plants import PLANTS, register, rod
+from envs.plants import PLANTS, plant_named, register, rod
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv, SwingUpEnv, SwingUpVectorEnv
 
@@ -31,6 +31,7 @@ __all__ = [
     "SwingUpEnv",
     "SwingUpVectorEnv",
     "UprightJudge",
+    "plant_named",
     "register",
     "rod",
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -9,7 +12,17 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.plant import CATALOGUE, Base, EffectInstance, Layout, Parameter, Plant, known_plants
+from mcpilco.plant import (
+    CATALOGUE,
+    Base,
+    EffectInstance,
+    Layout,
+    Parameter,
+    Plant,
+    known_plants,
+    plant_of,
+)
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from envs.swing_up_env import SwingUpEnv
@@ -242,11 +255,49 @@ def register(
         plant: returns the nominal plant.
         env: what simulates it in episodes, as a class or its "module:Class"; None: nothing does.
         steps: after which an episode is truncated; None: never.
+
+    Raises:
+        InputError: the plant has another name.
     """
+    if plant().name != name:
+        raise InputError(
+            f"The plant must be named {name!r}, as it is registered, got {plant().name!r}."
+        )
     PLANTS[name] = plant
     known_plants.register(name, plant)
     if env is not None:
         register_env(name, env, steps=steps)
+
+
+def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
+    """The plant that a user names: registered, or an MJCF file; of `module:Id` imports the module.
+
+    Args:
+        option: where the user named it, for the error.
+        name: of the plant, or an MJCF file.
+        simulated: whether an env must simulate it, which none does with an MJCF file.
+
+    Raises:
+        InputError: there is no such module or plant, or no env simulates it.
+    """
+    if name.endswith(".xml") and not simulated:
+        return plant_of(name)
+    module, _, last = name.rpartition(":")
+    if module:
+        if os.getcwd() not in sys.path:  # the module may lie where the user is
+            sys.path.append(os.getcwd())
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise InputError(f"{option} {name}: cannot import {module}: {error}.") from error
+    fitting = [known for known in PLANTS if not simulated or known in gymnasium.registry]
+    if last not in fitting:
+        more = "" if simulated else "an MJCF file, "
+        raise InputError(
+            f"{option} must be one of {', '.join(fitting)}, {more}or module:Id of a module that "
+            f"registers its own with envs.register, got {name!r}."
+        )
+    return PLANTS[last]()
 
 
 def register_env(

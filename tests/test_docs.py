@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import json
 import re
 import shlex
 import sys
@@ -23,6 +24,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import mcpilco.cli
 from baselines import pilco
@@ -67,10 +69,10 @@ NAMES = "|".join(
 """of all commands, as one pattern"""
 RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
-ELSEWHERE = re.compile(r"pendulum|balance|RUN|--help|CartPole-v9")
+ELSEWHERE = re.compile(r"pendulum|balance|reaction_wheel|RUN|--help|CartPole-v9")
 """in commands with a test of their own, in patterns, and in the one that shows an error"""
 
-WITH_MY_ENV = ("my_env.py", "check.py")
+WITH_MY_ENV = ("my_env.py", "check.py", "reaction_wheel.py", "wheel.py")
 """titles of the blocks that have tests of their own"""
 
 
@@ -179,6 +181,33 @@ def test_the_page_on_others_envs_is_followed_word_by_word(
         if without_mujoco and re.search("Inverted|balance", " ".join(arguments)):
             continue
         assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
+
+
+def test_the_page_on_own_plants_is_followed_word_by_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    page = ROOT / "docs" / "extend-plant.md"
+    blocks = dict(python_blocks(page))
+    (tmp_path / "reaction_wheel.py").write_text(blocks["reaction_wheel.py"], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        for arguments in commands(page):
+            if "logs/*.csv" in arguments:
+                at = arguments.index("logs/*.csv")
+                arguments[at : at + 1] = sorted(map(str, Path("logs").glob("*.csv")))
+            assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
+        plant = "my/ReactionWheel-v0"
+        assert json.loads(Path("gap/corrected.json").read_text())["plant"] == plant
+        assert Path("wheel/summary.json").exists()
+        exec(blocks["wheel.py"], {})
+        env = gymnasium.make(plant, effects="gap/corrected.json", render_mode="rgb_array")
+        check_env(env.unwrapped)
+        assert env.unwrapped.swing_up.plant.name == plant
+    finally:
+        sys.modules.pop("reaction_wheel", None)
+        gymnasium.registry.pop("my/ReactionWheel-v0", None)
+        PLANTS.pop("my/ReactionWheel-v0", None)
 
 
 def test_the_files_of_that_page_are_those_that_were_measured() -> None:

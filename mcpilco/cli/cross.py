@@ -44,7 +44,7 @@ class Cross:
     env_kwargs: EnvKeywords = ()
     """keywords of the system's env; of a JSON file the content"""
     sim: str = CART_POLE
-    """id of the env that simulates it; its plant is corrected"""
+    """id of the env that simulates it, whose plant is corrected; `module:Id` imports the module"""
     sim_kwargs: EnvKeywords = ()
     """keywords of the simulation, such as other values of nominal parameters"""
     seconds: float = 60.0
@@ -161,12 +161,12 @@ class Cross:
     # Settings -------------------------------------------------------------------------------------
 
     def _workflow(self) -> Workflow:
-        from envs import PLANTS
+        from envs import plant_named
         from mcpilco.crossing import CrossingSettings, Place, Workflow
 
-        plant, sim_kwargs = PLANTS[self.sim](), keywords("--sim-kwargs", self.sim_kwargs)
-        names = {parameter.name for parameter in plant.parameters}
-        nominal = [entry for entry in self.sim_kwargs if entry.partition("=")[0] in names]
+        plant = plant_named("--sim", self.sim, simulated=True)
+        sim_kwargs = keywords("--sim-kwargs", self.sim_kwargs)
+        nominal = [e for e in self.sim_kwargs if e.partition("=")[0] in plant.values]
         settings = CrossingSettings(
             system=Place(self.env, keywords("--env-kwargs", self.env_kwargs)),
             simulation=Place(self.sim, sim_kwargs),
@@ -190,11 +190,10 @@ class Cross:
         return settings
 
     def _check(self) -> None:
-        from envs import PLANTS
+        from envs import plant_named
         from mcpilco.agent import make_env
 
-        if self.sim not in PLANTS:
-            raise InputError(f"--sim must be one of {', '.join(PLANTS)}, got {self.sim!r}.")
+        plant_named("--sim", self.sim, simulated=True)
         require_at_least(1, trials=self.trials, episodes=self.episodes, rollouts=self.rollouts)
         given = keywords("--sim-kwargs", self.sim_kwargs)
         if "effects" in given:

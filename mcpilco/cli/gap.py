@@ -21,7 +21,7 @@ from mcpilco.cli.options import (
 )
 from mcpilco.cli.system import make_folder, register, use_one_thread
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.typing import McPilcoError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
@@ -37,7 +37,7 @@ class Gap:
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
-    """id of an env, or an MJCF file"""
+    """a registered plant, or an MJCF file; `module:Id` imports the module first"""
     columns: Columns = ()
     """what the files call time, states and inputs, where it differs; also separated by commas"""
     set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")] = ()
@@ -111,19 +111,9 @@ class Gap:
         return [path.name]
 
     def _plant(self) -> Plant:
-        if Path(self.plant).suffix == ".xml":
-            from mcpilco.plant import plant_of
+        from envs import plant_named
 
-            plant = plant_of(self.plant)
-        else:
-            from envs import PLANTS
-
-            if self.plant not in PLANTS:
-                raise InputError(
-                    f"--plant must be one of {', '.join(PLANTS)} or an MJCF file, "
-                    f"got {self.plant!r}."
-                )
-            plant = PLANTS[self.plant]()
+        plant = plant_named("--plant", self.plant)
         return plant.where(**named_numbers("--set", self.set))
 
 

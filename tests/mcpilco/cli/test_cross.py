@@ -137,12 +137,20 @@ def test_an_interruption_keeps_the_stages_and_names_the_same_command(
     assert (hindered / "out" / "nominal" / "summary.json").exists()
 
 
+def test_a_plant_without_an_env_is_not_offered_as_a_simulation(hindered: Path, capsys) -> None:
+    sentence = refused(capsys, "cross", "--out", "new", "--sim", "nothing")
+    offered = sentence.partition("must be one of ")[2].split(", ")
+    assert "mcpilco/Acrobot-v0" in offered
+    assert "mcpilco/DoublePendulum-v0" not in offered
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["--sim", "CartPole-v1"], "--sim must be one of mcpilco/CartPoleSwingUp-v0"),
+        (["--sim", "mcpilco/DoublePendulum-v0"], "--sim must be one of mcpilco/CartPoleSwingUp-v0"),
         (["--sim-kwargs", "effects=hidden.json"], "must leave out effects"),
-        (["--sim-kwargs", "wheel=3"], "Cannot make the env"),
+        (["--sim-kwargs", "wheel=3"], "has no keyword wheel"),
         (["--env-kwargs", "effects=nowhere.json"], "cannot read nowhere.json"),
         (["--env-kwargs", "effects"], "--env-kwargs must be NAME=VALUE, got 'effects'"),
         (["--episodes", "0"], "--episodes must be at least 1"),
