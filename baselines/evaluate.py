@@ -26,7 +26,7 @@ from mcpilco.typing import InputError
 
 
 class Actor(Protocol):
-    """What is judged: anything that predicts as agents of stable-baselines3 do."""
+    """A policy to judge: anything that predicts as agents of stable-baselines3 do."""
 
     def predict(self, observation: Any, state: Any = None) -> tuple[Any, Any]:
         """The action for an observation, and the state to hand back with the next."""
@@ -34,7 +34,7 @@ class Actor(Protocol):
 
 
 class Learner(Actor, Protocol):
-    """What is judged while it learns."""
+    """A learner that is judged while it learns."""
 
     @property
     def num_timesteps(self) -> int:
@@ -48,7 +48,7 @@ class Learner(Actor, Protocol):
 
 @dataclass(frozen=True)
 class Judgement:
-    """What became of one policy in M fresh episodes, and what it took to learn it."""
+    """The outcomes of one policy in M fresh episodes, and what it took to learn it."""
 
     experience_s: float
     """duration of the data that the policy was learned from [s]"""
@@ -117,7 +117,7 @@ class Judge:
     def __call__(
         self, agent: Actor, experience_s: float = 0.0, spent: Spent | None = None
     ) -> Judgement:
-        """What becomes of the agent's policy.
+        """The outcomes of the agent's policy in fresh episodes.
 
         Args:
             agent: acts; it is not changed.

@@ -4,8 +4,8 @@ settings = CurveSettings(env, config=config, algo="baselines:sac", trials=2, amo
 make_job = functools.partial(CurveJob, checkpoints=Path("runs/out/sac/checkpoints"))
 sweep(settings, range(5), "runs/out/sac", make_job=make_job)
 
-A sweep judges after each trial. What learns from an hour of experience is better judged here and
-there: the result is that of a sweep, with a row for each amount.
+A sweep judges after each trial. An agent that learns from an hour of experience is better judged
+here and there: the result is that of a sweep, with a row for each amount.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mcpilco.typing import InputError
 
 @dataclass(frozen=True)
 class CurveSettings(Settings):
-    """What the seeds have in common; `trials` is the number of amounts."""
+    """The settings that all seeds share; `trials` is the number of amounts."""
 
     amounts: tuple[int, ...] = ()
     """steps of the env after which the policy is judged, rising"""

@@ -94,7 +94,7 @@ def through_bases(bases: Bases, mean: Float[Tensor, "*b D"], cov: Float[Tensor, 
 
 
 class _Expectations:
-    """What the moments are made of; the letters are those of the module's head."""
+    """The terms of the moments; the letters are those of the module's head."""
 
     def __init__(self, bases: Bases, mean: Tensor, cov: Tensor) -> None:
         self.bases = bases
@@ -143,7 +143,7 @@ class _Expectations:
         return (self.w[..., None, :] @ self.r).squeeze(-2).mT
 
     def mass(self) -> Tensor:
-        """What each entry of `growth` is weighed with: w_ai w_bj, less K^-1 q q on the diagonal."""
+        """The weight of each entry of `growth`: w_ai w_bj, less K^-1 q q on the diagonal."""
         a, b = self.bases.pairs
         weights = self.w[..., a, :, None] * self.w[..., b, None, :]
         if self.bases.inverse is None:

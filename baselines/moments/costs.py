@@ -1,19 +1,61 @@
-"""Expected costs: what a cost is on average where the state is Gaussian."""
+"""PILCO's own cost of the cart-pole, and the expected costs of Gaussian states."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from dataclasses import dataclass
 from functools import singledispatch
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from baselines.costs import TipDistanceCost
 from baselines.moments.image import Gaussian
 from baselines.moments.sines import through_trig, through_waves
 from mcpilco.policies import QuadraticCost, SaturatingCost, TipCost
 from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class TipDistanceCost:
+    """c = 1 - exp(-d^2 / (2 width^2)), d from the pole's tip to where it is up, in [0, 1] [-].
+
+    The tip is at (p + l sin q, -l cos q), up is (0, l), with q = 0 hanging.
+
+    Reference: Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010),
+    on the cart-pole swing-up.
+    """
+
+    cart: int
+    """which state is the cart's position p [m]"""
+    angle: int
+    """which state is the pole's angle q [rad]"""
+    length: float = 0.5
+    """l, from hinge to tip [m]"""
+    width: float = 0.25
+    """distance at which the cost is 1 - exp(-1/2) [m]"""
+
+    def __post_init__(self) -> None:
+        if not (self.length > 0 and self.width > 0):
+            raise InputError(
+                "TipDistanceCost length and width must be positive [m], "
+                f"got {self.length} and {self.width}."
+            )
+
+    def widened(self, factor: float) -> TipDistanceCost:
+        """The same cost, `factor` times as wide."""
+        return dataclasses.replace(self, width=factor * self.width)
+
+    def __call__(
+        self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"] | None = None
+    ) -> Float[Tensor, "*b"]:
+        """The cost of each state [-]; inputs are free."""
+        q = states[..., self.angle]
+        aside = states[..., self.cart] + self.length * q.sin()
+        below = self.length * (1.0 + q.cos())
+        return 1.0 - torch.exp(-0.5 * (aside**2 + below**2) / self.width**2)
+
 
 _LEAST_VARIANCE = 1e-30
 """what stands for none where it divides"""
@@ -28,7 +70,7 @@ def expected_cost(cost: object, states: Gaussian, inputs: Gaussian) -> Float[Ten
     that they have, as PILCO does.
 
     Args:
-        cost: one of `mcpilco.policies.costs` or `baselines.costs`.
+        cost: one of `mcpilco.policies.costs` or `baselines.moments.costs`.
         states: x.
         inputs: u, the inputs before them.
 

@@ -1,4 +1,4 @@
-"""What a function makes of a Gaussian, and how such functions follow one another.
+"""The image of a Gaussian under a function, and how such functions follow one another.
 
     x ~ N(m, s),   y = f(x):   M = E[y],   S = cov(y),   V = s^-1 cov(x, y)
 

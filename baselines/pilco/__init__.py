@@ -9,6 +9,6 @@ agent.learn(total_timesteps=150, progress_bar=True)
 from __future__ import annotations
 
 from baselines.pilco.agent import PILCO
-from baselines.pilco.config import PRESETS, PilcoConfig
+from baselines.pilco.model import PRESETS, PilcoConfig
 
 __all__ = ["PILCO", "PRESETS", "PilcoConfig"]

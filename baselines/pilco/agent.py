@@ -7,11 +7,9 @@ import functools
 
 import torch
 
-from baselines.costs import TipDistanceCost
-from baselines.moments.costs import expected_cost
+from baselines.moments.costs import TipDistanceCost, expected_cost
 from baselines.moments.image import Gaussian
-from baselines.pilco.config import PRESETS, PilcoConfig
-from baselines.pilco.model import PilcoModel
+from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Predict, Problem, predicted
 from baselines.pilco.search import PilcoSearch, SearchResult

@@ -18,9 +18,8 @@ from torch.autograd.function import once_differentiable
 from baselines.moments.bases import Bases
 from baselines.moments.compiled import bases as compiled_bases
 from baselines.moments.compiled import waves as compiled_waves
-from baselines.moments.compiled.arithmetic import OUTERMOST
 from baselines.moments.compiled.bases import Functions, trace
-from baselines.moments.compiled.waves import Waves
+from baselines.moments.compiled.waves import OUTERMOST, Waves
 from baselines.moments.image import Gaussian
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import GaussianDynamics

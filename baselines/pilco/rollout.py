@@ -23,7 +23,7 @@ from mcpilco.typing import Cost
 
 @dataclass(frozen=True)
 class GaussianDynamics:
-    """What the posterior of the changes makes of a Gaussian state and a policy."""
+    """The step of a Gaussian state under a policy, by the posterior of the changes."""
 
     bases: Bases
     """of the E predicted changes, on regressors [z, u]"""
@@ -119,7 +119,7 @@ def predicted(
 
 @dataclass(frozen=True)
 class Problem:
-    """What is minimised: the expected cost over the horizon, of one Gaussian in a model."""
+    """The objective: the expected cost over the horizon, of one Gaussian in a model."""
 
     dynamics: GaussianDynamics
     """the model"""

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from baselines.moments.image import Gaussian
-from baselines.pilco.config import PilcoConfig
+from baselines.pilco.model import PilcoConfig
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Problem
 from mcpilco.data import Prediction
@@ -28,7 +28,7 @@ _SPREAD_PARTICLES = 384
 """particles that the spread of the cost is estimated from"""
 
 Report = Callable[[int, int, dict[str, float]], None]
-"""told after each evaluation: evaluations done, most of them, values by name"""
+"""called after each evaluation: evaluations done, most of them, values by name"""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class PilcoSearch:
     generator: torch.Generator
     """source of the particles that are shown"""
     report: Report
-    """told of each evaluation"""
+    """called after each evaluation"""
 
     def run(self) -> SearchResult:
         """The policy of the lowest expected cost that L-BFGS meets.

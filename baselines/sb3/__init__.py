@@ -10,9 +10,15 @@ action, _ = agent.predict(observation)
 from __future__ import annotations
 
 from baselines.sb3.agent import PPOAgent, SACAgent, SB3Agent, TQCAgent, make_learner
-from baselines.sb3.config import PolicyKwargs, PPOConfig, SACConfig, SB3Config, TQCConfig
+from baselines.sb3.config import (
+    PolicyKwargs,
+    PPOConfig,
+    SACConfig,
+    SB3Config,
+    TQCConfig,
+    read_presets,
+)
 from baselines.sb3.from_model import WarmStart, warm_start
-from baselines.sb3.presets import read_presets
 
 __all__ = [
     "PPOAgent",

@@ -11,10 +11,8 @@ import numpy as np
 from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
-from baselines.sb3.agent_file import SavedSB3
-from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig
-from baselines.sb3.library import CLASSES, Told, quiet_logger, random_numbers, vector_of
-from baselines.sb3.presets import TunedPreset, shipped
+from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig, TunedPreset, shipped
+from baselines.sb3.library import CLASSES, SavedSB3, Told, quiet_logger, random_numbers, vector_of
 from baselines.sb3.view import View, ViewedEnv
 from mcpilco.agent import BrokenEpisodeError, TrialAgent, run_episode
 from mcpilco.data import Rollout, Stopwatch, TrialResult
@@ -25,7 +23,7 @@ from mcpilco.typing import InputError
 
 
 class SB3Agent(TrialAgent):
-    """What SAC, TQC and PPO have in common.
+    """The base of the agents SAC, TQC and PPO.
 
     A trial is a stretch of learning, `trial_steps` steps of the env long, and then one rollout of
     the policy without its noise, which is recorded, and neither learned from nor counted. What a
@@ -116,7 +114,7 @@ class SB3Agent(TrialAgent):
     def _practise(self, trial: int, steps: int, events: Callback) -> None:
         """Learn for so many steps, from new episodes on."""
         learner, seed = self.learner, self._draw(trial)
-        learner.env.seed(seed)  # told to the envs by their next reset,
+        learner.env.seed(seed)  # used by the envs' next reset,
         learner._last_obs = None  # which comes first
         learner.action_space.seed(seed)
         with random_numbers(seed):
@@ -156,7 +154,7 @@ class SB3Agent(TrialAgent):
     def inputs_in(
         self, states: Float[np.ndarray, "*b X"], deterministic: bool = True
     ) -> Float[np.ndarray, "*b U"]:
-        """What the policy answers in states, in the env's unit.
+        """The policy's inputs in states, in the env's unit.
 
         Args:
             states: as `task` has them, in their units.

@@ -171,7 +171,7 @@ def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None
 
 
 def _perturbed(source: MCPILCO, numbers: WarmStart, generator: torch.Generator) -> Perturbed:
-    """What the first particles follow: chance, chance for a while, the policy."""
+    """The policies that particles follow first: chance, chance for a while, the policy."""
     count, horizon = numbers.particles, source.horizon
     draw = torch.rand(2, count, generator=generator, dtype=torch.float64)
     begin = torch.zeros(count, dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""What networks see of an env: cosines and sines of angles, inputs between -1 and 1."""
+"""The observations of networks: cosines and sines of angles, inputs between -1 and 1."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class View:
             )
 
     def features(self, states: Float[np.ndarray, "*b X"]) -> Float32[np.ndarray, "*b F"]:
-        """What a network sees."""
+        """The observation of a network."""
         angles = list(self.task.angles)
         plain = [i for i in range(states.shape[-1]) if i not in angles]
         turned = states[..., angles]

@@ -42,13 +42,13 @@ class Gains:
     @classmethod
     def tuned(cls, model: mujoco.MjModel, bandwidth: float = BANDWIDTH) -> Gains:
         """Critical damping at one bandwidth [rad/s], as somebody would tune them on the robot."""
-        felt = _inertia_felt(model)
-        return cls(bandwidth**2 * felt, 2.0 * bandwidth * felt)
+        inertia = _inertia_at_joints(model)
+        return cls(bandwidth**2 * inertia, 2.0 * bandwidth * inertia)
 
 
 @dataclass(frozen=True)
 class Followed:
-    """What a robot did while it followed a reference."""
+    """The motion of a robot that followed a reference."""
 
     time: Float[np.ndarray, " T"]
     """of the controller's steps [s]"""
@@ -129,17 +129,17 @@ def follow(
     )
 
 
-def _inertia_felt(model: mujoco.MjModel) -> Float[np.ndarray, " J"]:
+def _inertia_at_joints(model: mujoco.MjModel) -> Float[np.ndarray, " J"]:
     """Mean of the inertia matrix's diagonal over postures [kg m^2 or kg]."""
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    felt, column = np.zeros(model.nv), np.empty(model.nv)
+    inertia, column = np.zeros(model.nv), np.empty(model.nv)
     for _ in range(POSTURES):
         data.qpos[:] = rng.uniform(*model.jnt_range.T)
         mujoco.mj_forward(model, data)
         for j, unit in enumerate(np.eye(model.nv)):
             mujoco.mj_mulM(model, data, column, unit)
-            felt[j] += column[j] / POSTURES
-    return felt
+            inertia[j] += column[j] / POSTURES
+    return inertia
 
 
 def control_times(

@@ -1,4 +1,4 @@
-"""What is logged while a robot follows sinusoids: encoders and force sensors, with noise."""
+"""Recordings of a robot that follows sinusoids: encoders and force sensors, with noise."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def measured(
     force_noise: float = FORCE_NOISE,
     name: str = "sinusoids",
 ) -> Recording:
-    """What sensors log of a motion; the arguments are those of `record_sinusoids`."""
+    """A recording of a motion by sensors; the arguments are those of `record_sinusoids`."""
     force = followed.force
     noisy = force + force_noise * force.std(axis=0) * rng.normal(size=force.shape)
     joints = [model.joint(j).name for j in range(model.njnt)]

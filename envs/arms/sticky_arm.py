@@ -71,7 +71,7 @@ class Push:
 
 @dataclass(frozen=True)
 class ArmLog:
-    """T samples of an arm, as its sensors told them, and what nobody measures."""
+    """T samples of an arm, as its sensors report them, and what nobody measures."""
 
     time: Float[np.ndarray, " T"]
     """[s]"""
@@ -137,7 +137,7 @@ class StickyArm:
         if not np.isclose(targets.dt, dt):
             raise InputError(f"targets must be sampled every {dt:g} s, got {targets.dt:g} s.")
         feed = self.drives.modelled * self._rigid(targets, every)
-        position, velocity, current, told, push = self._simulate(targets, feed, every, pushes)
+        position, velocity, current, reported, push = self._simulate(targets, feed, every, pushes)
         noise, shape = self.drives, position.shape
         return ArmLog(
             time=SAMPLING_S * np.arange(len(position)),
@@ -146,7 +146,7 @@ class StickyArm:
             current=current + noise.current_noise * rng.normal(size=shape),
             target_position=targets.q[targets.lead :: every],
             target_velocity=targets.dq[targets.lead :: every],
-            target_current=told,
+            target_current=reported,
             push=push,
             joints=self.joints,
             pushes=tuple(pushes),
@@ -170,11 +170,11 @@ class StickyArm:
     def _simulate(
         self, targets: Targets, feed: np.ndarray, every: int, pushes: Sequence[Push]
     ) -> tuple[np.ndarray, ...]:
-        """True positions, velocities, currents, told currents and forces at the log's instants."""
+        """Positions, velocities, currents, reported currents and forces at the log's instants."""
         model, drives = self.model, self.drives
         data, site = mujoco.MjData(model), model.site(TOOL).id
         kp, kd, ki = (np.array(g) for g in (drives.stiffness, drives.damping, drives.integral))
-        per_current, told_all = np.array(drives.torque_per_current), drives.tells == "command"
+        per_current, by_command = np.array(drives.torque_per_current), drives.tells == "command"
         size = _sizes(pushes, targets)
         data.qpos[:], data.qvel[:] = targets.q[0], targets.dq[0]
         summed, rows = np.zeros(model.nv), []
@@ -188,13 +188,13 @@ class StickyArm:
                 force = _across(data.site_xpos[site], size[k])
                 _apply(model, data, site, force)
             if k >= targets.lead and k % every == 0:
-                told = torque if told_all else feed[k // every]
+                reported = torque if by_command else feed[k // every]
                 rows.append(
                     (
                         data.qpos.copy(),
                         data.qvel.copy(),
                         torque / per_current,
-                        told / per_current,
+                        reported / per_current,
                         force,
                     )
                 )

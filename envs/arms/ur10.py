@@ -27,7 +27,7 @@ _LINKS: tuple[tuple[str, str, float, Vector, float, float, Vector], ...] = (
     ("tool", "wrist_3", 1.2, (0.03, 0.02, 0.12), 0.06, 0.1, (0.0, 0.0, 1.0)),
 )
 _ROTORS = (0.4, 0.4, 0.3, 0.1, 0.1, 0.1)
-"""inertia of the motors behind their gears, felt at the joints [kg m^2]"""
+"""inertia of the motors behind their gears, seen from the joints [kg m^2]"""
 
 
 def ur10() -> Chain:

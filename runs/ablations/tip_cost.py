@@ -5,7 +5,7 @@ from dataclasses import replace
 import gymnasium
 
 import envs  # noqa: F401  registers the cart-pole
-from baselines.costs import TipDistanceCost
+from baselines.moments.costs import TipDistanceCost
 
 _shown = gymnasium.make("mcpilco/CartPoleSwingUp-v0").unwrapped.task
 _states = _shown.state_names.index

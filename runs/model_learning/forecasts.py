@@ -17,8 +17,7 @@ import torch
 from jaxtyping import Float
 
 from baselines.moments.image import Gaussian
-from baselines.pilco.config import PilcoConfig
-from baselines.pilco.model import PilcoModel
+from baselines.pilco.model import PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import predicted
 from mcpilco.agent import Model, input_bounds, load_policy

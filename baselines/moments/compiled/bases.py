@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from baselines.moments.compiled.arithmetic import COMPILED, expm1, invert
+from baselines.moments.compiled.waves import COMPILED, expm1, invert
 
 
 class Functions(NamedTuple):
@@ -32,7 +32,7 @@ class Functions(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What the way back needs of one step; a leading axis in front holds all steps."""
+    """The terms of one step that its derivatives need; a leading axis in front holds all steps."""
 
     F: np.ndarray
     """(K, D, D)"""

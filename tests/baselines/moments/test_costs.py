@@ -10,8 +10,8 @@ import torch
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from baselines.costs import TipDistanceCost
 from baselines.moments import Gaussian, expected_cost
+from baselines.moments.costs import TipDistanceCost
 from mcpilco.policies import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost
 from mcpilco.typing import InputError
 from tests.baselines.differences import slope_along

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.costs import TipDistanceCost
+from baselines.moments.costs import TipDistanceCost
 from baselines.pilco import PILCO, PRESETS, PilcoConfig
 from baselines.pilco.search import PilcoSearch
 from mcpilco import MCPILCO

@@ -9,8 +9,8 @@ import pytest
 
 import envs  # noqa: F401  registers its ids
 from baselines.sb3 import PPOAgent, SACAgent, SACConfig, TQCAgent
+from baselines.sb3.config import read_presets
 from baselines.sb3.library import CLASSES
-from baselines.sb3.presets import read_presets
 from mcpilco.config import from_dict
 from mcpilco.typing import InputError
 

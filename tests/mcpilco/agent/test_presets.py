@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from baselines.pilco.config import PilcoConfig
+from baselines.pilco.model import PilcoConfig
 from mcpilco.agent import suitable_preset, with_model
 from mcpilco.config import Config, ModelConfig
 from mcpilco.plant import Correction, write_correction
