@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from mcpilco.agent import Act, horizon_of, make_env, remembering, task_of
 from mcpilco.data import Spent, Stopwatch
-from mcpilco.sweep.fresh import FreshEpisodes
+from mcpilco.sweep import FreshEpisodes
 from mcpilco.typing import InputError
 
 

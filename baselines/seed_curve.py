@@ -22,7 +22,7 @@ from baselines.evaluate import Judge, Judgement, learning_curve
 from mcpilco.agent import find_after_import, make_env
 from mcpilco.data import is_measure
 from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.sweep.job import FORMAT, Settings, machine, one_thread
+from mcpilco.sweep import FORMAT, Settings, machine, one_thread
 from mcpilco.typing import InputError
 
 

@@ -13,8 +13,7 @@ import tyro
 from mcpilco.cli.options import optional
 
 if TYPE_CHECKING:
-    from mcpilco.sweep.comparison import LineUp
-    from mcpilco.sweep.comparison.statistics import Estimate, Measure
+    from mcpilco.sweep import Estimate, LineUp, Measure
 
 _OUT = "runs/out"
 _CAPTION = (
@@ -39,7 +38,7 @@ class Compare:
             McPilcoError: nothing can be compared; the sentence says why.
         """
         from mcpilco.show.comparison import write_comparison
-        from mcpilco.sweep.comparison import line_up
+        from mcpilco.sweep import line_up
 
         found = line_up(self.runs)
         out = self.out or Path(_OUT) / f"compare-{datetime.now():%Y%m%d-%H%M%S}"
@@ -60,7 +59,7 @@ def _print_last(found: LineUp) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mcpilco.sweep.comparison.statistics import estimate, measures
+    from mcpilco.sweep import estimate, measures
 
     told = [
         measure

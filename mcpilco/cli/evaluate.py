@@ -75,7 +75,7 @@ class Evaluate:
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
 
-        from mcpilco.sweep.fresh import outcomes_one_by_one
+        from mcpilco.sweep import outcomes_one_by_one
 
         seeds = np.random.SeedSequence((training_seed, self.seed)).generate_state(self.episodes)
         horizon = self.horizon or agent.horizon

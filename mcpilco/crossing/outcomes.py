@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from mcpilco.agent import make_env, run_episode, task_of
 from mcpilco.logbook import read_json, write_json
-from mcpilco.sweep.fresh import Act, FreshEpisodes
+from mcpilco.sweep import Act, FreshEpisodes
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError
 

@@ -1,14 +1,42 @@
-"""A comparison of runs as files: tables and pictures."""
+"""A comparison of runs as files: tidy CSV for programs, Markdown and pictures for people."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from mcpilco.files import write_bytes
+import numpy as np
+
+from mcpilco.files import csv_bytes, write_bytes
 from mcpilco.show.comparison_pictures import write_curves, write_seeds
-from mcpilco.sweep.comparison import LineUp, tables
-from mcpilco.sweep.comparison.statistics import differences, estimates
+from mcpilco.sweep import (
+    CONFIDENCE,
+    SHOWN,
+    SPENT,
+    Course,
+    Estimate,
+    LineUp,
+    Measure,
+    Row,
+    Run,
+    all_amounts,
+    differences,
+    estimates,
+    markdown,
+    same_amount,
+)
 from mcpilco.typing import RunFolderError
+
+_COLUMNS = "run", "measure", "unit", "statistic", "experience_s", "seeds", "value", "low", "high"
+_NAMES = {"mean": "mean", "median": "median", "iqm": "interquartile mean"}
+
+LEGEND = (
+    f"In brackets: {CONFIDENCE:.0%} intervals, Wilson's for success of the one test rollout of "
+    "each policy, the bootstrap over seeds for all else; none where there is one seed. The "
+    "interquartile mean is that of the middle half of the seeds. Processor time is of all trials "
+    "so far."
+)
 
 
 def write_comparison(found: LineUp, out: Path) -> list[Path]:
@@ -36,13 +64,184 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
             f"{out} cannot be written ({error.strerror or error}); choose another folder."
         ) from error
     rows, gains = estimates(found.runs), differences(found.runs)
-    texts = {
-        "comparison.md": tables.page(found, rows, gains),
-        "comparison.csv": tables.estimates_csv(rows),
-        "differences.csv": tables.differences_csv(gains),
-        "seeds.csv": tables.seeds_csv(found.runs),
+    contents = {
+        "comparison.md": page(found, rows, gains).encode(),
+        "comparison.csv": estimates_csv(rows),
+        "differences.csv": differences_csv(gains),
+        "seeds.csv": seeds_csv(found.runs),
     }
-    written = [write_bytes(out / name, text.encode()) for name, text in texts.items()]
+    written = [write_bytes(out / name, content) for name, content in contents.items()]
     written.append(write_curves(out / "curves.png", found.runs, rows))
     written.append(write_seeds(out / "seeds.png", found.runs))
     return written
+
+
+def seeds_csv(runs: Sequence[Run]) -> bytes:
+    """What every seed of every run reached after each amount of experience."""
+    names = [*SHOWN, *dict.fromkeys(name for run in runs for name in run.measures), SPENT]
+    rows = (
+        (run.name, seed, k + 1, float(amount), *(_at(course, name, k) for name in names))
+        for run in runs
+        for seed, course in run.courses.items()
+        for k, amount in enumerate(course.experience_s)
+    )
+    return _csv(("run", "seed", "trial", "experience_s", *names), rows)
+
+
+def _at(course: Course, name: str, k: int) -> float:
+    """A number of the k-th trial; NaN where this course has none."""
+    return course.values[name][k] if name in course.values else math.nan
+
+
+def estimates_csv(rows: Iterable[Row]) -> bytes:
+    """Statistics over seeds; shares in percent."""
+    return _csv(_COLUMNS, ((row.run, *_cells(row)) for row in rows))
+
+
+def differences_csv(rows: Iterable[Row]) -> bytes:
+    """Paired differences, `run` minus `other`."""
+    header = ("run", "other", *_COLUMNS[1:])
+    return _csv(header, ((row.run, row.other, *_cells(row)) for row in rows))
+
+
+def page(found: LineUp, rows: Sequence[Row], gains: Sequence[Row]) -> str:
+    """All tables as one Markdown text."""
+    runs, env = found.runs, found.runs[0].protocol.env
+    parts = [f"# {' and '.join(run.name for run in runs)} on {env}", about(runs), solved(runs)]
+    cautions = [*found.left_out, *found.cautions]
+    if cautions:
+        parts.append("\n".join(f"- {sentence}" for sentence in cautions))
+    parts += ["## After each amount of experience", LEGEND, *tables(rows, all_amounts(runs))]
+    if len(runs) > 1:
+        parts += ["## Differences of the same seeds", *difference_tables(runs, gains)]
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def about(runs: Sequence[Run]) -> str:
+    """Which runs these are."""
+    cells = [
+        (run.name, run.algo, run.preset, str(len(run.courses)), str(run.fresh)) for run in runs
+    ]
+    return markdown(("run", "algorithm", "preset", "seeds", "fresh rollouts a policy"), cells)
+
+
+def solved(runs: Sequence[Run]) -> str:
+    """How much experience it takes."""
+    first = {run.name: _told(c.succeeded_s for c in run.courses.values()) for run in runs}
+    often = {run.name: _told(c.solved_s for c in run.courses.values()) for run in runs}
+    cells = [
+        (run.name, *_until(first[run.name]), *_until(often[run.name]))
+        for run in runs
+        if first[run.name] or often[run.name]
+    ]
+    if not cells:
+        return ""
+    header = ("run", "first success [s]", "seeds", "solved [s]", "seeds")
+    return (
+        markdown(header, cells)
+        + "\nExperience, median over seeds, and how many seeds get there. First success: behind "
+        "the first policy whose test rollout succeeds; solved: behind the first that succeeds in "
+        "90 % of its fresh rollouts; inf where half of the seeds have none."
+    )
+
+
+def _told(seconds: Iterable[float]) -> list[float]:
+    return sorted(value for value in seconds if not math.isnan(value))
+
+
+def _until(rising: Sequence[float]) -> tuple[str, str]:
+    """The median, where half of the values may be infinite, and how many are not."""
+    if not rising:
+        return "", ""
+    upper, lower = rising[len(rising) // 2], rising[(len(rising) - 1) // 2]
+    return f"{(upper + lower) / 2:g}", f"{sum(map(math.isfinite, rising))} of {len(rising)}"
+
+
+def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:
+    """A heading and a table for each measure that a run tells."""
+    parts = []
+    for measure in dict.fromkeys(row.measure for row in rows):
+        of_it = [row for row in rows if row.measure == measure]
+        lines = dict.fromkeys((row.run, row.statistic) for row in of_it)
+        cells = [
+            (name, _NAMES[statistic], *_along(amounts, of_it, (name, statistic), measure))
+            for name, statistic in lines
+        ]
+        if cells:
+            header = ("run", "over seeds", *(f"{amount:g} s" for amount in amounts))
+            parts += [f"### {_upper(measure.title)}", markdown(header, cells)]
+    return parts
+
+
+def difference_tables(runs: Sequence[Run], gains: Sequence[Row]) -> list[str]:
+    """A table for each measure: each pair of runs that have seeds and amounts in common."""
+    parts = []
+    for measure in dict.fromkeys(row.measure for row in gains):
+        of_it = [row for row in gains if row.measure == measure]
+        amounts = [
+            a for a in all_amounts(runs) if any(same_amount(a, r.experience_s) for r in of_it)
+        ]
+        cells = []
+        for pair in dict.fromkeys((row.run, row.other) for row in of_it):
+            mine = [row for row in of_it if (row.run, row.other) == pair]
+            seeds = max(row.estimate.seeds for row in mine)
+            key = mine[0].run, mine[0].statistic
+            cells.append(
+                (f"{pair[0]} minus {pair[1]}", str(seeds), *_along(amounts, mine, key, measure))
+            )
+        if cells:
+            header = ("runs", "common seeds", *(f"{amount:g} s" for amount in amounts))
+            title = f"{_upper(measure.title)}, {_NAMES[measure.statistics[0]]} of the differences"
+            parts += [f"### {title}", markdown(header, cells)]
+    if not parts:
+        return ["No two runs have a seed and an amount of experience in common."]
+    return parts
+
+
+def _along(
+    amounts: Sequence[float], rows: Sequence[Row], line: tuple[str, str], measure: Measure
+) -> Iterable[str]:
+    """A cell for each amount; blank where there is none."""
+    mine = [row for row in rows if (row.run, row.statistic) == line]
+    for amount in amounts:
+        at = (row.estimate for row in mine if same_amount(row.experience_s, amount))
+        yield cell(next(at, None), measure)
+
+
+def cell(found: Estimate | None, measure: Measure) -> str:
+    """A value and its interval."""
+    if found is None:
+        return ""
+    value = f"{found.value:.{measure.digits}f}"
+    if found.low is None or found.high is None:
+        return value
+    return f"{value} ({found.low:.{measure.digits}f} to {found.high:.{measure.digits}f})"
+
+
+def _cells(row: Row) -> tuple[object, ...]:
+    found = row.estimate
+    return (
+        row.measure.key,
+        row.measure.unit,
+        row.statistic,
+        row.experience_s,
+        found.seeds,
+        found.value,
+        found.low,
+        found.high,
+    )
+
+
+def _csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    return csv_bytes(header, ([_text(value) for value in row] for row in rows))
+
+
+def _text(value: object) -> str:
+    """As text that reads back equal; empty for what is not told."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
+
+
+def _upper(text: str) -> str:
+    return text[0].upper() + text[1:]

@@ -12,8 +12,7 @@ import numpy as np
 from mcpilco.files import write_bytes
 from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
 from mcpilco.show.plots.style import add_legend
-from mcpilco.sweep.comparison.runs import Run
-from mcpilco.sweep.comparison.statistics import Measure, Row, common_amounts, measures
+from mcpilco.sweep import Measure, Row, Run, common_amounts, measures
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:

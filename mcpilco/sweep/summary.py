@@ -1,21 +1,15 @@
-"""Many seeds in few numbers: rates, means and quartiles, with what chance leaves open."""
+"""The summary of a sweep: rates, means and quartiles over its seeds, and their table."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from mcpilco.data import title_of
 from mcpilco.logbook import measures_in
-
-CONFIDENCE = 0.95
-"""level of every interval"""
-
-_RESAMPLES = 10_000
-
+from mcpilco.sweep.statistics import CONFIDENCE, mean, rate, spread
 
 LEGEND = (
     "after: experience; success: of the one test rollout, with its "
@@ -35,71 +29,6 @@ _SPREADS = (
     "cpu_s",
     "wall_s",
 )
-
-
-def rate(flags: Iterable[bool | None]) -> dict[str, float] | None:
-    """Share of successes with its Wilson interval; None where nobody tells.
-
-    Reference: Wilson (1927), J. Am. Stat. Assoc. 22.
-    """
-    from scipy.stats import binomtest
-
-    told = [flag for flag in flags if flag is not None]
-    if not told:
-        return None
-    test = binomtest(sum(told), len(told))
-    interval = test.proportion_ci(CONFIDENCE, method="wilson")
-    share = sum(told) / len(told)
-    return {"n": len(told), "rate": share, "low": float(interval.low), "high": float(interval.high)}
-
-
-def mean(values: Iterable[float | None]) -> dict[str, Any] | None:
-    """Mean over seeds with its bootstrap interval, which takes two; None where nobody tells."""
-    told = _told(values)
-    if not len(told):
-        return None
-    low, high = bootstrapped(told, np.mean)
-    return {"n": len(told), "mean": float(told.mean()), "low": low, "high": high}
-
-
-def bootstrapped(
-    values: Float[np.ndarray, " S"], statistic: Callable[..., Any]
-) -> tuple[float | None, float | None]:
-    """Ends of the bootstrap interval of a statistic over seeds; None where there is one seed only.
-
-    Args:
-        values: one for each of S seeds.
-        statistic: of the values along `axis`.
-    """
-    from scipy.stats import bootstrap
-
-    if len(values) < 2:
-        return None, None
-    interval = bootstrap(
-        (values,),
-        statistic,
-        n_resamples=_RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method="percentile",  # the others are undefined where all values are equal
-        rng=np.random.default_rng(0),
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
-
-
-def spread(values: Iterable[float | None]) -> dict[str, float] | None:
-    """Mean, standard deviation, median and quartiles; None where nobody tells."""
-    told = _told(values)
-    if not len(told):
-        return None
-    q1, median, q3 = np.quantile(told, (0.25, 0.5, 0.75))
-    return {
-        "n": len(told),
-        "mean": float(told.mean()),
-        "std": float(told.std(ddof=1)) if len(told) > 1 else 0.0,
-        "q1": float(q1),
-        "median": float(median),
-        "q3": float(q3),
-    }
 
 
 def summarise(
@@ -224,7 +153,3 @@ def _machines(seeds: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
         if machine not in found:
             found.append(machine)
     return found
-
-
-def _told(values: Iterable[float | None]) -> np.ndarray:
-    return np.array([value for value in values if value is not None], dtype=float)

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 from mcpilco.show.plots.comparison import Curve, plain_log_axis, plot_curves
 from mcpilco.show.plots.style import SYSTEM
-from mcpilco.sweep.comparison import Run
-from mcpilco.sweep.comparison.statistics import Measure, estimate, measure_of
+from mcpilco.sweep import Measure, Run, estimate, measure_of
 
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}
 """of the thesis's figures"""

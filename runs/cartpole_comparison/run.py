@@ -36,7 +36,7 @@ from harness import (
     swept,
 )
 
-from mcpilco.sweep.comparison import Run, read_run
+from mcpilco.sweep import Run, read_run
 
 HERE = Path(__file__).parent
 SYSTEMS = {

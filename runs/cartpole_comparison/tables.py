@@ -9,10 +9,19 @@ from typing import Any
 from cartpole_swingup.run import cells, spreads, table
 
 from mcpilco.logbook import read_json
-from mcpilco.sweep import markdown, mean_cell, rate_cell, spread, spread_cell
-from mcpilco.sweep.comparison import Run
-from mcpilco.sweep.comparison.statistics import all_amounts, estimate, measure_of, same
-from mcpilco.sweep.comparison.tables import cell, solved
+from mcpilco.show.comparison import cell, solved
+from mcpilco.sweep import (
+    Run,
+    all_amounts,
+    estimate,
+    markdown,
+    mean_cell,
+    measure_of,
+    rate_cell,
+    same_amount,
+    spread,
+    spread_cell,
+)
 
 WORKS = 0.9
 """share of fresh rollouts in which a policy that works succeeds, at least [-]"""
@@ -97,7 +106,7 @@ def reached(runs: Sequence[Run], key: str) -> str:
     for run in runs:
         told = []
         for amount in AMOUNTS:
-            known = any(same(amount, own) for own in all_amounts([run]))
+            known = any(same_amount(amount, own) for own in all_amounts([run]))
             values = list(run.at(amount, key).values()) if known else []
             told.append(cell(estimate(values, measure, measure.statistics[0]), measure))
         rows.append((f"`{run.name}`", str(len(run.courses)), *told))

@@ -10,8 +10,7 @@ import pytest
 
 from baselines import seed_curve
 from baselines.seed_curve import CurveJob, CurveSettings
-from mcpilco.sweep import SweepFolder, sweep
-from mcpilco.sweep.comparison import read_run
+from mcpilco.sweep import SweepFolder, read_run, sweep
 from mcpilco.typing import InputError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.sweep.strange import HERE, HORIZON

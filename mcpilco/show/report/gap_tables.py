@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mcpilco.gap import Gap
-from mcpilco.sweep.summary import markdown
+from mcpilco.sweep import markdown
 
 MODELS = "nominal", "refit", "corrected", "noise_floor"
 """whose errors are told"""

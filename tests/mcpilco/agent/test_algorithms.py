@@ -10,7 +10,7 @@ import pytest
 
 from mcpilco.agent import algorithms
 from mcpilco.agent.agent import MCPILCO
-from mcpilco.sweep.job import Settings, run_seed
+from mcpilco.sweep import Settings, run_seed
 from mcpilco.typing import InputError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.sweep.strange import HERE

@@ -15,7 +15,7 @@ import envs  # noqa: F401  registers the cart-pole
 from mcpilco.agent import MCPILCO
 from mcpilco.config import PRESETS, Config, EstimatorConfig, PolicyConfig, SearchConfig
 from mcpilco.search import rollout
-from mcpilco.sweep.fresh import FreshEpisodes
+from mcpilco.sweep import FreshEpisodes
 from mcpilco.typing import EnvError, InputError, RunFolderError
 
 POSITIONS = "mcpilco/CartPoleSwingUpPositions-v0"

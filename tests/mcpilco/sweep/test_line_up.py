@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from mcpilco.sweep.comparison import line_up
+from mcpilco.sweep import line_up
 from mcpilco.typing import RunFolderError
-from tests.mcpilco.sweep.comparison.folders import trials_of, write_sweep
+from tests.mcpilco.sweep.folders import trials_of, write_sweep
 
 SEEDS = {k: trials_of([0.1, 0.9]) for k in range(2)}
 

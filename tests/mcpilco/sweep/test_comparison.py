@@ -9,9 +9,9 @@ import pytest
 
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
-from mcpilco.sweep.comparison import read_run
+from mcpilco.sweep import read_run
 from mcpilco.typing import RunFolderError
-from tests.mcpilco.sweep.comparison.folders import trials_of, write_sweep
+from tests.mcpilco.sweep.folders import trials_of, write_sweep
 from tests.mcpilco.sweep.strange import TINY
 
 

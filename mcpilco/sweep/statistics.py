@@ -1,9 +1,9 @@
-"""Many seeds in one number, with what chance leaves open: of a run, and of two runs' difference."""
+"""Statistics over seeds and their intervals: of a run, and of the difference of two runs."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,88 @@ from jaxtyping import Float
 from scipy.stats import trim_mean
 
 from mcpilco.data import title_of
-from mcpilco.sweep.comparison.runs import SPENT, Run
-from mcpilco.sweep.summary import bootstrapped, rate
+from mcpilco.sweep.comparison import SPENT, Run
 
+CONFIDENCE = 0.95
+"""level of every interval [-]"""
+_RESAMPLES = 10_000
 SAME = 1e-3
 """amounts of experience whose ratio differs less from 1 are the same [-]"""
+
+
+# Of numbers ------------------------------------------------------------------------
+
+
+def rate(flags: Iterable[bool | None]) -> dict[str, float] | None:
+    """Share of successes with its Wilson interval; None where nobody tells.
+
+    Reference: Wilson (1927), J. Am. Stat. Assoc. 22.
+    """
+    from scipy.stats import binomtest
+
+    told = [flag for flag in flags if flag is not None]
+    if not told:
+        return None
+    test = binomtest(sum(told), len(told))
+    interval = test.proportion_ci(CONFIDENCE, method="wilson")
+    share = sum(told) / len(told)
+    return {"n": len(told), "rate": share, "low": float(interval.low), "high": float(interval.high)}
+
+
+def mean(values: Iterable[float | None]) -> dict[str, Any] | None:
+    """Mean over seeds with its bootstrap interval, which takes two; None where nobody tells."""
+    told = _told(values)
+    if not len(told):
+        return None
+    low, high = bootstrapped(told, np.mean)
+    return {"n": len(told), "mean": float(told.mean()), "low": low, "high": high}
+
+
+def bootstrapped(
+    values: Float[np.ndarray, " S"], statistic: Callable[..., Any]
+) -> tuple[float | None, float | None]:
+    """Ends of the bootstrap interval of a statistic over seeds; None where there is one seed only.
+
+    Args:
+        values: one for each of S seeds.
+        statistic: of the values along `axis`.
+    """
+    from scipy.stats import bootstrap
+
+    if len(values) < 2:
+        return None, None
+    interval = bootstrap(
+        (values,),
+        statistic,
+        n_resamples=_RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",  # the others are undefined where all values are equal
+        rng=np.random.default_rng(0),
+    ).confidence_interval
+    return float(interval.low), float(interval.high)
+
+
+def spread(values: Iterable[float | None]) -> dict[str, float] | None:
+    """Mean, standard deviation, median and quartiles; None where nobody tells."""
+    told = _told(values)
+    if not len(told):
+        return None
+    q1, median, q3 = np.quantile(told, (0.25, 0.5, 0.75))
+    return {
+        "n": len(told),
+        "mean": float(told.mean()),
+        "std": float(told.std(ddof=1)) if len(told) > 1 else 0.0,
+        "q1": float(q1),
+        "median": float(median),
+        "q3": float(q3),
+    }
+
+
+def _told(values: Iterable[float | None]) -> np.ndarray:
+    return np.array([value for value in values if value is not None], dtype=float)
+
+
+# Of runs ------------------------------------------------------------------------
 
 
 def _interquartile_mean(values: Float[np.ndarray, "*b S"], axis: int = -1) -> Any:
@@ -184,14 +261,14 @@ def all_amounts(runs: Sequence[Run]) -> list[float]:
 def _distinct(rising: Sequence[float]) -> Iterator[float]:
     last = None
     for amount in rising:
-        if last is None or not same(amount, last):
+        if last is None or not same_amount(amount, last):
             yield (last := amount)
 
 
 def _has(run: Run, amount: float) -> bool:
-    return any(same(float(own), amount) for own in run.amounts)
+    return any(same_amount(float(own), amount) for own in run.amounts)
 
 
-def same(amount: float, other: float) -> bool:
+def same_amount(amount: float, other: float) -> bool:
     """Whether two amounts of experience are the same."""
     return abs(amount - other) <= SAME * max(abs(amount), abs(other))

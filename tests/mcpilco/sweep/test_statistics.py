@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.sweep.comparison import read_run
-from mcpilco.sweep.comparison.statistics import (
+from mcpilco.sweep import read_run
+from mcpilco.sweep.statistics import (
     all_amounts,
     common_amounts,
     difference,
@@ -13,7 +13,7 @@ from mcpilco.sweep.comparison.statistics import (
     estimates,
     measure_of,
 )
-from tests.mcpilco.sweep.comparison.folders import trials_of, write_sweep
+from tests.mcpilco.sweep.folders import trials_of, write_sweep
 
 
 def test_interquartile_mean_is_that_of_the_middle_half():

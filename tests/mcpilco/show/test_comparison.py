@@ -8,8 +8,8 @@ import pytest
 
 from mcpilco.cli import main
 from mcpilco.show.comparison import write_comparison
-from mcpilco.sweep.comparison import line_up
-from tests.mcpilco.sweep.comparison.folders import trials_of, write_sweep
+from mcpilco.sweep import line_up
+from tests.mcpilco.sweep.folders import trials_of, write_sweep
 
 PNG = b"\x89PNG"
 
