@@ -63,8 +63,7 @@ class Gap:
         """
         use_one_thread()
         register()
-        from mcpilco.gap import investigate
-        from mcpilco.gap.report import write_json
+        from mcpilco.gap import investigate, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
@@ -125,7 +124,7 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
         out: folder of its files.
         written: which are there already. What cannot be drawn loses nothing else.
     """
-    from mcpilco.gap.report import summary
+    from mcpilco.gap import summary
     from mcpilco.show.gap_film import write_film
     from mcpilco.show.report.gap_page import write_gap_report
 

@@ -1,191 +1,51 @@
-"""Output-error fits: free runs over windows against the measurement, their start states free.
+"""Output-error fits: free runs over windows against the measurement, their initial states free.
 
-The start state of a window moves only this window's residual. It is eliminated: what is left of the
-other parameters' columns is what no start state could have done.
+The initial state of a window moves only this window's residual. It is eliminated: what is left of
+the other parameters' columns is what no initial state could have done.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mcpilco.gap.model import Model
-from mcpilco.gap.pushes import learned_columns
-from mcpilco.gap.windows import Windows
-from mcpilco.plant import simulate
+from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
+from mcpilco.gap.sensitivities import Linearised, _leaning, linearise, residual, run
+from mcpilco.gap.thresholds import BUDGET, DATA, FIT
+from mcpilco.recordings import Recording
 
-LOST = 1e3
-"""residual of a sample that a simulation that ran away did not reach, in noise std"""
-CONVERGED = 1e-4
-"""relative change of the cost below which a fit ends"""
-FAR, CRAWL = 10.0, 0.02
-"""misfit of a sample beyond which a model is far from fitting; change of the cost that is little"""
-A_FIT = 0.2
-"""part of the steps left to an investigation beyond which a fit makes no further iteration"""
-TOLERATED = 9.0
-"""how many times the median misfit a window may have and still count in full"""
 LEAST_DAMPING = 1e-10
-"""of a step, relative: a window that is cut off early may not tell all of its start state"""
-START_STEPS = 1e-3, 1e-2
-"""of finite differences over the start state: positions [m or rad], velocities [m/s or rad/s]"""
-
-
-@dataclass(frozen=True)
-class Linear:
-    """A model at theta and start states: its residuals and how they change.
-
-    Rows of unmeasured samples are 0.
-    """
-
-    r: Float[np.ndarray, "W n"]
-    """(measured - simulated) / noise std"""
-    Jx: Float[np.ndarray, "W n X"]
-    """change of the simulation with the start state, over the noise std"""
-    Jp: Float[np.ndarray, "W n p"]
-    """with theta"""
-
-    def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linear:
-        """Some of the windows."""
-        return Linear(self.r[chosen], self.Jx[chosen], self.Jp[chosen])
-
-    @cached_property
-    def basis(self) -> Float[np.ndarray, "W n X"]:
-        """Orthonormal columns that span those of Jx."""
-        size = np.linalg.norm(self.Jx, axis=1, keepdims=True)
-        return np.linalg.qr(self.Jx / np.where(size > 0.0, size, 1.0))[0]
-
-    def cleaned(self, columns: Float[np.ndarray, "W n k"]) -> Float[np.ndarray, "W n k"]:
-        """What no start state could have done."""
-        return columns - self.basis @ (self.basis.transpose(0, 2, 1) @ columns)
-
-    def normal_equations(
-        self,
-        theta: Float[np.ndarray, " p"],
-        weight: Float[np.ndarray, " W"],
-        precision: Float[np.ndarray, " p"],
-    ) -> tuple[Float[np.ndarray, "W n p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-        """P, H and g: cleaned columns of theta, and H step = g of the best step with a prior."""
-        P = self.cleaned(self.Jp)
-        WP = weight[:, None, None] * P
-        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
-        return P, H, np.einsum("wni,wn->i", WP, self.r) - precision * theta
+"""of a step, relative: a window that is cut off early may not determine its initial state"""
 
 
 @dataclass(frozen=True)
 class Fit:
     """A model fitted to windows."""
 
-    model: Model
-    theta: Float[np.ndarray, " p"]
-    starts: Float[np.ndarray, "W X"]
+    model: PlantModel
+    theta: Theta
+    x0: InitialStates
     chi2: float
     """squared residuals over squared noise, and the prior's"""
-    by_window: Float[np.ndarray, " W"]
+    by_window: PerWindow
     """the squared residuals of each"""
 
     def at(self, chosen: Int[np.ndarray, " V"]) -> Fit:
         """This fit, of some of the windows only."""
         by_window = self.by_window[chosen]
-        return replace(self, starts=self.starts[chosen], by_window=by_window)
-
-
-def run(
-    model: Model,
-    windows: Windows,
-    theta: Float[np.ndarray, "S p"],
-    starts: Float[np.ndarray, "S W X"],
-) -> Float[np.ndarray, "S W X T"]:
-    """Simulated measurements of S parameter vectors, each on all windows."""
-    S, W = starts.shape[:2]
-    system, window = np.repeat(np.arange(S), W), np.tile(np.arange(W), S)
-    y = simulate(
-        model.tables(theta),
-        system,
-        np.ascontiguousarray(starts.reshape(S * W, -1)),
-        window,
-        np.ascontiguousarray(windows.commands),  # compiled for these alone
-        windows.lead,
-        windows.dt,
-        model.effort.taken,
-    )
-    return y.reshape(S, W, *y.shape[1:])
-
-
-def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
-    """(measured - simulated) / noise std; 0 where nothing was measured."""
-    r = (windows.y - y) / windows.std[:, None]
-    r = np.where(np.isfinite(y), r, LOST)
-    r = np.where(windows.measured, r, 0.0)
-    return r.reshape(*r.shape[:-2], -1)
-
-
-def linearise(
-    model: Model,
-    windows: Windows,
-    theta: Float[np.ndarray, " p"],
-    starts: Float[np.ndarray, "W X"],
-    over_theta: bool = True,
-) -> Linear:
-    """The model's residuals at theta and the start states, and their central differences.
-
-    Differences to one side only are not enough: where masses and gains grow together nothing
-    moves, and their columns must cancel. The coordinates of learned forces are many, and their
-    columns are made of answers to pushes.
-    """
-    X, p = starts.shape[1], len(theta) - model.coordinates if over_theta else 0
-    nudges = np.tile(START_STEPS, X // 2)
-    steps = model.steps(theta)[:p]
-    thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
-    moved = np.tile(starts, (1 + 2 * X + 2 * p, 1, 1))
-    for sign, first in ((1.0, 1), (-1.0, 1 + X)):
-        moved[first : first + X] += sign * np.diag(nudges)[:, None]
-    for sign, first in ((1.0, 1 + 2 * X), (-1.0, 1 + 2 * X + p)):
-        thetas[first : first + p] += sign * np.eye(p, len(theta)) * steps[:, None]
-    low, high = model.bounds
-    thetas = np.clip(thetas, low, high)
-    y = run(model, windows, thetas, moved)
-    r = residual(windows, y)
-    ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
-    spans = np.diag(ups - downs).copy() if p else np.zeros(0)
-    spans[spans == 0.0] = np.inf  # so large that no step changes them: they are not felt
-    Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
-    Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
-    lost = (np.abs(r) >= LOST).any(axis=0)
-    Jx[:, lost], Jp[:, lost] = 0.0, 0.0
-    columns = Jp.transpose(1, 2, 0)
-    if over_theta and model.learned:
-        learned = learned_columns(model, windows, theta, starts, y[0])
-        learned[lost] = 0.0
-        columns = np.concatenate([columns, learned], axis=2)
-    return Linear(r[0], Jx.transpose(1, 2, 0), columns)
-
-
-def _leaning(
-    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
-) -> Linear:
-    """The model's residuals, and one-sided differences over the start states alone.
-
-    They are enough for steps of the start states, each of which is judged by what it brings.
-    """
-    X = starts.shape[1]
-    nudges = np.tile(START_STEPS, X // 2)
-    moved = np.tile(starts, (1 + X, 1, 1))
-    moved[1:] += np.diag(nudges)[:, None]
-    r = residual(windows, run(model, windows, np.tile(theta, (1 + X, 1)), moved))
-    Jx = (r[0] - r[1:]) / nudges[:, None, None]
-    Jx[:, (np.abs(r) >= LOST).any(axis=0)] = 0.0
-    return Linear(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)))
+        return replace(self, x0=self.x0[chosen], by_window=by_window)
 
 
 @dataclass(frozen=True)
 class Robust:
     """How windows count: in full up to some times the median misfit, and slowly more beyond.
 
-    A window far beyond has not found its start yet, or holds an event; the others must not follow
-    it.
+    A window far beyond has not found its initial state yet, or holds an event; the others must not
+    follow it.
 
     Reference: Huber & Ronchetti, Robust Statistics (2009), chapter 7, with windows for samples.
     """
@@ -196,117 +56,63 @@ class Robust:
     """squared misfit of a sample up to which a window counts in full"""
 
     @classmethod
-    def of(cls, by_window: Float[np.ndarray, " W"], samples: Int[np.ndarray, " W"]) -> Robust:
+    def of(cls, by_window: PerWindow, samples: Int[np.ndarray, " W"]) -> Robust:
         """The limit that suits the misfits of some windows."""
-        return cls(samples, TOLERATED * max(1.0, float(np.median(by_window / samples))))
+        return cls(samples, FIT.tolerated * max(1.0, float(np.median(by_window / samples))))
 
-    def cost(self, by_window: Float[np.ndarray, " W"]) -> float:
+    def cost(self, by_window: PerWindow) -> float:
         """Sum over windows, logarithmic beyond the limit."""
         ratio = np.maximum(by_window / self.samples / self.limit, 1e-30)
         return float(self.limit * self.samples @ np.where(ratio < 1.0, ratio, 1.0 + np.log(ratio)))
 
-    def weights(self, by_window: Float[np.ndarray, " W"]) -> Float[np.ndarray, " W"]:
+    def weights(self, by_window: PerWindow) -> PerWindow:
         """Slope of the cost over each window's misfit."""
         return np.minimum(1.0, self.limit / np.maximum(by_window / self.samples, 1e-12))
 
-    def far(self, by_window: Float[np.ndarray, " W"]) -> Bool[np.ndarray, " W"]:
+    def far(self, by_window: PerWindow) -> Bool[np.ndarray, " W"]:
         """Windows beyond the limit."""
         return by_window / self.samples > self.limit
 
 
-def settle(
-    model: Model,
+def fit_model(
+    model: PlantModel,
     windows: Windows,
-    theta: Float[np.ndarray, " p"],
-    starts: Float[np.ndarray, "W X"] | None = None,
-) -> Float[np.ndarray, "W X"]:
-    """Start states fitted window by window, first to its beginning and then to all of it.
-
-    They begin where the sensors of the model would have measured what was measured, if not told.
-    """
-    T = windows.y.shape[2]
-    starts = model.unread(theta, windows.guess) if starts is None else starts
-    for part in (T // 3, T):
-        y = windows.y.copy()
-        y[:, :, part:] = np.nan
-        starts = _settle(model, replace(windows, y=y), theta, starts)
-    return starts
-
-
-def _settle(
-    model: Model, windows: Windows, theta: np.ndarray, starts: np.ndarray, iterations: int = 10
-) -> np.ndarray:
-    measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
-    windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
-    starts, damping = starts.copy(), np.full(len(starts), 1e-3)
-    left = np.arange(len(starts))
-    for _ in range(iterations):
-        some = windows[left]
-        lin = _leaning(model, some, theta, starts[left])
-        now = np.einsum("wn,wn->w", lin.r, lin.r)
-        moved = starts[left] + _start_step(lin, lin.r, damping[left])
-        then = misfits(model, some, theta, moved)
-        better = then < now
-        starts[left[better]] = moved[better]
-        damping[left] *= np.where(better, 0.1, 10.0)
-        damping = np.maximum(damping, 1e-9)
-        settled = (now - then < 1e-2 * now) & (better | (damping[left] > 1e3))
-        left = left[~settled]
-        if not len(left):
-            break
-    return starts
-
-
-def _start_step(lin: Linear, goal: Float[np.ndarray, "W n"], damping) -> Float[np.ndarray, "W X"]:
-    """Least-squares change of the start states that explains `goal`, damped."""
-    N = np.einsum("wni,wnj->wij", lin.Jx, lin.Jx)
-    diagonal = np.einsum("wii->wi", N)
-    size = np.sqrt(np.maximum(diagonal, 1e-12))
-    N = N / size[:, :, None] / size[:, None, :]
-    N = N + np.broadcast_to(np.asarray(damping)[..., None, None] * np.eye(N.shape[-1]), N.shape)
-    g = np.einsum("wni,wn->wi", lin.Jx, goal) / size
-    return np.linalg.solve(N, g[..., None])[..., 0] / size
-
-
-def fit(
-    model: Model,
-    windows: Windows,
-    theta: Float[np.ndarray, " p"],
-    starts: Float[np.ndarray, "W X"],
+    theta: Theta,
+    x0: InitialStates,
     iterations: int = 20,
     hasty: bool = False,
 ) -> Fit:
-    """Theta and the start states that fit best, by Levenberg and Marquardt's method.
+    """Theta and the initial states that fit best, by Levenberg and Marquardt's method.
 
     Args:
         model: what is fitted.
         windows: to what.
         theta: where the search begins.
-        starts: likewise.
+        x0: initial states from which it begins.
         iterations: at most.
         hasty: end as well where a model that is far from fitting crawls.
     """
-    damping, share = 1e-4, model.effort.share(A_FIT)
+    damping, share = 1e-4, model.budget.share(BUDGET.fit)
     for _ in range(iterations):
         low, high = model.reach(theta)
-        lin = linearise(model, windows, theta, starts)
+        lin = linearise(model, windows, theta, x0)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
         weight = robust.weights(by_window)
         temper = misfit(windows, by_window, weight)
         now = _cost(model, theta, by_window, robust, temper)
         for _ in range(6):
-            step = _step(model, lin, theta, damping, weight, temper)
+            step = _gauss_newton_step(model, lin, theta, damping, weight, temper)
             there = model.softened(np.clip(theta + step, low, high))
-            left = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
-            moved = starts + _start_step(lin, left, damping)
+            residual_there = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
+            moved = x0 + _initial_state_step(lin, residual_there, damping)
             after = misfits(model, windows, there, moved)
             then = _cost(model, there, after, robust, temper)
-            if abs(then - now) < CONVERGED * now:
+            if abs(then - now) < FIT.converged * now:
                 break
             worse = np.flatnonzero(after > by_window)
-            if not then < now and len(worse):  # the step may be right, and too far for their starts
-                moved[worse] = _settle(model, windows[worse], there, moved[worse], 4)
+            if not then < now and len(worse):  # right, perhaps, and too far for x0
+                moved[worse] = _fit_initial_states(model, windows[worse], there, moved[worse], 4)
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
@@ -314,67 +120,27 @@ def fit(
             damping = max(10.0 * damping, 1e-4)
         if not then < now:
             break
-        theta, starts, by_window = there, moved, after
+        theta, x0, by_window = there, moved, after
         lost = Robust.of(after, windows.samples).far(after)
-        if lost.any() and not lost.all():  # the step was too far for their starts
-            starts, by_window = _recovered(model, windows, theta, starts, by_window, lost)
+        if lost.any() and not lost.all():  # the step was too far for their initial states
+            x0, by_window = _recovered(model, windows, theta, x0, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
-        crawling = hasty and temper > FAR and now - then < CRAWL * now
-        if crawling or now - then < CONVERGED * now or share.used_up:
+        crawling = hasty and temper > FIT.far and now - then < FIT.crawl * now
+        if crawling or now - then < FIT.converged * now or share.used_up:
             break
     prior = float((model.precision * theta**2).sum())
-    return Fit(model, theta, starts, float(by_window.sum()) + prior, by_window)
+    return Fit(model, theta, x0, float(by_window.sum()) + prior, by_window)
 
 
-def misfits(
-    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], starts: Float[np.ndarray, "W X"]
-) -> Float[np.ndarray, " W"]:
-    """Squared residual of each window."""
-    r = residual(windows, run(model, windows, theta[None], starts[None]))[0]
-    return np.einsum("wn,wn->w", r, r)
-
-
-def _recovered(
-    model: Model,
-    windows: Windows,
-    theta: np.ndarray,
-    starts: np.ndarray,
-    by_window: np.ndarray,
-    lost: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Start states and misfits, those of lost windows fitted anew where that helps."""
-    some = windows[lost]
-    anew = settle(model, some, theta)
-    found = misfits(model, some, theta, anew)
-    better = found < by_window[lost]
-    starts, by_window = starts.copy(), by_window.copy()
-    numbers = np.flatnonzero(lost)[better]
-    starts[numbers], by_window[numbers] = anew[better], found[better]
-    return starts, by_window
-
-
-def _cost(
-    model: Model, theta: np.ndarray, by_window: np.ndarray, robust: Robust, temper: float
-) -> float:
-    return robust.cost(by_window) + temper * float((model.precision * theta**2).sum())
-
-
-def misfit(
-    windows: Windows, by_window: Float[np.ndarray, " W"], weight: Float[np.ndarray, " W"]
-) -> float:
-    """chi^2 of a sample, at least 1: by how much a misfit exceeds the noise.
-
-    While a model misses an effect, its residuals are no noise, and the nominal parameters must not
-    be bent for their sake: the prior holds against them as if the noise were that much larger.
-    """
-    samples = windows.samples
-    return max(1.0, float(weight @ by_window) / max(float(weight @ samples), 1.0))
-
-
-def _step(
-    model: Model, lin: Linear, theta: np.ndarray, damping: float, weight: np.ndarray, temper: float
+def _gauss_newton_step(
+    model: PlantModel,
+    lin: Linearised,
+    theta: Theta,
+    damping: float,
+    weight: np.ndarray,
+    temper: float,
 ) -> np.ndarray:
-    """The damped Gauss-Newton step of theta, the start states eliminated, within its bounds."""
+    """The damped Gauss-Newton step of theta, the initial states eliminated, within its bounds."""
     _, H, g = lin.normal_equations(theta, weight, temper * model.precision)
     low, high = model.bounds
     free = ~((theta <= low) & (g < 0.0)) & ~((theta >= high) & (g > 0.0)) & (np.diag(H) > 0.0)
@@ -387,21 +153,233 @@ def _step(
     return step
 
 
-MEMORY = 20.0
-"""growth of a start state's error beyond which a window is cut off"""
+def _cost(
+    model: PlantModel, theta: Theta, by_window: np.ndarray, robust: Robust, temper: float
+) -> float:
+    return robust.cost(by_window) + temper * float((model.precision * theta**2).sum())
 
 
-def remembered(model: Model, windows: Windows, theta: Float[np.ndarray, " p"]) -> Windows:
-    """The windows, cut off where a motion has forgotten its start.
+def misfit(windows: Windows, by_window: PerWindow, weight: PerWindow) -> float:
+    """chi^2 of a sample, at least 1: by how much a misfit exceeds the noise.
 
-    Beyond, an error of the start, or of anything else, has grown so much that no fit can follow it.
+    While a model misses an effect, its residuals are no noise, and the nominal parameters must not
+    be bent for their sake: the prior holds against them as if the noise were that much larger.
     """
-    starts = model.unread(theta, windows.guess)
-    lin = linearise(model, windows, theta, starts, over_theta=False)
+    samples = windows.samples
+    return max(1.0, float(weight @ by_window) / max(float(weight @ samples), 1.0))
+
+
+def misfits(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> PerWindow:
+    """Squared residual of each window."""
+    r = residual(windows, run(model, windows, theta[None], x0[None]))[0]
+    return np.einsum("wn,wn->w", r, r)
+
+
+def _recovered(
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    by_window: np.ndarray,
+    lost: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Initial states and misfits, those of lost windows fitted anew where that helps."""
+    some = windows[lost]
+    anew = fit_initial_states(model, some, theta)
+    misfit_anew = misfits(model, some, theta, anew)
+    better = misfit_anew < by_window[lost]
+    x0, by_window = x0.copy(), by_window.copy()
+    numbers = np.flatnonzero(lost)[better]
+    x0[numbers], by_window[numbers] = anew[better], misfit_anew[better]
+    return x0, by_window
+
+
+def fit_initial_states(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates | None = None
+) -> InitialStates:
+    """Initial states fitted window by window, first to its beginning and then to all of it.
+
+    The fit begins at `x0`, by default where the model's sensors would measure what was measured.
+    """
+    T = windows.y.shape[2]
+    x0 = model.invert_sensors(theta, windows.guess) if x0 is None else x0
+    for part in (T // 3, T):
+        y = windows.y.copy()
+        y[:, :, part:] = np.nan
+        x0 = _fit_initial_states(model, replace(windows, y=y), theta, x0)
+    return x0
+
+
+def _fit_initial_states(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, iterations: int = 10
+) -> np.ndarray:
+    measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
+    windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
+    x0, damping = x0.copy(), np.full(len(x0), 1e-3)
+    moving = np.arange(len(x0))
+    for _ in range(iterations):
+        some = windows[moving]
+        lin = _leaning(model, some, theta, x0[moving])
+        now = np.einsum("wn,wn->w", lin.r, lin.r)
+        moved = x0[moving] + _initial_state_step(lin, lin.r, damping[moving])
+        then = misfits(model, some, theta, moved)
+        better = then < now
+        x0[moving[better]] = moved[better]
+        damping[moving] *= np.where(better, 0.1, 10.0)
+        damping = np.maximum(damping, 1e-9)
+        settled = (now - then < 1e-2 * now) & (better | (damping[moving] > 1e3))
+        moving = moving[~settled]
+        if not len(moving):
+            break
+    return x0
+
+
+def _initial_state_step(lin: Linearised, goal: Float[np.ndarray, "W n"], damping) -> InitialStates:
+    """Least-squares change of the initial states that explains `goal`, damped."""
+    N = np.einsum("wni,wnj->wij", lin.Jx, lin.Jx)
+    diagonal = np.einsum("wii->wi", N)
+    size = np.sqrt(np.maximum(diagonal, 1e-12))
+    N = N / size[:, :, None] / size[:, None, :]
+    N = N + np.broadcast_to(np.asarray(damping)[..., None, None] * np.eye(N.shape[-1]), N.shape)
+    g = np.einsum("wni,wn->wi", lin.Jx, goal) / size
+    return np.linalg.solve(N, g[..., None])[..., 0] / size
+
+
+def truncated(model: PlantModel, windows: Windows, theta: Theta) -> Windows:
+    """The windows, cut off where their motion has diverged.
+
+    Beyond, an error of the initial state has grown so much that no fit can follow it.
+    """
+    x0 = model.invert_sensors(theta, windows.guess)
+    lin = linearise(model, windows, theta, x0, over_theta=False)
     W, X, T = windows.y.shape
-    felt = lin.Jx.reshape(W, X, T, X) * (windows.std[:, None, None] / windows.std)
-    growth = np.sqrt(np.einsum("wxtk,wxtk->wt", felt, felt) / X)
+    sensitivity = lin.Jx.reshape(W, X, T, X) * (windows.std[:, None, None] / windows.std)
+    growth = np.sqrt(np.einsum("wxtk,wxtk->wt", sensitivity, sensitivity) / X)
     first = growth[:, : max(3, round(0.1 / windows.dt))].mean(axis=1)
-    forgotten = np.maximum.accumulate(growth > MEMORY * first[:, None], axis=1)
-    forgotten |= first[:, None] == 0.0
-    return replace(windows, y=np.where(forgotten[:, None], np.nan, windows.y))
+    diverged = np.maximum.accumulate(growth > FIT.divergence * first[:, None], axis=1)
+    diverged |= first[:, None] == 0.0
+    return replace(windows, y=np.where(diverged[:, None], np.nan, windows.y))
+
+
+def fit_nominal(model: PlantModel, windows: Windows) -> tuple[Fit, Windows]:
+    """The fit from the nominal parameters, and the windows to where their motion diverges."""
+    theta = np.zeros(model.nuisances)
+    windows = truncated(model, windows, theta)
+    return fit_model(model, windows, theta, fit_initial_states(model, windows, theta)), windows
+
+
+def refit_truncated(fit: Fit, windows: Windows) -> tuple[Fit, Windows]:
+    """The fit of a search on all windows, those that it has not seen included."""
+    kept = truncated(fit.model, windows, fit.theta)
+    return refit(fit, kept), kept
+
+
+def refit(fit: Fit, windows: Windows) -> Fit:
+    """The fit of a model on the windows as they are."""
+    x0 = fit_initial_states(fit.model, windows, fit.theta)
+    return fit_model(fit.model, windows, fit.theta, x0, iterations=15)
+
+
+def on_windows(fit: Fit, windows: Windows) -> Fit:
+    """A fit as it is on other windows, whose initial states alone are fitted."""
+    x0 = fit_initial_states(fit.model, windows, fit.theta)
+    by_window = misfits(fit.model, windows, fit.theta, x0)
+    return Fit(fit.model, fit.theta, x0, float(by_window.sum()), by_window)
+
+
+LAGS = 8
+"""of the autocorrelation of residuals"""
+
+
+@dataclass(frozen=True)
+class ResidualStructure:
+    """Statistics of the residuals of a fit."""
+
+    whiteness: float
+    """about 1 where the residuals are noise, see `whiteness`"""
+    excess: float
+    """misfit over noise: chi^2 of a sample, less 1"""
+    usual: float
+    """likewise, in the median over windows"""
+    unevenness: float
+    """misfit of a window that is missed much over that of a usual one; about 1.5 for noise"""
+
+
+def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
+    """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
+    y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
+    return residual(windows, y).reshape(windows.y.shape)
+
+
+def structure(fit: Fit, windows: Windows) -> ResidualStructure:
+    """The statistics that distinguish residuals from noise."""
+    r = residuals(fit, windows)
+    excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
+    by_window = (r**2).sum(axis=(1, 2)) / windows.samples
+    usual, much = np.percentile(by_window, [50.0, 95.0])
+    uneven = float(much / max(usual, 1e-300))
+    return ResidualStructure(whiteness(r), excess, float(usual) - 1.0, uneven)
+
+
+def whiteness(r: Float[np.ndarray, "W X T"]) -> float:
+    """Mean over lags of N rho^2, pooled over windows and channels: about 1 for white noise.
+
+    Reference: Box & Pierce, Distribution of residual autocorrelations, JASA 65 (1970).
+    """
+    size, count = float(np.sum(r**2)) or 1.0, np.count_nonzero(r)
+    lagged = [np.sum(r[:, :, lag:] * r[:, :, :-lag]) / size for lag in range(1, LAGS + 1)]
+    return float(count * np.mean(np.square(lagged)))
+
+
+def correlation_time(r: Float[np.ndarray, "W X T"]) -> float:
+    """The number of successive residuals that are one observation, at least 1.
+
+    It is 1 + 2 (rho_1 + rho_2 + ...). The sum ends at the first correlation that is not positive.
+
+    Reference: Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992).
+    """
+    size, total = float(np.sum(r**2)) or 1.0, 1.0
+    for lag in range(1, r.shape[2]):
+        rho = float(np.sum(r[:, :, lag:] * r[:, :, :-lag])) / size
+        if rho <= 0.0:
+            break
+        total += 2.0 * rho
+    return total
+
+
+def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
+    """The recordings, and where there is doubt, the same with commands that a clock sent out."""
+    stamped = tuple(recordings)
+    if all(recording.by_clock is None for recording in stamped):
+        return [stamped]
+    clocked = (r if r.by_clock is None else replace(r, inputs=r.by_clock) for r in stamped)
+    return [stamped, tuple(clocked)]
+
+
+def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:
+    """The problem whose commands a model fits better; those of a clock where it is hard to tell.
+
+    A step of a command that acts a millisecond late bends the second after it by more than the
+    noise. What else a model lacks hides that, so the best one is asked again.
+
+    Args:
+        problems: one, or the same with the commands as stamped and as a clock sent them.
+        fit: of the model that is asked; by default the nominal plant.
+    """
+    if len(problems) == 1:
+        return problems[0]
+    stamped, clocked = (_log_misfits(replace(p, std=problems[0].std), fit) for p in problems)
+    apart = stamped - clocked
+    surely = apart.mean() < -DATA.clock_errors * apart.std() / np.sqrt(len(apart))
+    return problems[0] if surely else problems[1]
+
+
+def _log_misfits(problem: GapProblem, fit: Fit | None) -> PerWindow:
+    """Log misfit of each window of a model that is fitted to them."""
+    windows = problem.windows()[:: DATA.clock_every]
+    model = fit.model if fit else problem.model(windows)
+    theta = fit.theta if fit else np.zeros(model.nuisances)
+    windows = truncated(model, windows, theta)
+    x0 = fit_initial_states(model, windows, theta)
+    by_window = fit_model(model, windows, theta, x0, iterations=DATA.clock_iterations).by_window
+    return np.log(np.maximum(by_window / np.maximum(windows.samples, 1), 1e-3))

@@ -1,15 +1,65 @@
-"""What was found, as a file and as ten lines for an engineer."""
+"""The result of an investigation: as a file, as sentences, and as recordings to make next."""
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from mcpilco.files import write_bytes
-from mcpilco.gap.investigate import Gap
-from mcpilco.gap.where import Disagreement
+from mcpilco.gap.comparison import ComparedModels, Comparison
+from mcpilco.gap.data import Event, Windows, cut
+from mcpilco.gap.decide import NamedEffect, Rival, rivals
+from mcpilco.gap.disagreement import Disagreement
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
+from mcpilco.gap.search import SearchResult
+from mcpilco.gap.sensitivities import run
+from mcpilco.gap.thresholds import CHOICE
+from mcpilco.plant import EffectInstance, Plant
+from mcpilco.recordings import PARTS, Part, Recording
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The result of an investigation."""
+
+    plant: Plant
+    """nominal"""
+    verdict: str
+    """named, none, unknown or too_poor"""
+    named: tuple[NamedEffect, ...]
+    """effects that are missing"""
+    corrected: Plant
+    """the plant with them, its uncertain parameters as the data have them"""
+    where: tuple[Disagreement, ...]
+    """where the nominal plant disagrees with the recordings"""
+    comparison: Comparison | None
+    """errors on held-out recordings; None where the data are too poor"""
+    events: tuple[Event, ...]
+    """spans that no model explains: a push, a contact"""
+    experiments: tuple[str, ...]
+    """recordings that would decide what these cannot"""
+    train: tuple[str, ...]
+    """names of the recordings that were fitted"""
+    held_out: tuple[str, ...]
+    """names of the recordings on which the models are compared"""
+    search: SearchResult | None = None
+    """all sets of effects that were fitted"""
+    models: ComparedModels | None = None
+    """the models that were compared, to look at them further"""
+    recordings: tuple[Recording, ...] = ()
+    """all of them"""
+
+    @property
+    def mended(self) -> bool:
+        """Whether the corrected plant has effects or learned forces that the nominal one lacks."""
+        return bool(self.corrected.added[len(self.plant.added) :] or self.corrected.learned)
+
 
 FORMAT = 1
 HIDDEN = "On these held-out recordings noise hides how much of the gap is closed."
@@ -47,17 +97,17 @@ def _place(part: Disagreement) -> dict[str, Any]:
 def _error(gap: Gap) -> dict[str, Any] | None:
     if gap.comparison is None:
         return None
-    found = gap.comparison
+    compared = gap.comparison
     return {
-        "horizon_s": found.horizon_s,
-        "nominal": found.nominal,
-        "refit": found.refit,
-        "corrected": found.corrected,
-        "noise_floor": found.noise_floor,
-        "closed": vars(found.closed),
-        "hidden": found.hidden,
-        "channels": found.channels,
-        "steps": [{"added": step.added, **vars(step.error)} for step in found.steps],
+        "horizon_s": compared.horizon_s,
+        "nominal": compared.nominal,
+        "refit": compared.refit,
+        "corrected": compared.corrected,
+        "noise_floor": compared.noise_floor,
+        "closed": vars(compared.closed),
+        "hidden": compared.hidden,
+        "channels": compared.channels,
+        "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
     }
 
 
@@ -76,8 +126,8 @@ def _finite(value: Any) -> Any:
 
 
 def summary(gap: Gap) -> list[str]:
-    """Some lines that an engineer can act on."""
-    lines = [f"{gap.plant.name}: {verdict(gap)}"]
+    """The result as some lines that an engineer can act on."""
+    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}"]
     for named in gap.named:
         numbers = ", ".join(
             f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
@@ -93,20 +143,18 @@ def summary(gap: Gap) -> list[str]:
         share = f"{100 * missed[0].share:.0f} % of the misfit"
         lines.append(f"Missed most is {missed[0].channel} ({share}), {missed[0].condition}.")
     if gap.comparison is not None:
-        found = gap.comparison
+        errors, closed = gap.comparison, gap.comparison.closed
         lines.append(
-            f"Error after {found.horizon_s:g} s on held-out recordings, in noise std: nominal "
-            f"{short(found.nominal)}, refitted {short(found.refit)}, corrected "
-            f"{short(found.corrected)}, noise alone {short(found.noise_floor)}."
+            f"Error after {errors.horizon_s:g} s on held-out recordings, in noise std: nominal "
+            f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
+            f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
         )
-    if gap.comparison is not None and gap.mended:
-        closed = gap.comparison.closed
-        lines.append(
-            HIDDEN
-            if gap.comparison.hidden
-            else f"The gap is closed by {100 * closed.value:.1f} % "
-            f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
-        )
+        if gap.mended:
+            closing = (
+                f"The gap is closed by {100 * closed.value:.1f} % "
+                f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
+            )
+            lines.append(HIDDEN if errors.hidden else closing)
     if gap.corrected.learned:
         lines.append("What is missing was learned as a force, which corrected.json holds.")
     lines += [
@@ -118,7 +166,7 @@ def summary(gap: Gap) -> list[str]:
 
 
 def cautions(gap: Gap) -> list[str]:
-    """What a reader of the numbers must not miss."""
+    """Sentences that a reader of the numbers must not miss."""
     said = [
         f"Instead of {named.name} at {named.target} it could be {' or '.join(named.family[1:])}: "
         "these recordings cannot tell."
@@ -151,12 +199,12 @@ def cautions(gap: Gap) -> list[str]:
     return said
 
 
-def short(value: float) -> str:
+def three_digits(value: float) -> str:
     """A number with three digits, large ones without an exponent."""
     return f"{value:.0f}" if 1000.0 <= abs(value) < 1e7 else f"{value:.3g}"
 
 
-def verdict(gap: Gap) -> str:
+def verdict_sentence(gap: Gap) -> str:
     """The verdict as a sentence."""
     if gap.verdict == "named" and len(gap.named) > 1:
         return f"{len(gap.named)} effects are missing in the plant."
@@ -169,3 +217,100 @@ _VERDICTS = {
     "unknown": "something is missing that is not in the catalogue.",
     "too_poor": "the recordings are too poor to name anything.",
 }
+
+LENGTH_S, REPEATS = 10.0, 4
+"""of a recording that is designed [s], and parts in it"""
+LISTED = 6
+"""effects that a sentence names"""
+
+
+def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
+    """Sentences on what to record next.
+
+    Args:
+        result: of the search.
+        best: its best model, fitted.
+        windows: to which.
+    """
+    sentences = _unexcited(result)
+    for effect in best.model.effects:
+        tied = [r for r in rivals(result, effect) if r.behind < CHOICE.tied and not r.holds(effect)]
+        if tied:
+            sentences.append(_told_apart(effect, tied[0], best, windows))
+    return sentences
+
+
+def _unexcited(result: SearchResult) -> list[str]:
+    """The effects that these recordings would not show, of those that the best model lacks."""
+    sensitivity: dict[EffectInstance, float] = {}
+    for score in result.scores:
+        sensitivity[score.instance] = max(score.sensitivity, sensitivity.get(score.instance, 0.0))
+    unseen = [str(effect) for effect, most in sensitivity.items() if most < CHOICE.unseen]
+    if not unseen:
+        return []
+    more = f" and {len(unseen) - LISTED} more" if len(unseen) > LISTED else ""
+    return [
+        f"These recordings would hardly show {', '.join(unseen[:LISTED])}{more}: "
+        "record larger, faster and slower motion (`mcpilco record --policy excitation`)."
+    ]
+
+
+def _told_apart(effect: EffectInstance, rival: Rival, best: Fit, windows: Windows) -> str:
+    """The kind of motion in which two models differ most, and how much in simulation."""
+    by_kind = {part.__name__: separation(best, rival.fit, part, windows) for part in PARTS}
+    kind = max(by_kind, key=lambda name: by_kind[name])
+    if by_kind[kind] < CHOICE.tied:
+        return (
+            f"{effect} and {rival.instance} stay alike under every kind of input that "
+            "was simulated: only another sensor tells them apart."
+        )
+    return (
+        f"To tell {effect} from {rival.instance}, record {_WORDS[kind]}: in simulation, "
+        f"{LENGTH_S:g} s of it leave the other {math.sqrt(by_kind[kind]):.0f} noise std off."
+    )
+
+
+_WORDS = {
+    "multisine": "a multisine",
+    "chirp": "a chirp",
+    "slow": "small, slow triangles",
+    "pulses": "pulses up to the limits",
+    "holds": "constant inputs in both directions",
+}
+
+
+def separation(best: Fit, rival: Fit, part: Part, windows: Windows) -> float:
+    """Least squared misfit of a model on the simulated measurement of another [noise variances].
+
+    Args:
+        best: the model that is simulated, without noise.
+        rival: the model that is fitted to it.
+        part: what kind of input.
+        windows: of the recordings, for their sampling time, noise and largest commands.
+    """
+    designed = _simulated(best, part, windows)
+    windows = cut([designed], windows.std)
+    x0 = fit_initial_states(rival.model, windows, rival.theta)
+    return float(fit_model(rival.model, windows, rival.theta, x0, iterations=12).by_window.sum())
+
+
+def _simulated(best: Fit, part: Part, windows: Windows) -> Recording:
+    """A recording of a model from rest under some parts of a kind."""
+    layout, dt = best.model.plant.layout, windows.dt
+    rng = np.random.default_rng(0)
+    time = dt * np.arange(round(LENGTH_S / REPEATS / dt))
+    largest = np.abs(windows.commands).max(axis=(0, 1))
+    inputs: Float[np.ndarray, "T U"] = np.stack(
+        [limit * np.concatenate([part(time, rng) for _ in range(REPEATS)]) for limit in largest],
+        axis=1,
+    )
+    T = len(inputs)
+    whole = replace(
+        windows[:1],
+        y=np.zeros((1, 2 * len(layout.joints), T)),
+        commands=np.concatenate([np.zeros((1, windows.lead, inputs.shape[1])), inputs[None]], 1),
+    )
+    rest = np.zeros((1, 1, 2 * len(layout.joints)))
+    y = run(best.model, whole, best.theta[None], rest)[0, 0]
+    states = np.where(windows.measured.any(axis=(0, 2)), y.T, np.nan)
+    return Recording("designed", dt * np.arange(T), states, inputs, layout.states, layout.inputs)

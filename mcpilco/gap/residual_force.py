@@ -1,7 +1,7 @@
-"""The force that a model misses in each joint, as far as state and command tell it.
+"""The force that a model misses in each joint, as far as state and command predict it.
 
 A small force in a joint during a short interval changes the rest of a window in a way that
-simulation shows. What a fit leaves over is read as the response to such forces,
+simulation shows. The residuals of a fit are read as the response to such forces,
 
     r = G f + e,    f_j = f_j(q, v, u) ~ GP,
 
@@ -18,26 +18,16 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mcpilco.gap.fit import LOST, Fit, Robust, linearise
-from mcpilco.gap.moves import MOST_TURNED, motion
-from mcpilco.gap.pushes import answers
-from mcpilco.gap.windows import Windows
-
-HOLD_S = 0.06
-"""time for which a force is held [s]"""
-LENGTHSCALES = 0.05, 0.2
-"""of the GP, where each coordinate ranges over about 2: a contact is sharp, a spring is not"""
-SLOW = 0.1
-"""speed, in the rms of a joint's, below which speeds are spread out"""
-STRENGTHS = 1e-2, 1e-1, 1.0
-"""std of the GP that are tried, in usual forces of a joint"""
-FOLDS = 4
-"""of a cross-validation over windows"""
+from mcpilco.gap.data import Windows
+from mcpilco.gap.fit import Fit, Robust
+from mcpilco.gap.plant_model import PerWindow
+from mcpilco.gap.sensitivities import LOST, impulse_responses, linearise, motion
+from mcpilco.gap.thresholds import FORCE
 
 
 @dataclass(frozen=True)
-class Response:
-    """What forces in the joints would do to the residuals of a fit; start states are eliminated."""
+class ForceResponse:
+    """The response of a fit's residuals to forces in the joints, initial states eliminated."""
 
     r: Float[np.ndarray, "W n"]
     """residuals, in noise std"""
@@ -56,12 +46,12 @@ class Response:
         return len(self.r)
 
     @cached_property
-    def by_window(self) -> Float[np.ndarray, " W"]:
+    def by_window(self) -> PerWindow:
         """The squared residuals of each."""
         return np.square(self.r).sum(axis=1)
 
     @cached_property
-    def weights(self) -> Float[np.ndarray, " W"]:
+    def weights(self) -> PerWindow:
         """Weights that keep a few windows from leading all others."""
         return Robust.of(self.by_window, self.samples).weights(self.by_window)
 
@@ -84,20 +74,20 @@ class Response:
         return K
 
 
-def respond(found: Fit, windows: Windows, hold_s: float = HOLD_S) -> Response:
-    """How the residuals of a fit answer to forces in the joints, each held for `hold_s` seconds."""
-    lin = linearise(found.model, windows, found.theta, found.starts, over_theta=False)
-    layout = found.model.plant.layout
+def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> ForceResponse:
+    """The response of residuals to forces in the joints, each held for `hold_s` [s]."""
+    lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
+    layout = fit.model.plant.layout
     J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
-    usual = np.array([found.model.scales[name].force for name in layout.joints])
-    model, theta, starts = found.model, found.theta, found.starts
-    told = [usual[j] * answers(model, windows, theta, starts, j, hold) for j in range(J)]
-    columns = np.stack(told, 2)
+    usual = np.array([fit.model.scales[name].force for name in layout.joints])
+    model, theta, x0 = fit.model, fit.theta, fit.x0
+    each = [usual[j] * impulse_responses(model, windows, theta, x0, j, hold) for j in range(J)]
+    columns = np.stack(each, 2)
     G = columns.reshape(*columns.shape[:2], -1)
     G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
     x, turns = _coordinates(windows, first, hold, layout.slides)
-    return Response(
+    return ForceResponse(
         r=lin.cleaned(lin.r[:, :, None])[:, :, 0],
         G=lin.cleaned(G),
         x=np.tile(x, (1, J, 1)),
@@ -116,15 +106,15 @@ def _coordinates(
     of the hinges that turn round and round.
     """
     middle = np.minimum(first + hold // 2, windows.y.shape[2] - 1)
-    moves = motion(windows)
-    places = [np.zeros((*moves.shape[:2], 0))]
+    moving = motion(windows)
+    places = [np.zeros((*moving.shape[:2], 0))]
     for j, slide in enumerate(slides):
-        q, v = moves[:, :, 2 * j], moves[:, :, 2 * j + 1]
-        if not slide and np.ptp(q) > MOST_TURNED:
+        q, v = moving[:, :, 2 * j], moving[:, :, 2 * j + 1]
+        if not slide and np.ptp(q) > FORCE.most_turned_rad:
             places.append(np.stack([np.sin(q), np.cos(q)], axis=2))
-        slow = SLOW * np.sqrt(np.mean(v**2)) + 1e-12
-        moves[:, :, 2 * j + 1] = np.arcsinh(v / slow)
-    scaled = [_centred(moves[:, :, c]) for c in range(moves.shape[2])]
+        slow = FORCE.slow * np.sqrt(np.mean(v**2)) + 1e-12
+        moving[:, :, 2 * j + 1] = np.arcsinh(v / slow)
+    scaled = [_centred(moving[:, :, c]) for c in range(moving.shape[2])]
     return np.stack(scaled, axis=2)[:, middle], np.concatenate(places, axis=2)[:, middle]
 
 
@@ -142,29 +132,29 @@ def covariance(
     pairs = [(c, d) for c in range(D) for d in range(c)] if coordinates == 2 else []
     pairs = pairs or [(c, c) for c in range(D)]
     total = np.zeros((len(a), len(b)))
-    for lengthscale in LENGTHSCALES:
+    for lengthscale in FORCE.lengthscales:
         near = [np.exp(-0.5 * np.square((a[:, [d]] - b[:, d]) / lengthscale)) for d in range(D)]
         for c, d in pairs:
             total += near[c] * near[d]
-    return total / (len(pairs) * len(LENGTHSCALES))
+    return total / (len(pairs) * len(FORCE.lengthscales))
 
 
 @dataclass(frozen=True)
-class Explained:
-    """What forces that depend on state and command explain."""
+class ExplainedForce:
+    """The part of the residuals that forces of state and command predict."""
 
     share: float
     """part of the squared residuals beyond the noise that is predicted, window by window [-]"""
-    left: Float[np.ndarray, " W"]
+    unpredicted: PerWindow
     """squared residual of a sample that is not predicted from the other windows"""
 
 
-def explain(
-    response: Response,
-    weight: Float[np.ndarray, " W"] | None = None,
+def explained_by_forces(
+    response: ForceResponse,
+    weight: PerWindow | None = None,
     folds: Int[np.ndarray, " W"] | None = None,
     coordinates: int = 2,
-) -> Explained:
+) -> ExplainedForce:
     """Predicts the residuals of windows from those of others, as forces of state and command.
 
     Args:
@@ -174,50 +164,50 @@ def explain(
         coordinates: of state and command, on which a force may depend at once: 1 or 2.
     """
     weight = response.weights if weight is None else weight
-    folds = np.arange(len(response)) % FOLDS if folds is None else folds
-    left = min(
+    folds = np.arange(len(response)) % FORCE.folds if folds is None else folds
+    rest = min(
         (
             _unpredicted(response, prior * s**2, weight, folds)
             for prior in response.priors(coordinates)
-            for s in STRENGTHS
+            for s in FORCE.strengths
         ),
-        key=lambda left: float(weight @ left),
+        key=lambda rest: float(weight @ rest),
     )
     beyond = float(weight @ np.maximum(response.by_window - response.samples, 0.0))
-    share = float(weight @ (response.by_window - left)) / beyond if beyond > 0.0 else 0.0
-    return Explained(share=max(share, 0.0), left=left / response.samples)
+    share = float(weight @ (response.by_window - rest)) / beyond if beyond > 0.0 else 0.0
+    return ExplainedForce(share=max(share, 0.0), unpredicted=rest / response.samples)
 
 
 def _unpredicted(
-    response: Response,
+    response: ForceResponse,
     K: Float[np.ndarray, "Wm Wm"],
-    weight: Float[np.ndarray, " W"],
+    weight: PerWindow,
     folds: Int[np.ndarray, " W"],
-) -> Float[np.ndarray, " W"]:
+) -> PerWindow:
     """Squared residuals of each window, less what the other folds predict of it."""
-    left = np.empty(len(response))
+    rest = np.empty(len(response))
     for fold in np.unique(folds):
-        told = folds == fold
-        missed = response.r[told] - _predict(response, K, weight, told)
-        left[told] = np.square(missed).sum(axis=1)
-    return left
+        unseen = folds == fold
+        missed = response.r[unseen] - _predict(response, K, weight, unseen)
+        rest[unseen] = np.square(missed).sum(axis=1)
+    return rest
 
 
 def _predict(
-    response: Response,
+    response: ForceResponse,
     K: Float[np.ndarray, "Wm Wm"],
-    weight: Float[np.ndarray, " W"],
-    told: Bool[np.ndarray, " W"],
+    weight: PerWindow,
+    unseen: Bool[np.ndarray, " W"],
 ) -> Float[np.ndarray, "V n"]:
     """Residuals of some windows, from those of the others.
 
     The noise of a window is inflated to what is usual, and by its weight.
     """
     m = response.G.shape[2]
-    known = ~told
+    known = ~unseen
     misfit = response.by_window[known] / response.samples[known]
     noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
-    inside, outside = np.repeat(known, m), np.repeat(told, m)
+    inside, outside = np.repeat(known, m), np.repeat(unseen, m)
     G, r = response.G[known], response.r[known]
     A = np.einsum("wni,wnj->wij", G, G) / noise[:, None, None]
     b = (np.einsum("wni,wn->wi", G, r) / noise[:, None]).reshape(-1)
@@ -225,7 +215,7 @@ def _predict(
     system = _times_blocks(A, Kii)
     system[np.diag_indices(len(system))] += 1.0
     force = K[np.ix_(outside, inside)] @ np.linalg.solve(system, b)
-    return np.einsum("wni,wi->wn", response.G[told], force.reshape(-1, m))
+    return np.einsum("wni,wi->wn", response.G[unseen], force.reshape(-1, m))
 
 
 def _times_blocks(

@@ -1,4 +1,4 @@
-"""Which effects could explain what a fit leaves over: a score for every candidate at once."""
+"""Screening: by how much the misfit would fall with each effect that a fit lacks."""
 
 from __future__ import annotations
 
@@ -8,36 +8,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap.fit import Fit, Linear, Robust, misfit, residual, run
-from mcpilco.gap.windows import Windows
+from mcpilco.gap.data import Windows
+from mcpilco.gap.fit import Fit, Robust, misfit
+from mcpilco.gap.plant_model import PerWindow
+from mcpilco.gap.sensitivities import Linearised, residual, run
+from mcpilco.gap.thresholds import SCREEN
 from mcpilco.plant import EffectInstance, Probe
-
-MANY, THINNED = 10, 3
-"""effects with more probes than this are scored on every third window"""
-INFLUENCE = 10.0
-"""times as much as in three quarters of the windows that a signature may count in one"""
-SEPARABLE = 1e-6
-"""least part of a signature that the parameters of the fitted model, held by their priors, could
-not have made"""
 
 
 @dataclass(frozen=True)
 class Score:
-    """What adding an effect promises."""
+    """The fall of the misfit that an effect promises."""
 
-    active: EffectInstance
+    instance: EffectInstance
     gain: float
     """by how much chi^2 would fall, were the model linear"""
     start: Float[np.ndarray, " symbols"]
     """values of the effect from which to fit"""
-    felt: float
-    """by how many noise std its probe, of the usual size, moves the measurements, all else giving
-    way"""
+    sensitivity: float
+    """of the measurements to its probe of usual size, all else giving way [noise std]"""
 
 
 def screen(
     fit: Fit,
-    lin: Linear,
+    lin: Linearised,
     windows: Windows,
     candidates: Sequence[EffectInstance],
     per_effect: int = 2,
@@ -58,30 +52,30 @@ def screen(
     """
     whole = _Projection.of(fit, lin, windows)
     thinned = whole
-    if len(windows) > MANY:
-        some = np.arange(0, len(windows), THINNED)
+    if len(windows) > SCREEN.many_probes:
+        some = np.arange(0, len(windows), SCREEN.thinned)
         thinned = _Projection.of(fit.at(some), lin[some], windows[some])
-    found: list[Score] = []
-    for active in candidates:
-        parameter = fit.model.frees(active)
+    scores: list[Score] = []
+    for instance in candidates:
+        parameter = fit.model.frees(instance)
         if parameter is not None:
-            gain, felt = whole.freeing(parameter)
-            found.append(Score(active, gain, active.effect.neutral, felt))
+            gain, sensitivity = whole.freeing(parameter)
+            scores.append(Score(instance, gain, instance.effect.neutral, sensitivity))
             continue
-        probes = active.effect.probes(fit.model.scales[active.target])
-        view = thinned if len(probes) > MANY else whole
+        probes = instance.effect.probes(fit.model.scales[instance.target])
+        view = thinned if len(probes) > SCREEN.many_probes else whole
         own = []
-        for probe, columns in zip(probes, signatures(view, active, probes), strict=True):
-            one_sided = _one_sided(active, probe)
+        for probe, columns in zip(probes, signatures(view, instance, probes), strict=True):
+            one_sided = _one_sided(instance, probe)
             S, b = view.normal_equations(columns)
             mixes = [_best_mix(S, b, one_sided)]
             mixes.append(_best_mix(*view.bounding(columns).normal_equations(columns), one_sided))
-            mix, gain = max(mixes, key=lambda found: found[1])
+            mix, gain = max(mixes, key=lambda scores: scores[1])
             repeated = len(windows) / len(view.windows)
-            felt = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
-            own.append(Score(active, repeated * gain, _values(active, probe, mix), felt))
-        found += sorted(own, key=lambda score: -score.gain)[:per_effect]
-    return sorted(found, key=lambda score: -score.gain)
+            sensitivity = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
+            own.append(Score(instance, repeated * gain, _values(instance, probe, mix), sensitivity))
+        scores += sorted(own, key=lambda score: -score.gain)[:per_effect]
+    return sorted(scores, key=lambda score: -score.gain)
 
 
 @dataclass(frozen=True)
@@ -89,9 +83,9 @@ class _Projection:
     """A fit, and what is needed to project signatures off its own columns."""
 
     fit: Fit
-    lin: Linear
+    lin: Linearised
     windows: Windows
-    weight: Float[np.ndarray, " W"]
+    weight: PerWindow
     P: Float[np.ndarray, "W n p"]
     """columns of theta that no start state can have made"""
     H: Float[np.ndarray, "p p"]
@@ -100,13 +94,13 @@ class _Projection:
     """of the prior, tempered"""
 
     def freeing(self, number: int) -> tuple[float, float]:
-        """By how much chi^2 would fall without the prior of a parameter; how a tenth is felt."""
+        """The fall of chi^2 without the prior of a parameter; the sensitivity to a tenth of it."""
         H, g, held = self.H.copy(), self.g.copy(), self.precision[number]
         H[number, number] -= held
         others = np.delete(np.arange(len(H)), number)
         shared = H[others, number]
         alone = H[number, number] - shared @ np.linalg.solve(H[np.ix_(others, others)], shared)
-        if alone < SEPARABLE * self.H[number, number]:
+        if alone < SCREEN.separable * self.H[number, number]:
             return 0.0, 0.0
         g[number] += held * self.fit.theta[number]
         before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)
@@ -114,11 +108,11 @@ class _Projection:
         return float(gain), 0.1 * float(np.sqrt(alone))
 
     @classmethod
-    def of(cls, fit: Fit, lin: Linear, windows: Windows) -> _Projection:
+    def of(cls, fit: Fit, lin: Linearised, windows: Windows) -> _Projection:
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         weight = Robust.of(by_window, windows.samples).weights(by_window)
         precision = misfit(windows, by_window, weight) * fit.model.precision
-        precision += 1e-9  # of what is free and unfelt
+        precision += 1e-9  # of what is free and changes nothing
         P, H, g = lin.normal_equations(fit.theta, weight, precision)
         return cls(fit, lin, windows, weight, P, H, g, precision)
 
@@ -130,7 +124,7 @@ class _Projection:
         """
         Q = self.lin.cleaned(columns)
         influence = np.einsum("wnk,wnk->w", Q, Q)
-        most = INFLUENCE * np.percentile(influence, 75.0)
+        most = SCREEN.influence * np.percentile(influence, 75.0)
         weight = self.weight * np.minimum(1.0, most / np.maximum(influence, 1e-12))
         _, H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
         return replace(self, weight=weight, H=H, g=g)
@@ -145,24 +139,24 @@ class _Projection:
         whole = np.einsum("wni,wnj->ij", WQ, Q)
         S = whole - HPQ.T @ np.linalg.solve(self.H, HPQ)
         b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ np.linalg.solve(self.H, self.g)
-        same = np.diag(S) < SEPARABLE * np.diag(whole)
+        same = np.diag(S) < SCREEN.separable * np.diag(whole)
         S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b
 
 
 def signatures(
-    view: _Projection, active: EffectInstance, probes: Sequence[Probe]
+    view: _Projection, instance: EffectInstance, probes: Sequence[Probe]
 ) -> list[Float[np.ndarray, "W n k"]]:
     """How the simulation changes with an effect of each size of each probe, in noise std."""
     if not probes:
         return []
     fit, windows = view.fit, view.windows
-    model = fit.model.having(active)
-    by_probe = [_sizes(active, probe) for probe in probes]
+    model = fit.model.having(instance)
+    by_probe = [_sizes(instance, probe) for probe in probes]
     sizes = np.concatenate(by_probe)
-    thetas = np.stack([fit.model.grown(fit.theta, active, size)[1] for size in sizes])
-    starts = np.tile(fit.starts, (len(thetas), 1, 1))
-    y = run(model, windows, thetas, starts)
+    thetas = np.stack([fit.model.grown(fit.theta, instance, size)[1] for size in sizes])
+    x0 = np.tile(fit.x0, (len(thetas), 1, 1))
+    y = run(model, windows, thetas, x0)
     change = view.lin.r - residual(windows, y)
     change[~np.isfinite(change) | (np.abs(change) > 500.0)] = 0.0
     parts = np.split(change, np.cumsum([len(own) for own in by_probe])[:-1])
@@ -170,16 +164,16 @@ def signatures(
     return [part.transpose(1, 2, 0) for part in straight]
 
 
-def _sizes(active: EffectInstance, probe: Probe) -> Float[np.ndarray, "n symbols"]:
+def _sizes(instance: EffectInstance, probe: Probe) -> Float[np.ndarray, "n symbols"]:
     """Those at which a probe is simulated."""
     if not probe.bent:
         return probe.values
-    neutral = active.effect.neutral
+    neutral = instance.effect.neutral
     return np.concatenate([probe.values, neutral + 0.5 * (probe.values - neutral)])
 
 
 def _straight(probe: Probe, change: Float[np.ndarray, "n W N"]) -> Float[np.ndarray, "m W N"]:
-    """What the sizes of a probe change; where it bends, in proportion to endlessly small ones.
+    """The changes by a probe's sizes; where it bends, in proportion to infinitesimal ones.
 
     Reference: Richardson, Philosophical Transactions A 210 (1911), the first step.
     """
@@ -189,8 +183,8 @@ def _straight(probe: Probe, change: Float[np.ndarray, "n W N"]) -> Float[np.ndar
     return 4.0 * half - whole
 
 
-def _one_sided(active: EffectInstance, probe: Probe) -> bool:
-    symbol = active.effect.symbols[0]
+def _one_sided(instance: EffectInstance, probe: Probe) -> bool:
+    symbol = instance.effect.symbols[0]
     return symbol.low >= symbol.neutral or not probe.proportional
 
 
@@ -210,12 +204,14 @@ def _best_mix(S: np.ndarray, b: np.ndarray, one_sided: bool) -> tuple[np.ndarray
     return best, gain
 
 
-def _values(active: EffectInstance, probe: Probe, mix: np.ndarray) -> Float[np.ndarray, " symbols"]:
+def _values(
+    instance: EffectInstance, probe: Probe, mix: np.ndarray
+) -> Float[np.ndarray, " symbols"]:
     """The mix of a probe's sizes; what shapes a formula stays as the probe has it."""
-    neutral, amplitudes = active.effect.neutral, active.effect.amplitudes
+    neutral, amplitudes = instance.effect.neutral, instance.effect.amplitudes
     with np.errstate(invalid="ignore"):
         mixed = neutral + mix @ (probe.values - neutral)
     values = np.where(amplitudes & np.isfinite(mixed), mixed, probe.values[0])
-    low = np.array([symbol.low for symbol in active.effect.symbols])
-    high = np.array([symbol.high for symbol in active.effect.symbols])
+    low = np.array([symbol.low for symbol in instance.effect.symbols])
+    high = np.array([symbol.high for symbol in instance.effect.symbols])
     return np.clip(values, low, high)

@@ -1,48 +1,43 @@
-"""Searching what is missing: which sets of effects explain the recordings."""
+"""The search for missing effects: a beam search, then exchanges, then special cases.
+
+A search that only adds may hold on to an effect that looks like the true one. Alone a delay can
+explain more than the lag that is there, as long as friction is missing; once that is found the
+model still does not fit, and one effect must go for another. The search also comes first upon what
+bends most readily: friction that is alike in both directions is Coulomb's all the same.
+
+Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequential replacement.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
-from mcpilco.gap.fit import Fit, fit, linearise, misfits, remembered, settle
-from mcpilco.gap.model import Model
+from mcpilco.gap.data import Windows
+from mcpilco.gap.fit import (
+    Fit,
+    correlation_time,
+    fit_model,
+    fit_nominal,
+    misfits,
+    residuals,
+    structure,
+)
+from mcpilco.gap.plant_model import BudgetShare, PlantModel
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.where import correlation_time, residuals
-from mcpilco.gap.windows import Windows
+from mcpilco.gap.sensitivities import linearise
+from mcpilco.gap.thresholds import BUDGET, CHOICE, SEARCH
 from mcpilco.plant import EffectInstance
 
-ENOUGH = 15.0
-"""least gain in BIC for which an effect is added"""
-SAME = 0.01
-"""difference in BIC below which models do the same"""
-PROMISING = 25.0
-"""least score for which an effect is tried"""
-FRACTION = 3e-5
-"""least part of the nominal misfit that a further effect must explain"""
-PART = 0.05
-"""least part of what is left over beyond the noise that a further effect must explain"""
-SHORTLIST, BEAM = (8, 5, 4), (3, 4, 4)
-"""effects that are tried on a model that has none, one, two; models that are carried on then"""
-BEGUN = 1.0, 0.25, 0.0625
-"""of the size that a linear response tells, from the best of which an effect is fitted"""
-MOST, ROUNDS = 3, 5
-"""effects; rounds of a search, of which some only drop what became superfluous: both at most"""
-HOPELESS = 0.5
-"""part of the nominal misfit that two effects leave over, beyond which no third is sought"""
-SHARE = 0.4
-"""of the steps left to an investigation, for a search"""
-CAP = 9.0
-"""how many times the median misfit a window may weigh in a comparison"""
+Effects = frozenset[EffectInstance]
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a search has seen."""
+class SearchResult:
+    """The models that a search has fitted, and the best of them."""
 
     best: Fit
     """of the smallest BIC that its gains justify"""
@@ -58,24 +53,26 @@ class Found:
     @property
     def fits(self) -> list[Fit]:
         """All of them, the best first."""
-        return [known for known, _ in self.ranked]
+        return [fit for fit, _ in self.ranked]
 
-    def choosing(self, best: Fit) -> Found:
+    def choosing(self, best: Fit) -> SearchResult:
         """This search, with another of its fits as the best."""
         rest = tuple(pair for pair in self.ranked if pair[0] is not best)
         own = next(pair for pair in self.ranked if pair[0] is best)
         return replace(self, best=best, ranked=(own, *rest))
 
-    def with_best(self, best: Fit, seen: Iterable[Fit]) -> Found:
-        """This search with its best fit, and all that were seen, judged by what that leaves."""
-        yardstick = Yardstick.of(best, self.windows)
-        judged = [(found, yardstick.bic(found)) for found in seen if found is not best]
+    def with_best(self, best: Fit, seen: Iterable[Fit]) -> SearchResult:
+        """This search with its best fit, and all that were seen, judged by its residual."""
+        criterion = Criterion.of(best, self.windows)
+        judged = [(fit, criterion.bic(fit)) for fit in seen if fit is not best]
         finite = [pair for pair in judged if math.isfinite(pair[1])]
         rest = sorted(finite, key=lambda pair: pair[1])
-        return replace(self, best=best, ranked=((best, yardstick.bic(best)), *rest))
+        return replace(self, best=best, ranked=((best, criterion.bic(best)), *rest))
 
 
-def search(model: Model, windows: Windows, candidates: Sequence[EffectInstance]) -> Found:
+def search(
+    model: PlantModel, windows: Windows, candidates: Sequence[EffectInstance]
+) -> SearchResult:
     """Adds effects as long as they explain more: a beam search over sets of effects.
 
     Each level scores all candidates on each of the best models, fits the most promising ones, and
@@ -87,71 +84,119 @@ def search(model: Model, windows: Windows, candidates: Sequence[EffectInstance])
         windows: of the recordings.
         candidates: effects that may be missing.
     """
-    share = model.effort.share(SHARE)
-    theta = np.zeros(model.nuisances)
-    windows = remembered(model, windows, theta)
-    starts = settle(model, windows, theta)
-    null = fit(model, windows, theta, starts)
+    share = model.budget.share(BUDGET.search)
+    null, windows = fit_nominal(model, windows)
+    tried = Tried(windows, candidates, null, {frozenset(): null})
     best, beam = null, [null]
-    seen: dict[frozenset[EffectInstance], Fit] = {frozenset(): null}
     scores: list[Score] = []
-    for _ in range(ROUNDS):
-        if not beam or (level := len(beam[0].model.named)) == MOST:
+    for _ in range(SEARCH.rounds):
+        if not beam or (level := len(beam[0].model.effects)) == SEARCH.most_effects:
             break
         grown: list[Fit] = []
-        for number, known in enumerate(share.lasting(beam)):
-            lin = linearise(known.model, windows, known.theta, known.starts)
-            new = [c for c in candidates if c not in known.model.named]
-            listed = screen(known, lin, windows, new)
+        for number, fit in enumerate(share.while_left(beam)):
+            promised = tried.scores(fit)
             if number == 0:
-                scores = listed
-            tried: dict[frozenset[EffectInstance], Fit] = {}
-            for score in listed:
-                key = frozenset({*known.model.named, score.active})
-                fine = key in seen and seen[key].chi2 <= known.chi2
-                if score.gain < PROMISING or (fine and key not in tried):
-                    continue
-                if key not in tried and len(tried) == SHORTLIST[level]:
-                    continue
-                if share.used_up:
-                    break
-                fitted = grow(known, score, windows)
-                if key not in tried or fitted.chi2 < tried[key].chi2:
-                    tried[key] = fitted
-            better = {k: f for k, f in tried.items() if k not in seen or f.chi2 < seen[k].chi2}
-            seen |= better
-            grown += better.values()
+                scores = promised
+            grown += tried.grow_promising(fit, promised, SEARCH.shortlist[level], share)
         if not grown:
             break
-        yardstick = Yardstick.of(min(grown, key=lambda found: found.chi2), windows)
-        grown = _in_order(grown, yardstick)
-        worth = [f for f in grown if yardstick.prefers(f, best, null)]
-        closest = min(found.chi2 for found in grown)
+        closest = min(grown, key=_chi2)
+        criterion = Criterion.of(closest, windows)
+        grown = _in_order(grown, criterion)
+        worth = [fit for fit in grown if criterion.prefers(fit, best, null)]
         if not worth:
-            if closest >= HOPELESS * best.chi2:
+            if closest.chi2 >= SEARCH.hopeless * best.chi2:
                 break
-            beam = _followed(grown, BEAM[level])  # its parameters bend for what else is missing
+            beam = _followed(grown, SEARCH.beam[level])  # they bend for what else is missing
             continue
-        leaner = without_superfluous(worth[0], windows, seen, model.priors, yardstick, null)
-        done = {*leaner.model.named} == {*best.model.named} and best.chi2 - leaner.chi2 < ENOUGH
-        best = leaner
-        if done or (level and closest > HOPELESS * null.chi2):
+        before, best = best, without_superfluous(worth[0], tried, criterion)
+        same = {*best.model.effects} == {*before.model.effects}
+        if same and before.chi2 - best.chi2 < SEARCH.bic_gain:
             break
-        beam = [best, *_followed([f for f in grown if f is not worth[0]], BEAM[level] - 1)]
-    return Found(best, null, (), tuple(scores), windows).with_best(best, seen.values())
+        if level and closest.chi2 > SEARCH.hopeless * null.chi2:
+            break
+        beam = [best, *_followed([f for f in grown if f is not worth[0]], SEARCH.beam[level] - 1)]
+    return SearchResult(best, null, (), tuple(scores), windows).with_best(best, tried.fits.values())
 
 
-def _in_order(grown: Sequence[Fit], yardstick: Yardstick) -> list[Fit]:
+@dataclass(frozen=True)
+class Tried:
+    """The models that were fitted, by their effects, and how further ones are made."""
+
+    windows: Windows
+    candidates: Sequence[EffectInstance]
+    null: Fit
+    """of no effect"""
+    fits: dict[Effects, Fit]
+
+    @classmethod
+    def by(cls, result: SearchResult, candidates: Sequence[EffectInstance]) -> Tried:
+        """Those of a search."""
+        fits = {frozenset(fit.model.effects): fit for fit in result.fits}
+        return cls(result.windows, candidates, result.null, fits)
+
+    def scores(self, fit: Fit) -> list[Score]:
+        """Those of the effects that a model lacks."""
+        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
+        new = [c for c in self.candidates if c not in fit.model.effects]
+        return screen(fit, lin, self.windows, new)
+
+    def grow_promising(
+        self, fit: Fit, scores: Sequence[Score], most: int, share: BudgetShare
+    ) -> list[Fit]:
+        """The most promising models of one effect more, where they fit better than what was tried.
+
+        A model that was tried, and that fits no worse than the smaller one, is not fitted again.
+        """
+        new: dict[Effects, Fit] = {}
+        for score in scores:
+            key = frozenset({*fit.model.effects, score.instance})
+            if score.gain < SEARCH.promising:
+                continue
+            if key not in new and (
+                len(new) == most or (key in self.fits and self.fits[key].chi2 <= fit.chi2)
+            ):
+                continue
+            if share.used_up:
+                break
+            grown = grow(fit, score, self.windows)
+            if key not in new or grown.chi2 < new[key].chi2:
+                new[key] = grown
+        better = {k: f for k, f in new.items() if k not in self.fits or f.chi2 < self.fits[k].chi2}
+        self.fits.update(better)
+        return list(better.values())
+
+    def instead(
+        self, fit: Fit, instance: EffectInstance, candidates: Sequence[EffectInstance]
+    ) -> dict[Effects, Fit]:
+        """The most promising models with one of some candidates in the place of an effect."""
+        if not candidates:
+            return {}
+        return self.further(without(fit, instance, self.windows, self.null), candidates)
+
+    def further(self, fit: Fit, candidates: Sequence[EffectInstance]) -> dict[Effects, Fit]:
+        """The most promising models with one of some candidates more."""
+        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
+        scores = screen(fit, lin, self.windows, candidates, per_effect=1)
+        grown = [grow(fit, score, self.windows) for score in scores[: SEARCH.exchange_tried]]
+        return {frozenset(each.model.effects): each for each in grown}
+
+
+def _chi2(fit: Fit) -> float:
+    return fit.chi2
+
+
+def _in_order(grown: Sequence[Fit], criterion: Criterion) -> list[Fit]:
     """Models by their BIC; of those that do the same, the first has the usual effect.
 
     A delay of the only actuator and one of the only sensor differ by rounding. Which of them is
     named should not depend on that.
     """
-    judged = sorted(((yardstick.bic(found), found) for found in grown), key=lambda pair: pair[0])
+    judged = sorted(((criterion.bic(fit), fit) for fit in grown), key=lambda pair: pair[0])
     least, usual = judged[0][0], list(grown[0].model.plant.catalogue)
-    same = [found for bic, found in judged if bic - least < SAME]
-    same.sort(key=lambda f: [usual.index(active.effect.name) for active in f.model.named])
-    return [*same, *(found for _, found in judged[len(same) :])]
+    same = [fit for bic, fit in judged if bic - least < SEARCH.same_bic]
+    same.sort(key=lambda f: [usual.index(each.effect.name) for each in f.model.effects])
+    return [*same, *(fit for _, fit in judged[len(same) :])]
 
 
 def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
@@ -161,79 +206,64 @@ def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
     it. That costs it its rank, but it is one effect away from what is there. Of models that do the
     same one is enough. Those that have as many effects as may be end here.
     """
-    grown = [found for found in grown if len(found.model.named) < MOST]
-    apart = [g for k, g in enumerate(grown) if all(abs(g.chi2 - o.chi2) >= SAME for o in grown[:k])]
+    grown = [fit for fit in grown if len(fit.model.effects) < SEARCH.most_effects]
+    apart: list[Fit] = []
+    for k, fit in enumerate(grown):
+        if all(abs(fit.chi2 - other.chi2) >= SEARCH.same_bic for other in grown[:k]):
+            apart.append(fit)
     followed = apart[:count]
-    closest = min(grown, key=lambda found: found.chi2, default=None)
-    if closest is not None and all(closest is not found for found in followed):
+    closest = min(grown, key=_chi2, default=None)
+    if closest is not None and all(closest is not fit for fit in followed):
         followed.append(closest)
     return followed
 
 
-def grow(known: Fit, score: Score, windows: Windows) -> Fit:
-    """The fit of a model with one effect more, from where the score would begin."""
-    starts = [known.model.grown(known.theta, score.active, x) for x in _smaller(score)]
-    misfit = [_log_misfit(model, windows, theta, known) for model, theta in starts]
-    model, theta = starts[int(np.argmin(misfit))]
-    return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
+def grow(fit: Fit, score: Score, windows: Windows) -> Fit:
+    """The fit of a model with one effect more, from the size at which it misses least.
 
-
-def _smaller(score: Score) -> Iterator[Float[np.ndarray, " symbols"]]:
-    """The values from which a score would begin, and such of a smaller effect.
-
-    A linear response overrates what moves a motion far.
+    A linear response overrates what moves a motion far, so smaller sizes are tried as well.
     """
-    neutral = score.active.effect.neutral
-    amplitudes = score.active.effect.amplitudes & np.isfinite(neutral)
-    for part in BEGUN:
+    effect = score.instance.effect
+    sized = effect.amplitudes & np.isfinite(effect.neutral)
+    begun = []
+    for part in SEARCH.begun:
         with np.errstate(invalid="ignore"):  # of a limit that is nowhere
-            begun = neutral + part * (score.start - neutral)
-        yield np.where(amplitudes, begun, score.start)
+            smaller = effect.neutral + part * (score.start - effect.neutral)
+        values = np.where(sized, smaller, score.start)
+        begun.append(fit.model.grown(fit.theta, score.instance, values))
+    by_window = [misfits(model, windows, theta, fit.x0) for model, theta in begun]
+    missed = [np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in by_window]
+    model, theta = begun[int(np.argmin(missed))]
+    return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
 
 
-def _log_misfit(
-    model: Model, windows: Windows, theta: Float[np.ndarray, " p"], known: Fit
-) -> float:
-    """Sum of the log misfits of windows, their starts as they are in a fit."""
-    by_window = misfits(model, windows, theta, known.starts)
-    return float(np.log(np.maximum(by_window / windows.samples, 1.0)).sum())
+def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:
+    """The fit of a model without one of its effects; a parameter gets the prior of no effect."""
+    parameter = fit.model.plant.parameter_of(instance)
+    prior = null.model.priors.get(parameter or "", np.inf)
+    model, theta = fit.model.shrunk(fit.theta, instance, prior)
+    return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
 
 
-def without(
-    known: Fit, active: EffectInstance, windows: Windows, priors: Mapping[str, float]
-) -> Fit:
-    """The fit of a model without one of its effects; `priors` are those of parameters."""
-    parameter = known.model.plant.parameter_of(active)
-    model, theta = known.model.shrunk(known.theta, active, priors.get(parameter or "", np.inf))
-    return fit(model, windows, theta, known.starts, iterations=12, hasty=True)
-
-
-def without_superfluous(
-    best: Fit,
-    windows: Windows,
-    seen: dict[frozenset[EffectInstance], Fit],
-    priors: Mapping[str, float],
-    yardstick: Yardstick,
-    null: Fit,
-) -> Fit:
+def without_superfluous(best: Fit, tried: Tried, criterion: Criterion) -> Fit:
     """The fit without those of its effects that explain nothing, now that the others are there."""
-    for active in best.model.named if len(best.model.named) > 1 else ():
-        smaller = without(best, active, windows, priors)
-        key = frozenset(smaller.model.named)
-        if key not in seen or smaller.chi2 < seen[key].chi2:
-            seen[key] = smaller
-        if not yardstick.prefers(best, seen[key], null):
-            return seen[key]
+    for instance in best.model.effects if len(best.model.effects) > 1 else ():
+        smaller = without(best, instance, tried.windows, tried.null)
+        key = frozenset(smaller.model.effects)
+        if key not in tried.fits or smaller.chi2 < tried.fits[key].chi2:
+            tried.fits[key] = smaller
+        if not criterion.prefers(best, tried.fits[key], tried.null):
+            return tried.fits[key]
     return best
 
 
 @dataclass(frozen=True)
-class Yardstick:
-    """By what misfits are judged: as noise where they are noise, else by the best model's misfit.
+class Criterion:
+    """The evidence for a model, on the scale of the noise or, where larger, of the best misfit.
 
-    A model of a real machine never fits to the noise of the sensors, and what it leaves over is
-    correlated in time. Misfits are then measured in units of what the best model leaves over, and
-    count as many samples as are independent of one another.
+    A model of a real machine never fits to the noise of the sensors, and its residual is correlated
+    in time. Misfits are then measured in units of the best model's, and count as many samples as
+    are independent of one another.
     """
 
     windows: Windows
@@ -245,42 +275,163 @@ class Yardstick:
     """how many of these there are"""
 
     @classmethod
-    def of(cls, best: Fit, windows: Windows) -> Yardstick:
-        """The yardstick of a model that fits well."""
+    def of(cls, best: Fit, windows: Windows) -> Criterion:
+        """The criterion on the scale of a model that fits well."""
         samples = windows.samples
         by_sample = best.by_window / samples
-        cap = CAP * max(1.0, float(np.median(by_sample)))
+        cap = SEARCH.cap * max(1.0, float(np.median(by_sample)))
         misfit = float(np.minimum(best.by_window, cap * samples).sum() / samples.sum())
         repeated = windows.overlap * correlation_time(residuals(best, windows))
         return cls(windows, cap, max(1.0, misfit) * repeated, samples.sum() / repeated)
 
-    def bic(self, found: Fit) -> float:
+    def bic(self, fit: Fit) -> float:
         """Bayesian information criterion; no window weighs more than some times the median.
 
         It is infinite where an effect is larger than what could be meant.
 
         Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
         """
-        if not found.model.plausible(found.theta):
+        if not fit.model.plausible(fit.theta):
             return math.inf
-        prior = float((found.model.precision * found.theta**2).sum())
-        parameters = len(found.theta) - found.model.nuisances + len(found.model.freed)
-        return self.misfit(found) / self.inflation + prior + parameters * math.log(self.samples)
+        prior = float((fit.model.precision * fit.theta**2).sum())
+        parameters = len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
+        return self.misfit(fit) / self.inflation + prior + parameters * math.log(self.samples)
 
-    def misfit(self, found: Fit) -> float:
+    def misfit(self, fit: Fit) -> float:
         """Squared residuals; no window weighs more than some times the median."""
-        return float(np.minimum(found.by_window, self.cap * self.windows.samples).sum())
+        return float(np.minimum(fit.by_window, self.cap * self.windows.samples).sum())
 
     def prefers(self, larger: Fit, smaller: Fit, null: Fit) -> bool:
         """Whether a model with more effects is worth them; `null` has none.
 
         An effect must explain a part of the whole gap, so that none is named for what two
-        integrators do differently, and a part of what the smaller model leaves over, so that none
-        is named for what is far too small beside noise that nobody told of. One that comes down to
-        an uncertain parameter need not: its prior says what is small.
+        integrators do differently, and a part of the smaller model's misfit, so that none is named
+        for what is far too small beside a noise larger than reported. One that comes down to an
+        uncertain parameter need not: its prior says what is small.
         """
         if len(larger.model.freed) > len(smaller.model.freed):
-            return self.bic(smaller) - self.bic(larger) >= ENOUGH
+            return self.bic(smaller) - self.bic(larger) >= SEARCH.bic_gain
         noise = float(self.windows.measured.sum())
-        small = max(FRACTION * (null.chi2 - noise), PART * (self.misfit(smaller) - noise))
-        return self.bic(smaller) - self.bic(larger) >= max(ENOUGH, small / self.inflation)
+        small = max(
+            SEARCH.part_of_gap * (null.chi2 - noise),
+            SEARCH.part_of_rest * (self.misfit(smaller) - noise),
+        )
+        return self.bic(smaller) - self.bic(larger) >= max(SEARCH.bic_gain, small / self.inflation)
+
+
+def exchanged(result: SearchResult, candidates: Sequence[EffectInstance]) -> SearchResult:
+    """The search, its best model's effects exchanged for others as long as these explain more.
+
+    Args:
+        result: of a search.
+        candidates: effects that may be missing.
+    """
+    windows, best, null = result.windows, result.best, result.null
+    share = best.model.budget.share(BUDGET.exchange)
+    tried = Tried.by(result, candidates)
+    for _ in range(SEARCH.exchange_rounds):
+        if share.used_up or not best.model.effects:
+            break
+        if best.chi2 > SEARCH.hopeless * null.chi2:
+            break
+        if structure(best, windows).whiteness < SEARCH.unfit:
+            break
+        others: dict[Effects, Fit] = {}
+        for instance in share.while_left(best.model.effects):
+            rest = {*best.model.effects} - {instance}
+            new = [c for c in candidates if frozenset({*rest, c}) not in tried.fits]
+            others |= tried.instead(best, instance, new)
+        tried.fits.update(others)
+        compared = [best, *others.values()]
+        criterion = Criterion.of(min(compared, key=_chi2), windows)
+        better = min(compared, key=criterion.bic)
+        if criterion.bic(best) - criterion.bic(better) < SEARCH.bic_gain:
+            break
+        best = better
+    if best is result.best:
+        return result
+    best = without_superfluous(best, tried, Criterion.of(best, windows))
+    return result.with_best(best, tried.fits.values())
+
+
+def plainer(result: SearchResult, candidates: Sequence[EffectInstance]) -> SearchResult:
+    """The search, its best model's effects replaced by special cases that explain as much.
+
+    The model of special cases alone is among those tried, even where it explains less. Where no
+    model fits to the noise, so are those of all that are promising, and this one with one effect
+    more.
+
+    Args:
+        result: of a search.
+        candidates: effects that may be missing.
+    """
+    windows, null = result.windows, result.null
+    tried = Tried.by(result, candidates)
+    best = plainest = result.best
+    for instance in result.best.model.effects:
+        simple = _special_case(best, instance, tried)
+        plainest = simple if plainest is best else _special_case(plainest, instance, tried)
+        if not Criterion.of(best, windows).prefers(best, simple, null):
+            best = simple
+    if fits_roughly(best, windows):
+        for fit in null.model.budget.share(BUDGET.exchange).while_left(promising(result.fits)):
+            simple = fit
+            for instance in fit.model.effects:
+                simple = _special_case(simple, instance, tried)
+        ours = plainest.model.effects
+        if plainest is not best and len(ours) < SEARCH.most_effects:
+            new = [c for c in candidates if c not in ours and not any(map(c.holds, ours))]
+            tried.fits.update(tried.further(plainest, new))
+    return result.with_best(tried.fits[frozenset(best.model.effects)], tried.fits.values())
+
+
+def _special_case(fit: Fit, instance: EffectInstance, tried: Tried) -> Fit:
+    """The model with the special case of an effect in its place; itself where there is none."""
+    rest = {*fit.model.effects} - {instance}
+    case = next((c for c in tried.candidates if instance.holds(c) and c not in rest), None)
+    if case is None:
+        return fit
+    for key, simple in tried.instead(fit, instance, [case]).items():
+        tried.fits[key] = min([simple, tried.fits.get(key, simple)], key=_chi2)
+    return tried.fits.get(frozenset({*rest, case}), fit)
+
+
+def fits_roughly(fit: Fit, windows: Windows) -> bool:
+    """Whether a model misses more than noise in most windows."""
+    return bool(np.median(fit.by_window / windows.samples) >= CHOICE.rough)
+
+
+def promising(ranked: Sequence[Fit]) -> list[Fit]:
+    """Models that fit nearly as well as the first.
+
+    These are the first ones of each number of effects, and such of special cases of theirs.
+    """
+    near = [fit for fit in ranked if fit.chi2 < CHOICE.near * ranked[0].chi2]
+    sizes = [len(fit.model.effects) for fit in near]
+    places = range(len(near))
+    first = [near[k] for k in places if sizes[:k].count(sizes[k]) < CHOICE.of_each_size]
+    return [fit for fit in near if any(_narrows(fit, other) for other in first)]
+
+
+def _narrows(fit: Fit, other: Fit) -> bool:
+    """Whether a model has the effects of another, or special cases of them."""
+    ours, theirs = {*fit.model.effects}, {*other.model.effects}
+    special = all(any(t.holds(o) for t in theirs - ours) for o in ours - theirs)
+    return len(ours) == len(theirs) and special
+
+
+def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
+    """The best fit of one of a fit's effects, the best of two with this one, ...; without itself.
+
+    They are fits of the search, on its windows.
+    """
+    ours, steps = set(best.model.effects), []
+    chosen: set[EffectInstance] = set()
+    for size in range(1, len(ours)):
+        for fit in result.fits:  # the best first
+            theirs = set(fit.model.effects)
+            if len(theirs) == size and chosen <= theirs <= ours:
+                steps.append(fit)
+                chosen = theirs
+                break
+    return tuple(steps)

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mcpilco.gap.investigate import Gap
-from mcpilco.gap.report import short
-from mcpilco.gap.show import Comparison, at_end, error
+from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_digits
 from mcpilco.show.bodies import chain_scene
 from mcpilco.show.side_by_side import Clip, Naming, write_side_by_side
 from mcpilco.typing import InputError
@@ -32,7 +30,7 @@ def write_film(gap: Gap, path: Path) -> Path:
         raise InputError("a film needs models that were compared; the recordings are too poor.")
     found, names = gap.comparison, gap.models.shown
     errors = {
-        name: np.sqrt(np.nanmean(at_end(error(found.windows, y)), axis=1))
+        name: np.sqrt(np.nanmean(squares_at_end(scaled_errors(found.windows, y)), axis=1))
         for name, y in found.runs.items()
     }
     order = sorted(_apart(found), key=lambda w: -errors[names[0]][w])
@@ -54,7 +52,7 @@ def _clip(
     windows = found.windows
     start = float(windows.start_s[w])
     title = f"### {gap.held_out[windows.recording[w]]}, from {start:.1f} s"
-    told = ", ".join(f"{name} **{short(errors[name][w])}**" for name in names)
+    told = ", ".join(f"{name} **{three_digits(errors[name][w])}**" for name in names)
     colors = ", ".join(f"{c}: {n}" for c, n in zip(("Orange", "blue"), names, strict=False))
     words = f"White: measured. {colors}, in free runs."
     return Clip(

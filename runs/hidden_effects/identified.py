@@ -23,9 +23,7 @@ from freed import ADVANCE, SENSOR, TIMESTEP, Freed, everything, nominal_model, s
 from jaxtyping import Float
 from scipy.optimize import lsq_linear
 
-from mcpilco.gap.given import Given
-from mcpilco.gap.model import scales
-from mcpilco.gap.windows import LATENCY_S, Windows
+from mcpilco.gap import DATA, GapProblem, Windows, usual_scales
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, smoothed
 
@@ -81,10 +79,10 @@ def identified(plant: Plant, recordings: Sequence[Recording]) -> Named:
 
 
 def _identified(plant: Plant, recordings: Sequence[Recording]) -> Named:
-    given = Given.of(plant, recordings, 0.01, (), {})
-    windows = given.windows()
+    problem = GapProblem.of(plant, recordings, 0.01, (), {})
+    windows = problem.windows()
     problem = _Problem(plant, recordings, windows)
-    fit = problem.fit(everything(plant, scales(plant, windows)))
+    fit = problem.fit(everything(plant, usual_scales(plant, windows)))
     left = [fit.free[k] for k in kept(fit)]
     again = problem.fit(left) if left else None
     remarks = [
@@ -210,17 +208,17 @@ class _Problem:
         model, T = spec.compile(), w.y.shape[2]
         signals = sysid.TimeSeries.compute_all_sensor_mapping(model)
         # a sensor's delay moves the last sample that is simulated
-        steps = round(((T - 1) * w.dt + LATENCY_S) / TIMESTEP) + 2
-        starts, controls, measured = [], [], []
+        steps = round(((T - 1) * w.dt + DATA.latency_s) / TIMESTEP) + 2
+        x0, controls, measured = [], [], []
         for n, begin in enumerate(self._begins):
             times = begin + TIMESTEP * np.arange(steps)
-            starts.append(self._start(model, n))
+            x0.append(self._start(model, n))
             controls.append(sysid.TimeSeries(times, self._commands(n, times)))
             times = begin + w.dt * np.arange(self._first, T)
             rows = np.nan_to_num(w.y[n][:, self._first :].T)
             measured.append(sysid.TimeSeries(times, rows, signals))
         names = [str(n) for n in range(len(w))]
-        return sysid.ModelSequences("windows", spec, names, starts, controls, measured)
+        return sysid.ModelSequences("windows", spec, names, x0, controls, measured)
 
     def _commands(self, n: int, times: Float[np.ndarray, " S"]) -> Float[np.ndarray, "S U"]:
         """What is commanded so early that the least delay and lag bring it in time."""
@@ -268,14 +266,14 @@ class _Problem:
         J = len(self._plant.layout.joints)
 
         def roll_out(initial_states: Any, param_dicts: Any, **others: Any) -> Any:
-            starts = []
+            x0 = []
             for state, parameters in zip(initial_states, param_dicts, strict=True):
                 start = np.array(state)
                 start[1 : 1 + 2 * J] = np.concatenate(
                     self._states(start[0], _sensors(free, parameters.as_vector()))
                 )
-                starts.append(start)
-            return sysid.sysid_rollout(initial_states=starts, **others)
+                x0.append(start)
+            return sysid.sysid_rollout(initial_states=x0, **others)
 
         return roll_out
 

@@ -130,8 +130,7 @@ def solve(tier: str, seed: int, known: dict[str, Any], with_peers: bool) -> dict
 
 def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) -> dict[str, Any]:
     """What the workflow says of a case."""
-    from mcpilco.gap import investigate
-    from mcpilco.gap.report import to_json
+    from mcpilco.gap import investigate, to_json
 
     spent = time.process_time()
     told = to_json(investigate(plant, recordings, uncertainty=tier.uncertainty))

@@ -12,9 +12,7 @@ from jaxtyping import Float
 
 from envs.plants import double_pendulum
 from mcpilco.bodies import inertial_parameters
-from mcpilco.gap.fit import fit, remembered, settle
-from mcpilco.gap.given import Given
-from mcpilco.gap.windows import SECONDS
+from mcpilco.gap import DATA, GapProblem, fit_initial_states, fit_model, truncated
 from mcpilco.identification import RigidBody
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
@@ -35,17 +33,17 @@ def fit_free_runs(robot: RigidBody, recording: Recording) -> Float[np.ndarray, "
         recording: with a sampling time of 10 or 20 ms.
     """
     plant = frictionless(robot)
-    given = Given.of(plant, [recording], 0.0, FREE, {})
-    windows = given.windows(every=0.5 * SECONDS)
-    model, theta = given.model(windows), np.zeros(len(FREE))
+    problem = GapProblem.of(plant, [recording], 0.0, FREE, {})
+    windows = problem.windows(every=0.5 * DATA.window_s)
+    model, theta = problem.model(windows), np.zeros(len(FREE))
     for joint, block in zip(
         robot.chain.joints, robot.nominal.reshape(-1, robot.width), strict=True
     ):
         viscous, coulomb, _ = block[-3:]
         model, theta = model.grown(theta, EffectInstance(VISCOUS, joint), (viscous,))
         model, theta = model.grown(theta, EffectInstance(COULOMB, joint), (coulomb, 0.01))
-    windows = remembered(model, windows, theta)
-    found = fit(model, windows, theta, settle(model, windows, theta))
+    windows = truncated(model, windows, theta)
+    found = fit_model(model, windows, theta, fit_initial_states(model, windows, theta))
     parameters, friction = model.decode(found.theta[None])
     names = [parameter.name for parameter in plant.parameters]
     bodies = plant.build(dict(zip(names, parameters[0], strict=True))).bodies

@@ -21,8 +21,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is ru
 from harness import fill, use_one_thread
 
 from envs.plants import double_pendulum
-from mcpilco.gap import investigate
-from mcpilco.gap.investigate import Gap
+from mcpilco.gap import Gap, investigate
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
 from mcpilco.show.report.gap_tables import effects, errors, events, steps

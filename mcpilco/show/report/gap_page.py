@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from mcpilco.gap import Gap
-from mcpilco.gap.report import cautions, short, verdict
+from mcpilco.gap import Gap, cautions, three_digits, verdict_sentence
 from mcpilco.show.report import document
 from mcpilco.show.report import gap_sections as sections
 from mcpilco.show.report.document import Document, made
@@ -32,7 +31,7 @@ def write_gap_report(gap: Gap, path: Path) -> Path:
 def page_of(gap: Gap) -> Document:
     """What the page of a gap holds."""
     return Document(
-        title=f"{gap.plant.name}: {verdict(gap).rstrip('.')}",
+        title=f"{gap.plant.name}: {verdict_sentence(gap).rstrip('.')}",
         about=f"simulation against {len({*gap.train, *gap.held_out})} recordings",
         tiles=_tiles(gap),
         sections=_sections(gap),
@@ -52,10 +51,10 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
         ends = f"({100 * closed.low:.1f} to {100 * closed.high:.1f} %)"
         tiles.append((f"of the gap is closed {ends}", f"{100 * closed.value:.1f} %"))
     after = f"after {found.horizon_s:g} s, in noise std"
-    tiles.append((f"nominal error {after}", short(found.nominal)))
+    tiles.append((f"nominal error {after}", three_digits(found.nominal)))
     name = "corrected" if gap.mended else "refitted"
-    tiles.append((f"{name} error {after}", short(found.corrected)))
-    tiles.append(("what noise alone does", short(found.noise_floor)))
+    tiles.append((f"{name} error {after}", three_digits(found.corrected)))
+    tiles.append(("what noise alone does", three_digits(found.noise_floor)))
     return tiles
 
 
@@ -74,7 +73,7 @@ def _sections(gap: Gap) -> Iterator[Section]:
         yield made("Held-out windows", partial(sections.windows, gap, gap.comparison))
     if gap.experiments:
         yield made("What to record next", partial(sections.experiments, gap))
-    if gap.found is not None:
-        yield made("What was compared", partial(sections.candidates, gap, gap.found))
+    if gap.search is not None:
+        yield made("What was compared", partial(sections.candidates, gap, gap.search))
     if gap.recordings:
         yield made("Recordings", partial(sections.recordings, gap))

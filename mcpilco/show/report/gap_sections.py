@@ -9,11 +9,20 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap import Gap
-from mcpilco.gap.maps import SPAN_S, Leftover, TimeMap, leftover, time_map
-from mcpilco.gap.name import Estimate
-from mcpilco.gap.search import Found
-from mcpilco.gap.show import KNOWN_S, Comparison, Models, at_end, error
+from mcpilco.gap import (
+    COMPARISON,
+    ComparedModels,
+    Comparison,
+    EstimatedParameter,
+    Gap,
+    MissingForce,
+    SearchResult,
+    TimeMap,
+    missing_force,
+    scaled_errors,
+    squares_at_end,
+    time_map,
+)
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 from mcpilco.show.plots.gap import (
@@ -72,7 +81,7 @@ def learned(gap: Gap) -> Section:
     )
 
 
-def interval(estimate: Estimate) -> str:
+def interval(estimate: EstimatedParameter) -> str:
     """A value with its unit and 95 % interval."""
     ends = f"{estimate.low:.4g} to {estimate.high:.4g}"
     return f"{estimate.value:.4g} {estimate.unit} ({ends})"
@@ -106,8 +115,8 @@ def worth(gap: Gap, found: Comparison) -> Section:
             if same
             else "of recordings that no fit has seen. "
         )
-        + f"Each starts from a state that is fitted to its first {KNOWN_S:g} s. The bands are 95 % "
-        "intervals, by a bootstrap over blocks of neighbouring windows.",
+        + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
+        "bands are 95 % intervals, by a bootstrap over blocks of neighbouring windows.",
         [
             draw("Error over the time since the start, by plant", growth),
             draw("Error at the end as more is mended", shrink, left=0.05),
@@ -121,17 +130,19 @@ def worth(gap: Gap, found: Comparison) -> Section:
     )
 
 
-def force(gap: Gap, models: Models) -> Section:
+def force(gap: Gap, models: ComparedModels) -> Section:
     """The generalised force that the nominal and the corrected plant leave over."""
-    plants = models.named()
-    left = {name: leftover(*plants[name], _without_events(gap), _std(gap)) for name in models.shown}
+    plants = models.plants()
+    left = {
+        name: missing_force(*plants[name], _without_events(gap), _std(gap)) for name in models.shown
+    }
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
         "The force that is missing" if gap.mended else "The force that is left over",
         f"What the {models.shown[0]} plant would need at a joint to move as the recordings do, as "
-        f"a mean over {SPAN_S:g} s. A curve over the velocity is friction, one over the position a "
-        "spring or the weight, one over the command the actuator; the lines are medians, half of "
-        "all values lie within the bands."
+        f"a mean over {COMPARISON.force_span_s:g} s. A curve over the velocity is friction, one "
+        "over the position a spring or the weight, one over the command the actuator; the lines "
+        "are medians, half of all values lie within the bands."
         + (" What the corrected plant leaves over should be flat." if gap.mended else ""),
         pictures,
         columns=2,
@@ -151,7 +162,7 @@ def _without_events(gap: Gap) -> list[Recording]:
     return masked
 
 
-def _force_at(j: int, plant: Plant, left: Mapping[str, Leftover]) -> Iterator[Picture]:
+def _force_at(j: int, plant: Plant, left: Mapping[str, MissingForce]) -> Iterator[Picture]:
     """The force left over at a joint, over its position, its velocity and the commands."""
     layout = plant.layout
     joint, (x, f) = layout.joints[j], layout.unit_of(layout.joints[j])
@@ -177,9 +188,9 @@ def _force_at(j: int, plant: Plant, left: Mapping[str, Leftover]) -> Iterator[Pi
     )
 
 
-def when(gap: Gap, models: Models) -> Section:
+def when(gap: Gap, models: ComparedModels) -> Section:
     """How far both plants miss each channel, over the time of the recordings."""
-    plants = models.named()
+    plants = models.plants()
     maps = {name: time_map(*plants[name], gap.recordings, _std(gap)) for name in models.shown}
     names = [recording.name for recording in gap.recordings]
     events = [(names.index(e.recording), e.start_s, e.end_s) for e in gap.events]
@@ -229,7 +240,7 @@ def windows(gap: Gap, found: Comparison) -> Section:
             title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
             runs = {name: found.runs[name][w, x] for name in names}
             measured = found.windows.y[w, x]
-            plot = partial(plot_window, times, measured, runs, label, title, KNOWN_S)
+            plot = partial(plot_window, times, measured, runs, label, title, COMPARISON.start_s)
             pictures.append(draw(f"{state} in {title}", plot, top=0.91))
     return Section(
         "Held-out windows",
@@ -242,7 +253,7 @@ def windows(gap: Gap, found: Comparison) -> Section:
 
 def _shown(found: Comparison, name: str) -> list[int]:
     """Windows in which a plant is worse than in 90, 50 and 10 % of all."""
-    squares = np.nanmean(at_end(error(found.windows, found.runs[name])), axis=1)
+    squares = np.nanmean(squares_at_end(scaled_errors(found.windows, found.runs[name])), axis=1)
     order = np.argsort(squares)
     return [int(order[round(part * (len(order) - 1))]) for part in _PARTS]
 
@@ -252,11 +263,11 @@ def experiments(gap: Gap) -> Section:
     return Section("What to record next", " ".join(gap.experiments))
 
 
-def candidates(gap: Gap, found: Found) -> Section:
+def candidates(gap: Gap, found: SearchResult) -> Section:
     """The sets of effects that the search has fitted, and what else was looked for."""
     best = found.ranked[0][1]
     rows = [
-        (" + ".join(map(str, known.model.named)) or "nothing", f"{bic - best:+.0f}")
+        (" + ".join(map(str, known.model.effects)) or "nothing", f"{bic - best:+.0f}")
         for known, bic in found.ranked[:_SETS]
     ]
     return Section(

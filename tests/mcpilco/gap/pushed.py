@@ -20,7 +20,7 @@ PUSH_S = 4.0, 4.7
 
 @pytest.fixture(scope="session")
 def found() -> Gap:
-    """A pendulum with dry friction that nobody told of."""
+    """A pendulum with dry friction that its plant lacks."""
     rng = np.random.default_rng(0)
     force = dry_friction(HIDDEN_FRICTION)
     recordings = [record(rng, force, number) for number in range(3)]

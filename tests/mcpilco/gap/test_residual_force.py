@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 
 import envs
-from mcpilco.gap.fit import Fit, fit, settle
-from mcpilco.gap.model import Model, scales
-from mcpilco.gap.moves import MOST_TURNED
-from mcpilco.gap.residual_force import explain, respond
-from mcpilco.gap.windows import Windows, cut
+from mcpilco.gap.data import Windows, cut, usual_scales
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
+from mcpilco.gap.plant_model import PlantModel
+from mcpilco.gap.residual_force import explained_by_forces, force_response
+from mcpilco.gap.thresholds import FORCE
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.light import LIGHT, spun
@@ -29,24 +29,24 @@ def nominal_fit(force: Force = nothing, outside: Outside = lambda time: 0.0) -> 
 def fitted(plant: Plant, measured: list[Recording]) -> tuple[Fit, Windows]:
     """A plant without effects, on recordings."""
     windows = cut(measured, np.array([STD, 1.0]))
-    model = Model(plant, (), {}, scales(plant, windows))
-    starts = settle(model, windows, np.zeros(0))
-    return fit(model, windows, np.zeros(0), starts), windows
+    model = PlantModel(plant, (), {}, usual_scales(plant, windows))
+    x0 = fit_initial_states(model, windows, np.zeros(0))
+    return fit_model(model, windows, np.zeros(0), x0), windows
 
 
 def test_a_force_that_depends_on_the_state_is_predicted_from_window_to_window() -> None:
     def feeding(q: float, v: float) -> float:
         return 0.2 * v / (1.0 + v * v)
 
-    explained = explain(respond(*nominal_fit(feeding)))
+    explained = explained_by_forces(force_response(*nominal_fit(feeding)))
     assert explained.share > 0.6
 
 
 def test_a_force_that_depends_on_the_place_in_a_turn_is_predicted_over_many_turns() -> None:
     """As a motor's cogging."""
     measured = spun("position_ripple", (0.03, 0.04, 2.0), 40)
-    assert np.ptp(measured.states[:, 0]) > 3.0 * MOST_TURNED
-    assert explain(respond(*fitted(LIGHT, [measured]))).share > 0.6
+    assert np.ptp(measured.states[:, 0]) > 3.0 * FORCE.most_turned_rad
+    assert explained_by_forces(force_response(*fitted(LIGHT, [measured]))).share > 0.6
 
 
 def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
@@ -55,14 +55,14 @@ def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
     def wind(time: float) -> float:
         return 0.1 * float(np.sum(np.sin(2.0 * np.pi * np.arange(1, 9) * 0.37 * time + phases)))
 
-    explained = explain(respond(*nominal_fit(outside=wind)))
+    explained = explained_by_forces(force_response(*nominal_fit(outside=wind)))
     assert explained.share < 0.3
 
 
 def test_the_response_is_what_a_pushed_pendulum_does() -> None:
     """Beside the same difference quotient with a hand-made constant torque."""
     found, windows = nominal_fit()
-    response = respond(found, windows)
+    response = force_response(found, windows)
     usual = found.model.scales["pendulum"].force
     hold = 3  # samples, as HOLD_S
     commands = windows.commands[0].copy()
@@ -72,7 +72,7 @@ def test_the_response_is_what_a_pushed_pendulum_does() -> None:
     for sign in (1.0, -1.0):
         moved = commands.copy()
         moved[first : first + hold, 0] += sign * size
-        y.append(PLANT.simulate(found.starts[:1], moved[None, windows.lead :], windows.dt)[0])
+        y.append(PLANT.simulate(found.x0[:1], moved[None, windows.lead :], windows.dt)[0])
     change = (y[0] - y[1])[: windows.y.shape[2], 0] / (2.0 * size / usual) / STD
     seen = windows.measured[0, 0]
     lin_free = response.G[0][: windows.y.shape[2], 5]
@@ -87,8 +87,8 @@ def _start_columns(found: Fit, windows: Windows) -> np.ndarray:
     plant, columns = found.model.plant, []
     for nudge in (np.array([[1e-4, 0.0]]), np.array([[0.0, 1e-3]])):
         commands = windows.commands[:1, windows.lead :]
-        up = plant.simulate(found.starts[:1] + nudge, commands, windows.dt)[0]
-        down = plant.simulate(found.starts[:1] - nudge, commands, windows.dt)[0]
+        up = plant.simulate(found.x0[:1] + nudge, commands, windows.dt)[0]
+        down = plant.simulate(found.x0[:1] - nudge, commands, windows.dt)[0]
         angle = (up - down)[: windows.y.shape[2], 0]
         columns.append(np.where(windows.measured[0, 0], angle, 0.0))
     return np.linalg.qr(np.stack(columns, axis=1))[0]

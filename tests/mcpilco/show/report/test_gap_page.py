@@ -8,8 +8,7 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
-from mcpilco.gap import Gap
-from mcpilco.gap.events import Event
+from mcpilco.gap import Event, Gap
 from mcpilco.show.report import gap_sections
 from mcpilco.show.report.gap_page import write_gap_report
 from mcpilco.show.report.parts import Picture
@@ -64,7 +63,7 @@ def test_page_of_too_little_says_what_to_record(found: Gap, tmp_path: Path) -> N
         named=(),
         comparison=None,
         models=None,
-        found=None,
+        search=None,
         events=(),
         experiments=("Record longer.",),
     )

@@ -2,8 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mcpilco.gap import Gap
-from mcpilco.gap.events import Event
+from mcpilco.gap import Event, Gap
 from mcpilco.show.report.gap_tables import effects, errors, events, steps
 
 

@@ -1,3 +1,5 @@
+"""Errors of free runs on held-out windows, and maps of what a model misses."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -6,12 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mcpilco.gap import Gap, show
+from mcpilco.gap import Gap, comparison
+from mcpilco.gap.comparison import compare, error_over_noise, missing_force, time_map
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.report import cautions, summary
-from mcpilco.gap.search import Found
-from mcpilco.gap.show import beyond_noise, compare, path
+from mcpilco.gap.search import SearchResult, nested_fits
 from mcpilco.plant import EffectInstance
+from tests.mcpilco.gap.pendulum import DT, dry_friction, record
+from tests.mcpilco.gap.pushed import HIDDEN_FRICTION, PUSH_S, pushed
 
 
 def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:
@@ -61,7 +65,12 @@ def test_only_the_corrected_plant_predicts_as_well_as_noise_lets_it(found: Gap) 
     assert found.comparison is not None
     assert found.models is not None
     models, windows = found.models, found.comparison.windows
-    assert beyond_noise(models.corrected, windows) < 2.0 < 5.0 < beyond_noise(models.refit, windows)
+    assert (
+        error_over_noise(models.corrected, windows)
+        < 2.0
+        < 5.0
+        < error_over_noise(models.refit, windows)
+    )
 
 
 def test_a_window_that_noise_alone_leads_far_away_does_not_decide(
@@ -81,25 +90,56 @@ def test_a_window_that_noise_alone_leads_far_away_does_not_decide(
         errors[0] = 4.0 * wild
         return errors
 
-    monkeypatch.setattr(show, "lasting", lambda found, windows: windows)
-    monkeypatch.setattr(show, "noise_floor", noise_floor)
-    monkeypatch.setattr(show, "error", error)
+    monkeypatch.setattr(comparison, "predictable", lambda found, windows: windows)
+    monkeypatch.setattr(comparison, "noise_floor", noise_floor)
+    monkeypatch.setattr(comparison, "scaled_errors", error)
     expected = np.sqrt((16.0 / 5.0 + len(windows) - 1) / len(windows))
-    assert beyond_noise(found.models.corrected, windows) == pytest.approx(expected)
+    assert error_over_noise(found.models.corrected, windows) == pytest.approx(expected)
 
 
 def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_it(
     found: Gap,
 ) -> None:
-    assert found.found is not None
-    null = found.found.null
+    assert found.search is not None
+    null = found.search.null
     a, b, c = found.plant.candidates()[:3]
     sets = [(a, b, c), (a, b), (b, c), (c,), (a,), ()]  # the best first
 
     def fitted(effects: tuple[EffectInstance, ...]) -> Fit:
-        return replace(null, model=replace(null.model, actives=effects))
+        return replace(null, model=replace(null.model, added=effects))
 
     fits = [fitted(effects) for effects in sets]
     ranked = tuple((known, float(bic)) for bic, known in enumerate(fits))
-    way = path(Found(fits[0], null, ranked, (), found.found.windows), fits[0])
-    assert [known.model.named for known in way] == [(c,), (b, c)]
+    way = nested_fits(SearchResult(fits[0], null, ranked, (), found.search.windows), fits[0])
+    assert [known.model.effects for known in way] == [(c,), (b, c)]
+
+
+@pytest.mark.parametrize("dt", [DT, 0.005])
+def test_the_force_left_over_is_the_hidden_one_and_nothing_once_it_is_added(
+    found: Gap, dt: float
+) -> None:
+    assert found.models is not None
+    assert found.comparison is not None
+    plants = found.models.plants()
+    friction = dry_friction(HIDDEN_FRICTION)
+    recordings = [record(np.random.default_rng(1), friction, number, dt=dt) for number in range(2)]
+    for name, size in (("nominal", HIDDEN_FRICTION), ("corrected", 0.0)):
+        left = missing_force(*plants[name], recordings, found.comparison.windows.std)
+        fast = np.abs(left.v[:, 0]) > 1.0
+        along = np.median(left.force[fast, 0] * np.sign(left.v[fast, 0]))
+        assert along == pytest.approx(-size, abs=0.015)
+
+
+def test_the_misfit_is_noise_where_the_correction_holds_and_large_at_a_push(found: Gap) -> None:
+    assert found.models is not None
+    assert found.comparison is not None
+    models = found.models.plants()
+    std = found.comparison.windows.std
+    recordings = [found.recordings[0], pushed(found.recordings[1])]
+    maps = {name: time_map(*models[name], recordings, std) for name in ("nominal", "corrected")}
+    edges, (quiet, disturbed) = maps["corrected"].edges, maps["corrected"].misfit[0]
+    inside = (edges[:-1] < PUSH_S[1]) & (edges[1:] > PUSH_S[0])
+    assert np.all(disturbed[inside] > 5.0)
+    assert np.nanmax(quiet) < 2.0
+    assert np.nanmedian(maps["nominal"].misfit[0]) > 3.0
+    assert np.isnan(maps["nominal"].misfit[1]).all()  # velocities were not measured

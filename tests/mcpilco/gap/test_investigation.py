@@ -1,3 +1,5 @@
+"""The whole workflow on recordings with a hidden effect."""
+
 from __future__ import annotations
 
 import json
@@ -10,7 +12,7 @@ import pytest
 import envs
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate
-from mcpilco.gap.given import Given
+from mcpilco.gap.data import GapProblem
 from mcpilco.gap.report import summary, to_json
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
@@ -226,8 +228,8 @@ def test_the_recordings_that_no_fit_may_see_can_be_named() -> None:
     time = 0.02 * np.arange(100)
     states, torque = np.zeros((100, 2)), np.zeros((100, 1))
     measured = [Recording(name, time, states, torque, *long_names) for name in "abc"]
-    given = Given.of(PLANT(), measured, 0.01, (), {}, held_out=["a"])
-    assert given.names == (("b", "c"), ("a",))
+    problem = GapProblem.of(PLANT(), measured, 0.01, (), {}, held_out=["a"])
+    assert problem.names == (("b", "c"), ("a",))
     for wrong in (["d"], ["a", "b", "c"]):
         with pytest.raises(InputError, match="must be some of the recordings a, b, c, and leave"):
-            Given.of(PLANT(), measured, 0.01, (), {}, held_out=wrong)
+            GapProblem.of(PLANT(), measured, 0.01, (), {}, held_out=wrong)

@@ -1,7 +1,4 @@
-"""What no effect explains is learned: in its joint, where it acts, and so that an env can load it.
-
-The recordings are made by scipy's integrator.
-"""
+"""Forces that are learned where no effect explains what is missing."""
 
 from __future__ import annotations
 
@@ -14,20 +11,28 @@ import pytest
 
 import envs
 from mcpilco.gap import Gap, investigate
-from mcpilco.gap.fit import Fit, fit, linearise, residual, run, settle
-from mcpilco.gap.grid_force import GridForce, Prior
-from mcpilco.gap.learn import MOST_TURNED, SHORT_S, candidates, learn, learned_of, moved, seek
-from mcpilco.gap.model import Model, scales
-from mcpilco.gap.places import places
+from mcpilco.gap.comparison import error_reduction
+from mcpilco.gap.data import Windows, cut, usual_scales
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, on_windows
+from mcpilco.gap.learned_force import (
+    GridPrior,
+    best_force,
+    candidates,
+    force_places,
+    learned_of,
+    with_learned_force,
+)
+from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.report import summary, to_json
-from mcpilco.gap.show import shrunk
-from mcpilco.gap.windows import Windows, cut
+from mcpilco.gap.sensitivities import linearise, residual, run
+from mcpilco.gap.thresholds import FORCE
 from mcpilco.plant import Axis, Plant, correction_of, read_correction, write_correction
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.light import LIGHT, spun
 from tests.mcpilco.gap.pendulum import STD, Force, record
 
 pytestmark = pytest.mark.xdist_group("learned force")  # one process learns it for all of them
+
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
 
@@ -52,39 +57,39 @@ def recordings(force: Force, count: int, seed: int = 1) -> list[Recording]:
 
 def nominal_fit(measured: list[Recording], plant: Plant = PLANT) -> tuple[Fit, Windows]:
     windows = cut(measured, np.array([STD, 1.0]))
-    model = Model(plant, (), {}, scales(plant, windows))
-    starts = settle(model, windows, np.zeros(0))
-    return fit(model, windows, np.zeros(0), starts), windows
+    model = PlantModel(plant, (), {}, usual_scales(plant, windows))
+    x0 = fit_initial_states(model, windows, np.zeros(0))
+    return fit_model(model, windows, np.zeros(0), x0), windows
 
 
 def test_a_detent_is_learned_where_it_is_and_the_error_on_unseen_recordings_shrinks() -> None:
     measured = recordings(detent, 5)
     before, windows = nominal_fit(measured[:3])
-    short = cut(measured[:3], np.array([STD, 1.0]), seconds=SHORT_S)
-    after = learn(before, windows, short)
-    (place,) = places(after, windows)
+    short = cut(measured[:3], np.array([STD, 1.0]), seconds=FORCE.short_s)
+    after = with_learned_force(before, windows, short)
+    (place,) = force_places(after, windows)
     assert [axis.of for axis in place.force.axes] == ["angle"]
     ((low, high),) = place.within
     assert -0.1 < low < 0.4 < high < 0.9
     q = np.linspace(0.2, 0.6, 30)
     np.testing.assert_allclose(place.force.at(q), [detent(x, 0.0) for x in q], atol=0.06)
     unseen = cut(measured[3:], np.array([STD, 1.0]), every=0.3)
-    assert shrunk(before, after, unseen).low > 0.0
+    assert error_reduction(before, after, unseen).low > 0.0
 
 
 def test_of_noise_nothing_is_learned() -> None:
     measured = recordings(nothing, 2)
     before, windows = nominal_fit(measured)
-    short = cut(measured, np.array([STD, 1.0]), seconds=SHORT_S)
-    assert learned_of(learn(before, windows, short)) == ()
+    short = cut(measured, np.array([STD, 1.0]), seconds=FORCE.short_s)
+    assert learned_of(with_learned_force(before, windows, short)) == ()
 
 
 def found_over_turns(measured: Recording) -> Axis:
     """Of the force that is missing first, in a pendulum that turns over."""
-    assert np.ptp(measured.states[:, 0]) > 2.0 * MOST_TURNED
+    assert np.ptp(measured.states[:, 0]) > 2.0 * FORCE.most_turned_rad
     before, _ = nominal_fit([measured], LIGHT)
-    short = cut([measured], np.array([STD, 1.0]), seconds=SHORT_S)
-    force = seek(moved(before, short), short)
+    short = cut([measured], np.array([STD, 1.0]), seconds=FORCE.short_s)
+    force = best_force(on_windows(before, short), short)
     assert force is not None
     (axis,) = force.axes
     assert axis.of == "angle"
@@ -94,7 +99,7 @@ def found_over_turns(measured: Recording) -> Axis:
 def test_a_spring_that_winds_up_over_turns_is_learned_over_all_of_them() -> None:
     axis = found_over_turns(spun("spring", (0.03,), 20))
     assert not axis.closed
-    assert axis.high - axis.low > 2.0 * MOST_TURNED
+    assert axis.high - axis.low > 2.0 * FORCE.most_turned_rad
 
 
 def test_what_each_turn_repeats_is_learned_over_one() -> None:
@@ -106,13 +111,13 @@ def test_what_each_turn_repeats_is_learned_over_one() -> None:
 def test_beside_a_velocity_the_place_in_a_turn_and_that_among_all_turns_are_tried() -> None:
     measured = spun("spring", (0.03,), 20)
     before, _ = nominal_fit([measured], LIGHT)
-    short = cut([measured], np.array([STD, 1.0]), seconds=SHORT_S)
-    tried = [candidate.prior.axes for candidate in candidates(moved(before, short), short)]
+    short = cut([measured], np.array([STD, 1.0]), seconds=FORCE.short_s)
+    tried = [candidate.prior.axes for candidate in candidates(on_windows(before, short), short)]
     angles = [axes[0] for axes in tried if [axis.of for axis in axes] == ["angle", "velocity"]]
     assert {axis.closed for axis in angles} == {True, False}
     turned = {round(axis.high - axis.low, 3) for axis in angles if not axis.closed}
-    assert min(turned) <= 1.01 * MOST_TURNED
-    assert max(turned) > 2.0 * MOST_TURNED
+    assert min(turned) <= 1.01 * FORCE.most_turned_rad
+    assert max(turned) > 2.0 * FORCE.most_turned_rad
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +160,7 @@ def test_far_from_what_was_recorded_the_learned_force_is_nothing(fed: Gap) -> No
 
 def test_the_prior_of_a_grid_is_the_product_of_those_over_its_axes() -> None:
     axes = Axis("angle", -1.0, 1.0, 9), Axis("velocity", -4.0, 4.0, 7, slow=0.2)
-    prior = Prior.of(axes, (0.4, 1.0), least=0.0)
+    prior = GridPrior.of(axes, (0.4, 1.0), least=0.0)
     weights = prior.weights(np.eye(len(prior.kept[0])))
     parts = [
         np.exp(-0.5 * ((axis.places[:, None] - axis.places) / lengthscale) ** 2)
@@ -173,9 +178,9 @@ def test_columns_of_a_learned_force_are_those_of_finite_differences() -> None:
     force = GridForce("pendulum", (axis,), 0.2 * np.eye(9)[:, 2:7])
     model = replace(before.model, learned=(force,))
     theta = np.array([0.1, -0.3, 0.2, 0.4, 0.1])
-    lin = linearise(model, windows, theta, before.starts)
+    lin = linearise(model, windows, theta, before.x0)
     steps = 1e-3 * np.concatenate([np.eye(5), -np.eye(5)])
-    r = residual(windows, run(model, windows, theta + steps, np.tile(before.starts, (10, 1, 1))))
+    r = residual(windows, run(model, windows, theta + steps, np.tile(before.x0, (10, 1, 1))))
     columns = ((r[5:] - r[:5]) / 2e-3).transpose(1, 2, 0)
     apart = np.linalg.norm(lin.Jp - columns, axis=(0, 1))
     assert (apart < 0.1 * np.linalg.norm(columns, axis=(0, 1))).all()

@@ -1,3 +1,5 @@
+"""The recordings that a gap asks for."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -20,7 +22,7 @@ def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -
 
 
 def test_what_small_motion_cannot_show_is_listed() -> None:
-    """Five thousandths of the usual torque: nothing speeds up enough for drag to be felt."""
+    """Five thousandths of the usual torque: nothing speeds up enough for drag to show."""
     rng = np.random.default_rng(8)
     whole = [record(rng, lambda q, v: 0.0, number) for number in range(3)]
     dt, plant = whole[0].dt, PLANT()

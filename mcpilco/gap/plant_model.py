@@ -1,23 +1,27 @@
-"""A plant with some effects as a function of a vector of parameters."""
+"""A plant with some effects as a function of a parameter vector, and what may be simulated of it.
+
+A sticking or stiff motion takes a hundred times the integrator steps of a smooth one, and a search
+that no model satisfies tries all that it can. So steps are counted, not fits, and equal data lead
+to equal results. Every stage gets a part of the steps that are left.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from mcpilco.bodies import generalised_forces, mass_matrix
-from mcpilco.gap.effort import Effort
-from mcpilco.gap.grid_force import GridForce
-from mcpilco.gap.windows import Windows
+from mcpilco.gap.thresholds import BUDGET, FIT
 from mcpilco.plant import (
     OFFSET,
     SCALE,
     TURN,
+    Axis,
     DryFriction,
     EffectInstance,
     Plant,
@@ -26,26 +30,84 @@ from mcpilco.plant import (
     Tables,
 )
 
-FREE = 1.0
-"""relative prior std of a parameter of which nothing is known: its order of magnitude is meant"""
-FARTHEST = 2.5
-"""factor by which a step of a fit may change a mass, or what enters as a logarithm"""
-LEAST_SCALE = 0.1
-"""of a sensor, below which its measurement is not read back"""
-QUICKEST_S = 1e-4
-"""in which dry friction may bring its joint to rest [s]"""
+T = TypeVar("T")
+
+Theta = Float[np.ndarray, " p"]
+"""uncertain parameters, then values of effects, then coordinates of learned forces"""
+InitialStates = Float[np.ndarray, "W X"]
+"""of W windows, in each state's unit"""
+PerWindow = Float[np.ndarray, " W"]
+"""a number for each window"""
 
 
 @dataclass(frozen=True)
-class Model:
-    """A plant, effects that are added to it, and what is not known exactly.
+class ComputeBudget:
+    """The steps that an investigation may take, and those that it has taken."""
+
+    most: float = BUDGET.steps
+    """that it may take"""
+    used: Int[np.ndarray, " 1"] = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    """counted by the simulation"""
+
+    @classmethod
+    def at(cls, dt: float, most: float = BUDGET.steps) -> ComputeBudget:
+        """The steps that may be taken with recordings of this sampling time [s]."""
+        return cls(most * max(1.0, BUDGET.usual_dt_s / dt))
+
+    def share(self, part: float) -> BudgetShare:
+        """A part of the steps that are left, for a stage that begins now."""
+        now = int(self.used[0])
+        return BudgetShare(self, now + part * max(self.most - now, 0.0))
+
+
+@dataclass(frozen=True)
+class BudgetShare:
+    """The steps that one stage may take."""
+
+    budget: ComputeBudget
+    until: float
+    """steps of the whole investigation at which the stage ends"""
+
+    @property
+    def used_up(self) -> bool:
+        """Whether the stage has to end with what it has."""
+        return bool(self.budget.used[0] >= self.until)
+
+    def while_left(self, items: Iterable[T]) -> Iterator[T]:
+        """Items of which the stage treats one after the other: the first, and then while it may."""
+        for number, item in enumerate(items):
+            if number and self.used_up:
+                break
+            yield item
+
+
+@dataclass(frozen=True)
+class GridForce:
+    """A force in a joint whose R coordinates are standard normal before data are seen."""
+
+    joint: str
+    """in which it acts"""
+    axes: tuple[Axis, ...]
+    """of its grid"""
+    basis: Float[np.ndarray, "M R"]
+    """weights of the splines for one unit of each coordinate [N or N m]"""
+
+    @property
+    def grid(self) -> tuple[str, tuple[Axis, ...]]:
+        """Joint and axes."""
+        return self.joint, self.axes
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """A plant, effects that are added to it, and its uncertain parameters.
 
     Its vector theta holds the uncertain nominal parameters, each relative to its nominal value, and
     then the values of the effects. Symbols that are positive and far from 0 enter as logarithms.
     """
 
     plant: Plant
-    actives: tuple[EffectInstance, ...]
+    added: tuple[EffectInstance, ...]
     """effects that are added"""
     priors: Mapping[str, float]
     """uncertain parameters of the plant, with the relative prior std of each; inf frees one"""
@@ -56,77 +118,77 @@ class Model:
     """effects that come down to an uncertain parameter, whose prior is lifted instead"""
     learned: tuple[GridForce, ...] = ()
     """forces that no effect explains; their coordinates stand last in theta"""
-    effort: Effort = field(default_factory=Effort)
+    budget: ComputeBudget = field(default_factory=ComputeBudget)
     """of the investigation that simulates it"""
 
     @property
-    def named(self) -> tuple[EffectInstance, ...]:
+    def effects(self) -> tuple[EffectInstance, ...]:
         """All its effects."""
-        return self.freed + self.actives
+        return self.freed + self.added
 
-    def frees(self, active: EffectInstance) -> int | None:
+    def frees(self, instance: EffectInstance) -> int | None:
         """Which uncertain parameter an effect comes down to, of those that a prior holds."""
-        name = self.plant.parameter_of(active)
+        name = self.plant.parameter_of(instance)
         if name is None or not np.isfinite(self.priors.get(name, np.inf)):
             return None
         return list(self.priors).index(name)
 
-    def _parameter(self, active: EffectInstance) -> str:
+    def _parameter(self, instance: EffectInstance) -> str:
         """The parameter that one of the freed effects comes down to."""
-        name = self.plant.parameter_of(active)
+        name = self.plant.parameter_of(instance)
         assert name is not None
         return name
 
-    def having(self, active: EffectInstance) -> Model:
+    def having(self, instance: EffectInstance) -> PlantModel:
         """This model with one effect more."""
-        if self.frees(active) is None:
-            return replace(self, actives=(*self.actives, active))
-        freed = {self._parameter(active): np.inf}
-        return replace(self, priors={**self.priors, **freed}, freed=(*self.freed, active))
+        if self.frees(instance) is None:
+            return replace(self, added=(*self.added, instance))
+        freed = {self._parameter(instance): np.inf}
+        return replace(self, priors={**self.priors, **freed}, freed=(*self.freed, instance))
 
     def grown(
         self,
-        theta: Float[np.ndarray, " p"],
-        active: EffectInstance,
+        theta: Theta,
+        instance: EffectInstance,
         values: Sequence[float] | Float[np.ndarray, " n"],
-    ) -> tuple[Model, Float[np.ndarray, " n"]]:
+    ) -> tuple[PlantModel, Float[np.ndarray, " n"]]:
         """The model with one effect more, and theta with its values."""
-        model = self.having(active)
-        if len(model.actives) == len(self.actives):
+        model = self.having(instance)
+        if len(model.added) == len(self.added):
             return model, theta
         added = np.asarray(values, dtype=float)
-        logs = np.array([_positive(symbol) for symbol in active.effect.symbols])
+        logs = np.array([_positive(symbol) for symbol in instance.effect.symbols])
         added = np.where(logs, np.log(np.where(logs, added, 1.0)), added)
         return model, model.softened(np.clip(np.concatenate([theta, added]), *model.bounds))
 
     def shrunk(
-        self, theta: Float[np.ndarray, " p"], active: EffectInstance, prior: float
-    ) -> tuple[Model, Float[np.ndarray, " n"]]:
+        self, theta: Theta, instance: EffectInstance, prior: float
+    ) -> tuple[PlantModel, Float[np.ndarray, " n"]]:
         """The model without one of its effects, and theta; `prior` is that of a parameter."""
-        if active in self.freed:
-            held = {self._parameter(active): prior}
-            rest = tuple(other for other in self.freed if other != active)
+        if instance in self.freed:
+            held = {self._parameter(instance): prior}
+            rest = tuple(other for other in self.freed if other != instance)
             return replace(self, priors={**self.priors, **held}, freed=rest), theta
-        span = self.spans()[self.actives.index(active)]
-        rest = tuple(other for other in self.actives if other != active)
-        return replace(self, actives=rest), np.delete(theta, np.arange(span.start, span.stop))
+        span = self.spans()[self.added.index(instance)]
+        rest = tuple(other for other in self.added if other != instance)
+        return replace(self, added=rest), np.delete(theta, np.arange(span.start, span.stop))
 
-    def told(
+    def effect_values(
         self, theta: Float[np.ndarray, "S p"]
     ) -> list[tuple[EffectInstance, Float[np.ndarray, "S symbols"]]]:
         """Values of all its effects, of S vectors."""
         parameters, values = self.decode(theta)
         names = [parameter.name for parameter in self.plant.parameters]
         freed = []
-        for active in self.freed:
-            column = names.index(self._parameter(active))
+        for instance in self.freed:
+            column = names.index(self._parameter(instance))
             nominal = self.plant.nominal[column]
-            found = parameters[:, column : column + 1]
-            relative = active.effect.neutral[0] == 1.0  # a gain is told relative to the nominal one
-            freed.append((active, found / nominal if relative else found - nominal))
+            value = parameters[:, column : column + 1]
+            relative = instance.effect.neutral[0] == 1.0  # as of a gain
+            freed.append((instance, value / nominal if relative else value - nominal))
         added = [
-            (active, _within(active.effect.symbols, found))
-            for active, found in zip(self.actives, values, strict=True)
+            (instance, _within(instance.effect.symbols, value))
+            for instance, value in zip(self.added, values, strict=True)
         ]
         return freed + added
 
@@ -138,8 +200,8 @@ class Model:
     def spans(self) -> list[slice]:
         """Where in theta the values of each effect are."""
         spans, first = [], self.nuisances
-        for active in self.actives:
-            spans.append(slice(first, first + len(active.effect.symbols)))
+        for instance in self.added:
+            spans.append(slice(first, first + len(instance.effect.symbols)))
             first = spans[-1].stop
         return spans
 
@@ -151,14 +213,14 @@ class Model:
     @cached_property
     def logarithmic(self) -> np.ndarray:
         """Which entries of theta are logarithms."""
-        symbols = [s for active in self.actives for s in active.effect.symbols]
+        symbols = [s for instance in self.added for s in instance.effect.symbols]
         known = [False] * self.nuisances + [_positive(s) for s in symbols]
         return np.array(known + [False] * self.coordinates, dtype=bool)
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest theta that make physical sense."""
-        symbols = [s for active in self.actives for s in active.effect.symbols]
+        symbols = [s for instance in self.added for s in instance.effect.symbols]
         low = [-0.95] * self.nuisances
         low += [np.log(s.low) if _positive(s) else s.low for s in symbols]
         high = [np.inf] * self.nuisances
@@ -175,11 +237,11 @@ class Model:
         hundreds of times what is there.
         """
         low, high = (bound.copy() for bound in self.bounds)
-        low[self.logarithmic] = np.maximum(low, theta - math.log(FARTHEST))[self.logarithmic]
-        high[self.logarithmic] = np.minimum(high, theta + math.log(FARTHEST))[self.logarithmic]
+        low[self.logarithmic] = np.maximum(low, theta - math.log(FIT.farthest))[self.logarithmic]
+        high[self.logarithmic] = np.minimum(high, theta + math.log(FIT.farthest))[self.logarithmic]
         ours = slice(self.nuisances)
-        low[ours] = np.maximum(low[ours], (1.0 + theta[ours]) / FARTHEST - 1.0)
-        high[ours] = np.minimum(high[ours], FARTHEST * (1.0 + theta[ours]) - 1.0)
+        low[ours] = np.maximum(low[ours], (1.0 + theta[ours]) / FIT.farthest - 1.0)
+        high[ours] = np.minimum(high[ours], FIT.farthest * (1.0 + theta[ours]) - 1.0)
         return low, high
 
     def softened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -190,29 +252,29 @@ class Model:
         """
         theta = theta.copy()
         lightest = 1.0 + min(0.0, theta[: self.nuisances].min(initial=0.0))
-        for active, span in zip(self.actives, self.spans(), strict=True):
-            friction = active.effect
+        for instance, span in zip(self.added, self.spans(), strict=True):
+            friction = instance.effect
             if not isinstance(friction, DryFriction):
                 continue
-            inertia = lightest * self.scales[active.target].inertia
-            slowest = float(theta[span][list(friction.forces)].sum()) * QUICKEST_S / inertia
+            inertia = lightest * self.scales[instance.target].inertia
+            slowest = float(theta[span][list(friction.forces)].sum()) * FIT.quickest_s / inertia
             at = span.start + friction.turn
             theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
         return theta
 
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
-        """Whether no effect is larger than what could be meant."""
+        """Whether no effect is larger than is plausible."""
         values = self.decode(theta[None])[1]
         return all(
-            bool(np.all(value[0] <= active.effect.largest(self.scales[active.target])))
-            for active, value in zip(self.actives, values, strict=True)
+            bool(np.all(value[0] <= instance.effect.largest(self.scales[instance.target])))
+            for instance, value in zip(self.added, values, strict=True)
         )
 
     @cached_property
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
-        precision[: self.nuisances] = [min(std, FREE) ** -2 for std in self.priors.values()]
+        precision[: self.nuisances] = [min(std, FIT.free_std) ** -2 for std in self.priors.values()]
         precision[len(precision) - self.coordinates :] = 1.0
         return precision
 
@@ -231,14 +293,14 @@ class Model:
         """S systems, for a simulation."""
         parameters, values = self.decode(theta)
         grids = [force.grid for force in self.learned]
-        return self.plant.tables(parameters, self.actives, values, grids, self.weights(theta))
+        return self.plant.tables(parameters, self.added, values, grids, self.weights(theta))
 
-    def unread(
+    def invert_sensors(
         self, theta: Float[np.ndarray, " n"], measured: Float[np.ndarray, "W X"]
     ) -> Float[np.ndarray, "W X"]:
-        """States of which the sensors would measure this at rest."""
+        """The states that the sensors would measure so at rest."""
         sensors = self.tables(theta[None]).sensors[0]
-        return (measured - sensors[:, OFFSET]) / np.maximum(sensors[:, SCALE], LEAST_SCALE)
+        return (measured - sensors[:, OFFSET]) / np.maximum(sensors[:, SCALE], FIT.least_scale)
 
     def weights(self, theta: Float[np.ndarray, "S n"]) -> list[Float[np.ndarray, "S _"]]:
         """Weights of the splines of each learned force."""
@@ -247,30 +309,25 @@ class Model:
         return [part @ force.basis.T for part, force in zip(parts, self.learned, strict=False)]
 
     def steps(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
-        """Steps for finite differences: felt above rounding, and too small to bend.
+        """Steps for finite differences: far above rounding, and too small to bend.
 
         The coordinates of learned forces, which stand last in theta, have none.
         """
         steps = [np.full(self.nuisances, 1e-3)]
-        for active in self.actives:
-            probes = active.effect.probes(self.scales[active.target])
-            sizes = np.concatenate([probe.values for probe in probes]) - active.effect.neutral
+        for instance in self.added:
+            probes = instance.effect.probes(self.scales[instance.target])
+            sizes = np.concatenate([probe.values for probe in probes]) - instance.effect.neutral
             sizes[~np.isfinite(sizes)] = 0.0
             usual = 0.1 * np.abs(sizes).max(axis=0)
             usual[usual == 0.0] = 1e-2
             steps.append(usual)
-        found = np.concatenate(steps)
-        theta, ours = theta[: len(found)], self.logarithmic[: len(found)]
-        found[ours] = 0.03
-        found[self.nuisances :] = np.where(
-            ours[self.nuisances :],
-            found[self.nuisances :],
-            np.minimum(
-                found[self.nuisances :],
-                np.maximum(1e-2 * np.abs(theta[self.nuisances :]), 0.1 * found[self.nuisances :]),
-            ),
-        )
-        return found
+        sizes = np.concatenate(steps)
+        logs = self.logarithmic[: len(sizes)]
+        plain = ~logs & (np.arange(len(sizes)) >= self.nuisances)
+        usual, now = sizes[plain], np.abs(theta[: len(sizes)][plain])
+        sizes[plain] = np.minimum(usual, np.maximum(1e-2 * now, 0.1 * usual))
+        sizes[logs] = 0.03
+        return sizes
 
 
 def _positive(symbol: Symbol) -> bool:
@@ -282,45 +339,3 @@ def _within(
 ) -> Float[np.ndarray, "S n"]:
     """The values; at a bound, the exponential of its logarithm may lie beyond it by rounding."""
     return np.clip(values, [s.low for s in symbols], [s.high for s in symbols])
-
-
-def scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
-    """What is usual at each target of a plant in some recordings."""
-    layout = plant.layout
-    chain = plant.chain
-    J = len(layout.joints)
-    found = {}
-    y = windows.y.copy()
-    for j in range(J):  # velocities that were not measured
-        v = np.gradient(y[:, 2 * j], windows.dt, axis=-1)
-        y[:, 2 * j + 1] = np.where(np.isfinite(y[:, 2 * j + 1]), y[:, 2 * j + 1], v)
-    q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
-    fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
-    q, v = q[fine], v[fine]
-    inertias = mass_matrix(chain, q[:200]).mean(axis=0)
-    weights = generalised_forces(chain, q, np.zeros_like(q), np.zeros_like(q))
-    commands = np.abs(windows.commands).reshape(-1, windows.commands.shape[-1])
-    targets = {*layout.joints, *layout.bodies, *layout.actuators, *layout.states}
-    for target in targets:
-        j = layout.joint_of(target)
-        body = chain.bodies[j]
-        inputs = [u for u, joint in enumerate(layout.drives) if joint == j] or [0]
-        u = layout.actuators.index(target) if target in layout.actuators else inputs[0]
-        gain = commands[:, u].std() + commands[:, u].mean()
-        driven = gain if j in layout.drives else 0.0
-        velocity = np.sqrt(np.mean(v[:, j] ** 2))
-        signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
-        inertia = float(inertias[j, j])
-        force = max(driven, np.sqrt(np.mean(weights[:, j] ** 2)), 0.1 * inertia * velocity / 0.1)
-        found[target] = Scale(
-            position=float(np.abs(q[:, j]).max()) + 1e-9,
-            velocity=float(velocity) + 1e-9,
-            force=float(force) + 1e-12,
-            command=float(commands[:, u].max()) + 1e-12,
-            signal=float(np.sqrt(np.nanmean(signal**2))) + 1e-9,
-            inertia=inertia,
-            mass=body.mass,
-            length=float(np.linalg.norm(body.center)),
-            dt=windows.dt,
-        )
-    return found

@@ -1,4 +1,4 @@
-"""What a model's parameters may do."""
+"""A plant with effects as a function of a vector of parameters."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import envs
-from mcpilco.gap.given import Given
-from mcpilco.gap.model import FARTHEST, Model
-from mcpilco.gap.model import FREE as FREE_STD
+from mcpilco.gap.data import GapProblem
+from mcpilco.gap.plant_model import PlantModel
+from mcpilco.gap.thresholds import FIT
 from mcpilco.plant import (
     CATALOGUE,
     EffectInstance,
@@ -18,15 +18,15 @@ from mcpilco.plant import (
     read_correction,
     write_correction,
 )
-from tests.mcpilco.gap.test_search import recorded
+from tests.mcpilco.gap.lagging import recorded
 
 FREE = "mass", "length"
 
 
-def model() -> Model:
+def model() -> PlantModel:
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
-    given = Given.of(plant, recorded(plant, 1), 0.01, FREE, {})
-    return given.model(given.windows())
+    problem = GapProblem.of(plant, recorded(plant, 1), 0.01, FREE, {})
+    return problem.model(problem.windows())
 
 
 def test_no_step_changes_a_mass_or_a_logarithm_by_more_than_its_factor() -> None:
@@ -34,17 +34,17 @@ def test_no_step_changes_a_mass_or_a_logarithm_by_more_than_its_factor() -> None
     grown, theta = model().grown(np.array([1.0, -0.5, 0.0, 0.0]), friction, (0.1, 0.1, 0.1, 2e-3))
     low, high = grown.reach(theta)
     own = slice(grown.nuisances)
-    np.testing.assert_allclose(1.0 + high[own], FARTHEST * (1.0 + theta[own]))
-    np.testing.assert_allclose((1.0 + low[own]) * FARTHEST, 1.0 + theta[own])
+    np.testing.assert_allclose(1.0 + high[own], FIT.farthest * (1.0 + theta[own]))
+    np.testing.assert_allclose((1.0 + low[own]) * FIT.farthest, 1.0 + theta[own])
     logs = grown.logarithmic
     assert logs.sum() == 2
-    assert np.exp((high - low)[logs]).max() <= FARTHEST**2 * (1 + 1e-9)
+    assert np.exp((high - low)[logs]).max() <= FIT.farthest**2 * (1 + 1e-9)
 
 
 def test_of_a_free_mass_the_order_of_magnitude_is_known() -> None:
     found = model()
     loose = dict(zip(found.priors, found.precision, strict=True))
-    assert loose["mass"] == loose["length"] == FREE_STD**-2
+    assert loose["mass"] == loose["length"] == FIT.free_std**-2
     assert loose["friction"] == pytest.approx(0.01**-2)
 
 
@@ -54,7 +54,9 @@ def test_a_correction_at_the_bounds_of_its_values_can_be_read_again(tmp_path: Pa
     for active in nominal.plant.candidates():
         for values in zip(*((s.low, s.high) for s in active.effect.symbols), strict=True):
             grown, theta = nominal.grown(nobody, active, np.clip(values, -1e3, 1e3))
-            plant = nominal.plant.having([(a, told[0]) for a, told in grown.told(theta[None])])
+            plant = nominal.plant.having(
+                [(a, told[0]) for a, told in grown.effect_values(theta[None])]
+            )
             path = write_correction(tmp_path / "at.json", correction_of(plant, nominal.plant))
             assert read_correction(path).effects
 

@@ -1,0 +1,51 @@
+from .comparison import (
+    ComparedModels,
+    Comparison,
+    MissingForce,
+    TimeMap,
+    missing_force,
+    scaled_errors,
+    squares_at_end,
+    time_map,
+)
+from .data import Event, GapProblem, Windows, usual_scales
+from .decide import EstimatedParameter, NamedEffect
+from .disagreement import Disagreement
+from .fit import Fit, fit_initial_states, fit_model, truncated
+from .investigation import investigate
+from .report import Gap, cautions, summary, three_digits, to_json, verdict_sentence, write_json
+from .search import SearchResult
+from .thresholds import COMPARISON, DATA
+
+__all__ = [
+    "COMPARISON",
+    "DATA",
+    "ComparedModels",
+    "Comparison",
+    "Disagreement",
+    "EstimatedParameter",
+    "Event",
+    "Fit",
+    "Gap",
+    "GapProblem",
+    "MissingForce",
+    "NamedEffect",
+    "SearchResult",
+    "TimeMap",
+    "Windows",
+    "cautions",
+    "fit_initial_states",
+    "fit_model",
+    "investigate",
+    "missing_force",
+    "scaled_errors",
+    "squares_at_end",
+    "summary",
+    "three_digits",
+    "time_map",
+    "to_json",
+    "truncated",
+    "usual_scales",
+    "verdict_sentence",
+    "write_json",
+]

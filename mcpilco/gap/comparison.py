@@ -1,0 +1,433 @@
+"""Errors of free runs on held-out windows, and maps of what a model misses, for pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.bodies import mass_matrix
+from mcpilco.gap.data import Windows, cut
+from mcpilco.gap.fit import Fit, fit_initial_states, truncated
+from mcpilco.gap.plant_model import PlantModel, Theta
+from mcpilco.gap.sensitivities import residual, run
+from mcpilco.gap.thresholds import COMPARISON
+from mcpilco.recordings import Recording, smoothed
+from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class ComparedModels:
+    """The plants that are compared."""
+
+    nominal: PlantModel
+    """the plant as the user has it"""
+    refit: Fit
+    """the plant with its uncertain parameters refitted"""
+    corrected: Fit
+    """the plant with the effects that were found"""
+    steps: tuple[Fit, ...] = ()
+    """the plant with the first of these effects, with the first two, ...; without all of them"""
+
+    def plants(self) -> dict[str, tuple[PlantModel, Float[np.ndarray, " p"]]]:
+        """Model and parameters of each plant, by name."""
+        return {
+            "nominal": (self.nominal, np.zeros(self.nominal.nuisances)),
+            "refit": (self.refit.model, self.refit.theta),
+            "corrected": (self.corrected.model, self.corrected.theta),
+        }
+
+    @property
+    def baseline(self) -> str:
+        """The plant from which a gap is measured: the refit where parameters were freed."""
+        freed = any(np.isinf(std) for std in self.nominal.priors.values())
+        return "refit" if freed else "nominal"
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """Which plants to look at beside one another; one alone where nothing was corrected."""
+        if self.corrected.model.effects or self.corrected.model.learned:
+            return (self.baseline, "corrected")
+        return ("nominal",) if self.baseline == "nominal" else ("nominal", "refit")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its 95 % interval."""
+
+    value: float
+    low: float
+    """lower end of the 95 % interval"""
+    high: float
+    """upper end"""
+
+
+@dataclass(frozen=True)
+class ErrorStep:
+    """The error at the end of held-out windows with one thing more mended."""
+
+    added: str
+    """what: the parameters, or an effect at its target"""
+    error: Interval
+    """mean over the joints, each in its noise std [-]"""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Root-mean-square errors of position at the end of held-out windows."""
+
+    horizon_s: float
+    """time after the start of a window [s]"""
+    nominal: float
+    """mean over the joints, each in its noise std [-]"""
+    refit: float
+    """of the plant with its uncertain parameters refitted"""
+    corrected: float
+    """of the plant with the effects that were found"""
+    noise_floor: float
+    """of a model without error: noise, and what it does to the estimated start"""
+    closed: Interval
+    """(nominal - corrected) / (nominal - noise floor); with refit where parameters were freed"""
+    hidden: bool
+    """whether noise hides the gap: the error that shrinks is not surely above the noise floor"""
+    channels: dict[str, dict[str, float]]
+    """the same by state, in its unit"""
+    over_time: dict[str, Float[np.ndarray, " T"]]
+    """the errors over the time since the start, by model [noise std]; NaN where none is known"""
+    bands: dict[str, Float[np.ndarray, "2 T"]]
+    """ends of their 95 % intervals"""
+    steps: tuple[ErrorStep, ...]
+    """how the error at the end shrinks, from the nominal plant to the corrected one"""
+    windows: Windows
+    """the held-out windows; they number the held-out recordings"""
+    runs: dict[str, Float[np.ndarray, "W X T"]]
+    """free runs of the nominal, refitted and corrected plant over them, in each state's unit"""
+
+
+def compare(models: ComparedModels, windows: Windows) -> Comparison:
+    """Errors of the nominal, refitted and corrected plant on held-out windows.
+
+    Windows whose motion diverges before their end are left out: there no model, not even the true
+    one, can be distinguished from another.
+    """
+    T = windows.y.shape[2]
+    best = models.corrected
+    windows = predictable(best, windows)
+    plants = models.plants()
+    runs = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
+    errors = {name: scaled_errors(windows, y) for name, y in runs.items()}
+    (errors["noise_floor"],) = noise_floor(best.model, best.theta, windows)
+    by_window = {name: squares_at_end(e) for name, e in errors.items()}
+    rms = {name: _rms(parts) for name, parts in by_window.items()}
+    draws = _draws(len(windows))
+    drawn = {name: _mean_rms(parts, draws) for name, parts in by_window.items()}
+    states = models.nominal.plant.layout.states
+    channels = {
+        states[2 * j]: {
+            name: float(np.sqrt(np.nanmean(parts[:, j])) * windows.std[2 * j])
+            for name, parts in by_window.items()
+        }
+        for j in range(len(states) // 2)
+    }
+    growth = {name: _over_time(e, np.ones((1, len(e))))[0] for name, e in errors.items()}
+    bands = {
+        name: np.percentile(_over_time(e, draws), [2.5, 97.5], axis=0) for name, e in errors.items()
+    }
+    return Comparison(
+        horizon_s=round((T - 1) * windows.dt, 6),
+        **rms,
+        closed=_closed(rms, drawn, models.baseline),
+        hidden=bool(np.percentile(drawn[models.baseline] - drawn["noise_floor"], 2.5) <= 0.0),
+        channels=channels,
+        over_time=growth,
+        bands=bands,
+        steps=_steps(models, windows, by_window, draws),
+        windows=windows,
+        runs=runs,
+    )
+
+
+def predictable(fit: Fit, windows: Windows) -> Windows:
+    """The windows whose motion can be predicted to their end, if there are enough."""
+    kept = truncated(fit.model, windows, fit.theta)
+    whole = np.any(kept.measured[:, 0::2, -1], axis=1)
+    return windows[np.flatnonzero(whole)] if whole.sum() >= COMPARISON.fewest else windows
+
+
+def free_run(model: PlantModel, theta: Theta, windows: Windows) -> Float[np.ndarray, "W X T"]:
+    """Simulated measurements, from initial states fitted to the first part of each window."""
+    y = windows.y.copy()
+    y[:, :, round(COMPARISON.start_s / windows.dt) :] = np.nan
+    x0 = fit_initial_states(model, replace(windows, y=y), theta)
+    return run(model, windows, theta[None], x0[None])[0]
+
+
+def scaled_errors(
+    windows: Windows, simulated: Float[np.ndarray, "W X T"]
+) -> Float[np.ndarray, "W X T"]:
+    """(measured - simulated) / noise std; NaN where nothing was measured."""
+    r = residual(windows, simulated).reshape(windows.y.shape)
+    return np.where(windows.measured, r, np.nan)
+
+
+def noise_floor(
+    model: PlantModel, theta: Theta, windows: Windows, noises: int = 1
+) -> Float[np.ndarray, "R W X T"]:
+    """Errors of a model on its own motions with noise: no model has smaller ones.
+
+    Args:
+        model: the one that is simulated.
+        theta: its parameters.
+        windows: whose commands it gets.
+        noises: how often its motions are measured anew.
+    """
+    rng = np.random.default_rng(0)
+    x0 = fit_initial_states(model, windows, theta)
+    truth = run(model, windows, theta[None], x0[None])[0]
+    errors = []
+    for _ in range(noises):
+        noise = rng.standard_normal(truth.shape) * windows.std[:, None]
+        own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
+        errors.append(scaled_errors(own, free_run(model, theta, own)))
+    return np.stack(errors)
+
+
+def squares_at_end(e: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W J"]:
+    """Mean squared error of each position at the end of each window."""
+    T = e.shape[2]
+    squares = np.square(e[:, 0::2, T - max(1, round(COMPARISON.end * T)) :])
+    known = np.isfinite(squares)
+    return _ratio(np.where(known, squares, 0.0).sum(axis=2), known.sum(axis=2))
+
+
+def _steps(
+    models: ComparedModels,
+    windows: Windows,
+    by_window: Mapping[str, Float[np.ndarray, "W J"]],
+    draws: Float[np.ndarray, "R W"],
+) -> tuple[ErrorStep, ...]:
+    """The errors of the nominal plant, the refitted one, and those with more and more effects."""
+    parts = {"nominal": by_window["nominal"], "parameters refitted": by_window["refit"]}
+    before: tuple = models.refit.model.effects
+    forced: set[str] = set()
+    for fit in (*models.steps, models.corrected):
+        joints = {force.joint for force in fit.model.learned}
+        added = [str(instance) for instance in fit.model.effects if instance not in before]
+        added += [f"learned force ({joint})" for joint in sorted(joints - forced)]
+        before, forced = fit.model.effects, forced | joints
+        last = fit is models.corrected
+        squares = by_window["corrected"] if last else _squares(fit, windows)
+        if added:
+            parts[" + ".join(added)] = squares
+    return tuple(ErrorStep(name, _with_interval(squares, draws)) for name, squares in parts.items())
+
+
+def _squares(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
+    """Mean squared error of a free run at the end of each window."""
+    return squares_at_end(scaled_errors(windows, free_run(fit.model, fit.theta, windows)))
+
+
+def error_reduction(before: Fit, after: Fit, windows: Windows) -> Interval:
+    """By which part the error at the end of windows is smaller, with an interval; below 0: larger.
+
+    Args:
+        before: a fit.
+        after: another.
+        windows: that neither has seen.
+    """
+    windows = predictable(after, windows)
+    ends = [_squares(fit, windows) for fit in (before, after)]
+
+    def part(drawn: np.ndarray) -> np.ndarray:
+        old, new = (_mean_rms(squares, drawn) for squares in ends)
+        return 1.0 - new / old
+
+    low, high = np.percentile(part(_draws(len(windows))), [2.5, 97.5])
+    return Interval(float(part(np.ones((1, len(windows))))[0]), float(low), float(high))
+
+
+def error_over_noise(fit: Fit, windows: Windows) -> float:
+    """The error at the end of windows, in parts of that of a model without error [-].
+
+    Of each window in parts of its own: where a motion diverges, the noise alone leads it far away.
+    """
+    windows = predictable(fit, windows)
+    squares = _squares(fit, windows)
+    floors = noise_floor(fit.model, fit.theta, windows, COMPARISON.noises)
+    usual = np.mean([squares_at_end(floor) for floor in floors], axis=0)
+    return _rms(squares / usual)
+
+
+def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:
+    low, high = np.percentile(_mean_rms(squares, draws), [2.5, 97.5])
+    return Interval(_rms(squares), float(low), float(high))
+
+
+def _rms(squares: Float[np.ndarray, "W J"]) -> float:
+    return float(_mean_rms(squares, np.ones((1, len(squares))))[0])
+
+
+def _mean_rms(
+    squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, " R"]:
+    """Mean over the joints of the root of the mean over windows, each as often as it was drawn."""
+    return np.sqrt(_weighted_mean(squares, draws)).mean(axis=1)
+
+
+def _over_time(
+    e: Float[np.ndarray, "W X T"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, "R T"]:
+    """Root-mean-square error of position at each time; NaN where nothing was measured."""
+    by_time = np.square(e[:, 0::2])
+    seen = np.isfinite(by_time).sum(axis=1)
+    total = np.nansum(by_time, axis=1)
+    return np.sqrt(_ratio(draws @ total, draws @ seen))
+
+
+def _weighted_mean(
+    values: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
+) -> Float[np.ndarray, "R J"]:
+    known = np.isfinite(values)
+    return _ratio(draws @ np.where(known, values, 0.0), draws @ known)
+
+
+def _ratio(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """A mean; NaN of nothing."""
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _draws(W: int) -> Float[np.ndarray, "R W"]:
+    """How often each window is in each resample of the block bootstrap."""
+    rng = np.random.default_rng(0)
+    blocks, resamples = -(-W // COMPARISON.block), range(COMPARISON.resamples)
+    drawn = [rng.integers(blocks, size=blocks) for _ in resamples]
+    times = np.stack([np.bincount(each, minlength=blocks) for each in drawn])
+    return np.repeat(times, COMPARISON.block, axis=1)[:, :W].astype(float)
+
+
+def _closed(
+    rms: Mapping[str, float], drawn: Mapping[str, Float[np.ndarray, " R"]], baseline: str
+) -> Interval:
+    """The part of the gap that is closed, with its interval.
+
+    Args:
+        rms: errors, by model.
+        drawn: the same in resamples of the block bootstrap.
+        baseline: from which model the gap is measured.
+    """
+
+    def share(rms: Mapping[str, Any]) -> Float[np.ndarray, "*R"]:
+        gap = rms[baseline] - rms["noise_floor"]
+        closed = rms[baseline] - rms["corrected"]
+        return np.where(gap > 0.0, closed / np.where(gap > 0.0, gap, 1.0), 0.0)
+
+    low, high = np.percentile(share(drawn), [2.5, 97.5])
+    return Interval(float(share(rms)), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class TimeMap:
+    """How far a model misses each recording, and when."""
+
+    names: tuple[str, ...]
+    """of the R recordings"""
+    edges: Float[np.ndarray, " C_plus_1"]
+    """ends of the cells, from the beginning of a recording [s]"""
+    misfit: Float[np.ndarray, "X R C"]
+    """rms over the windows that cover a cell [noise std]; NaN where there is none"""
+
+
+def time_map(
+    model: PlantModel, theta: Theta, recordings: Sequence[Recording], std: Float[np.ndarray, " X"]
+) -> TimeMap:
+    """The misfit of windows with fitted starts, at the time that they cover.
+
+    Args:
+        model: what is judged.
+        theta: its parameters.
+        recordings: of one sampling time.
+        std: noise of each state's measurement, in its unit.
+    """
+    total = sum(len(recording) * recording.dt for recording in recordings)
+    cell = max(COMPARISON.map_cell_s, total / COMPARISON.map_windows)
+    windows = cut(recordings, std, every=cell)
+    x0 = fit_initial_states(model, windows, theta)
+    r = residual(windows, run(model, windows, theta[None], x0[None])[0])
+    squares = np.square(r).reshape(windows.y.shape).sum(axis=2)  # (W, X)
+    samples = windows.measured.sum(axis=2)
+    longest = max(recording.time[-1] for recording in recordings)
+    edges = cell * np.arange(int(np.ceil(longest / cell)) + 1)
+    length = windows.y.shape[2] * windows.dt
+    covers = (edges[None, 1:] > windows.start_s[:, None]) & (
+        edges[None, :-1] < windows.start_s[:, None] + length
+    )
+    of = windows.recording[:, None] == np.arange(len(recordings))  # (W, R)
+    sums, counts = (
+        np.einsum("wx,wr,wc->xrc", part, of, covers, optimize=True) for part in (squares, samples)
+    )
+    misfit = np.sqrt(np.where(counts > 0, sums / np.maximum(counts, 1), np.nan))
+    return TimeMap(tuple(recording.name for recording in recordings), edges, misfit)
+
+
+@dataclass(frozen=True)
+class MissingForce:
+    """The generalised force that a model leaves over, at N instants of the recordings."""
+
+    q: Float[np.ndarray, "N J"]
+    """positions [m or rad]"""
+    v: Float[np.ndarray, "N J"]
+    """velocities [m/s or rad/s]"""
+    u: Float[np.ndarray, "N U"]
+    """commands"""
+    force: Float[np.ndarray, "N J"]
+    """what is missing at each joint [N or N m]"""
+
+
+def missing_force(
+    model: PlantModel, theta: Theta, recordings: Sequence[Recording], std: Float[np.ndarray, " X"]
+) -> MissingForce:
+    """M(q) times the acceleration that a model lacks, as a mean over short spans.
+
+    From the smoothed state at its beginning the model is simulated through each span; what the
+    velocity is short of at the end, over the span's length, is the acceleration that it lacks.
+
+    Args:
+        model: what is judged.
+        theta: its parameters.
+        recordings: of one sampling time.
+        std: noise of each state's measurement, in its unit.
+
+    Raises:
+        InputError: nowhere are positions measured for long enough.
+    """
+    dt = recordings[0].dt
+    steps = max(1, round(COMPARISON.force_span_s / dt))
+    samples = sum(map(len, recordings))
+    spans = cut(
+        recordings, std, (steps + 1) * dt, every=dt * max(1, samples // COMPARISON.force_spans)
+    )
+    begin = np.round(spans.start_s / dt).astype(int)
+    pairs = tuple((x, x + 1) for x in range(0, len(std), 2))
+    known = [smoothed(replace(recording, velocities=pairs))[0] for recording in recordings]
+    here, there = (_at(known, spans, begin + k) for k in (0, steps))
+    fine = np.flatnonzero(np.isfinite(here).all(axis=1) & np.isfinite(there).all(axis=1))
+    if not len(fine):
+        raise InputError("no stretch of the recordings is measured well enough for forces.")
+    spans, here, there = spans[fine], here[fine], there[fine]
+    end = run(model, spans, theta[None], here[None])[0][:, :, steps]
+    lacking = (there - end)[:, 1::2] / (steps * dt)
+    q, v = (0.5 * (here + there)[:, part::2] for part in (0, 1))
+    force = np.einsum("nij,nj->ni", mass_matrix(model.plant.chain, q), lacking)
+    u = spans.commands[:, spans.lead : spans.lead + steps].mean(axis=1)
+    sound = np.isfinite(force).all(axis=1)
+    return MissingForce(q[sound], v[sound], u[sound], force[sound])
+
+
+def _at(
+    known: Sequence[Float[np.ndarray, "T X"]], spans: Windows, samples: Int[np.ndarray, " W"]
+) -> Float[np.ndarray, "W X"]:
+    """States of the recordings at a sample of each span."""
+    return np.stack([known[n][k] for n, k in zip(spans.recording, samples, strict=True)])

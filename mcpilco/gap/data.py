@@ -1,0 +1,396 @@
+"""Recordings as short windows, and the problem that they make with a plant.
+
+A window of about a second is simulated from an initial state of its own. Over that time a missing
+effect shows far above the noise, and a swinging pole has not diverged yet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from mcpilco.bodies import generalised_forces, mass_matrix
+from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
+from mcpilco.gap.thresholds import DATA
+from mcpilco.plant import EffectInstance, Plant, Scale
+from mcpilco.recordings import Recording, noise_std
+from mcpilco.typing import InputError
+
+_BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of T samples each."""
+
+    y: Float[np.ndarray, "W X T"]
+    """measured states; NaN where there is no measurement"""
+    commands: Float[np.ndarray, "W T_all U"]
+    """held for dt each; `lead` samples of the past come first"""
+    lead: int
+    """samples before the start"""
+    dt: float
+    """sampling time [s]"""
+    std: Float[np.ndarray, " X"]
+    """noise of each state's measurement, in its unit"""
+    guess: Float[np.ndarray, "W X"]
+    """initial states, roughly"""
+    recording: Int[np.ndarray, " W"]
+    """which recording each is from"""
+    start_s: PerWindow
+    """when each starts in its recording [s]"""
+    overlap: float = 1.0
+    """how many windows a sample is in"""
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def __getitem__(
+        self, chosen: Int[np.ndarray, " V"] | Bool[np.ndarray, " W"] | slice
+    ) -> Windows:
+        """Some of the windows."""
+        parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _BY_WINDOW}
+        return replace(self, **parts)
+
+    def of(self, recordings: Sequence[int]) -> Bool[np.ndarray, " W"]:
+        """Which windows are from some recordings, by their numbers."""
+        return np.isin(self.recording, recordings)
+
+    def joined(self, others: Windows) -> Windows:
+        """These windows and others of the same recordings, in the order of time."""
+        both: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(others, name)])
+            for name in _BY_WINDOW
+        }
+        order = np.lexsort([both["start_s"], both["recording"]])
+        return replace(self, **{name: part[order] for name, part in both.items()})
+
+    def beginning(self, samples: int) -> Windows:
+        """The first samples of each window."""
+        commands = np.ascontiguousarray(self.commands[:, : self.lead + samples])
+        return replace(self, y=self.y[:, :, :samples], commands=commands)
+
+    @property
+    def measured(self) -> Bool[np.ndarray, "W X T"]:
+        """Where there is a measurement."""
+        return np.isfinite(self.y)
+
+    @property
+    def samples(self) -> Int[np.ndarray, " W"]:
+        """Measured values of each window, at least 1."""
+        return np.maximum(self.measured.sum(axis=(1, 2)), 1)
+
+
+def cut(
+    recordings: Sequence[Recording],
+    std: Float[np.ndarray, " X"],
+    seconds: float = DATA.window_s,
+    every: float | None = None,
+) -> Windows:
+    """Windows of recordings with one sampling time.
+
+    Args:
+        recordings: of one plant.
+        std: noise of each state's measurement, in its unit.
+        seconds: length of a window [s].
+        every: from the start of one to that of the next [s]; None: they lie side by side.
+
+    Raises:
+        InputError: the recordings differ in their sampling time, or are too short for one window.
+    """
+    dts = {round(recording.dt, 9) for recording in recordings}
+    if len(dts) != 1:
+        raise InputError(
+            f"the recordings must have one sampling time, got {sorted(dts)} s; read them with dt."
+        )
+    dt = recordings[0].dt
+    length, past = max(8, round(seconds / dt)), max(1, round(DATA.past_s / dt))
+    lead, stride = round(DATA.memory_s / dt), length if every is None else max(1, round(every / dt))
+    parts = [
+        (number, part.start, first)
+        for number, recording in enumerate(recordings)
+        for part in recording.segments()
+        for first in range(part.start + past, part.stop - length + 1, stride)
+        if np.isfinite(recording.states[first : first + length, 0::2]).mean() > DATA.least_measured
+    ]
+    if not parts:
+        raise InputError(
+            f"the recordings must hold at least {seconds + DATA.past_s:.2f} s without a gap, "
+            f"got {max(len(r) * dt for r in recordings):.2f} s; record longer."
+        )
+    y = np.stack([recordings[n].states[first : first + length].T for n, _, first in parts])
+    guess = np.stack([_start(window, dt, std) for window in y])
+    y[:, :, : math.ceil(DATA.latency_s / dt)] = np.nan
+    commands = [
+        recordings[n].inputs[np.maximum(np.arange(first - lead, first + length), begin)]
+        for n, begin, first in parts
+    ]
+    return Windows(
+        y=y,
+        commands=np.stack(commands),
+        lead=lead,
+        dt=dt,
+        std=std,
+        guess=guess,
+        recording=np.array([n for n, _, _ in parts]),
+        start_s=np.array([first * dt for _, _, first in parts]),
+        overlap=max(1.0, length / stride),
+    )
+
+
+def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
+    """State at the first sample: a cubic through the first samples of each joint."""
+    t = dt * np.arange(min(y.shape[1], max(7, round(0.16 / dt))))
+    powers = np.stack([t**0, t, t**2, t**3], axis=1)
+    slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
+    start = np.zeros(len(y))
+    for j in range(len(y) // 2):
+        q, v = y[2 * j, : len(t)], y[2 * j + 1, : len(t)]
+        seen, moving = np.isfinite(q), np.isfinite(v)
+        rows = np.concatenate([powers[seen] / std[2 * j], slopes[moving] / std[2 * j + 1]])
+        goal = np.concatenate([q[seen] / std[2 * j], v[moving] / std[2 * j + 1]])
+        start[2 * j : 2 * j + 2] = np.linalg.lstsq(rows, goal, rcond=None)[0][:2]
+    return start
+
+
+@dataclass(frozen=True)
+class Event:
+    """A span of a recording that was left out."""
+
+    recording: str
+    """its name"""
+    start_s: float
+    """from its beginning [s]"""
+    end_s: float
+    """from its beginning [s]"""
+
+
+def event_of(
+    events: Sequence[Event], windows: Windows, names: Sequence[str]
+) -> Int[np.ndarray, " W"]:
+    """Number of the event that touches each window; -1 where none does.
+
+    Args:
+        events: spans of recordings.
+        windows: of some recordings.
+        names: of these recordings.
+    """
+    ends = windows.start_s + windows.y.shape[2] * windows.dt
+    own = np.array([names[n] for n in windows.recording])
+    touched = np.full(len(windows), -1)
+    for number, event in enumerate(events):
+        inside = (windows.start_s < event.end_s) & (ends > event.start_s)
+        touched[(own == event.recording) & inside] = number
+    return touched
+
+
+@dataclass(frozen=True)
+class GapProblem:
+    """A plant, recordings of it, and the prior knowledge of both."""
+
+    plant: Plant
+    """nominal"""
+    recordings: tuple[Recording, ...]
+    std: Float[np.ndarray, " X"]
+    """of the noise of each state, in its unit"""
+    priors: Mapping[str, float]
+    """relative prior std of each uncertain parameter; inf frees it"""
+    train: tuple[int, ...]
+    """numbers of the recordings to fit"""
+    held_out: tuple[int, ...]
+    """numbers of those to compare models on; the same where there are too few"""
+    budget: ComputeBudget = field(default_factory=ComputeBudget)
+    """integrator steps that it may take, however often data are left out"""
+
+    @classmethod
+    def of(
+        cls,
+        plant: Plant,
+        recordings: Sequence[Recording],
+        uncertainty: float | Mapping[str, float],
+        free: Sequence[str],
+        noise: Mapping[str, float],
+        held_out: Sequence[str] = (),
+    ) -> GapProblem:
+        """The arguments of `investigate`, checked and completed.
+
+        Raises:
+            InputError: the recordings do not fit the plant or one another.
+        """
+        _check(plant, recordings)
+        std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
+        train, unseen = _split(recordings, held_out)
+        budget = ComputeBudget.at(recordings[0].dt)
+        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Of the recordings to fit, and of those to compare on."""
+        return self._names(self.train), self._names(self.held_out)
+
+    def _names(self, numbers: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self.recordings[n].name for n in numbers)
+
+    def windows(self, numbers: Sequence[int] | None = None, **how: float) -> Windows:
+        """Windows of some recordings, or of all.
+
+        Args:
+            numbers: of the recordings; None: all.
+            how: as `cut` takes it.
+        """
+        chosen = self.recordings if numbers is None else [self.recordings[n] for n in numbers]
+        return cut(chosen, self.std, **how)
+
+    def without(self, spans: Sequence[Event]) -> GapProblem:
+        """The same with a gap in the recordings at each event."""
+        by_name = {
+            recording.name: tuple(
+                (s.start_s, s.end_s) for s in spans if s.recording == recording.name
+            )
+            for recording in self.recordings
+        }
+        cut_up = (replace(r, gaps=(*r.gaps, *by_name[r.name])) for r in self.recordings)
+        return replace(self, recordings=tuple(cut_up))
+
+    def model(self, windows: Windows) -> PlantModel:
+        """The nominal plant, its uncertain parameters with their priors."""
+        nominal = PlantModel(self.plant, (), dict(self.priors), usual_scales(self.plant, windows))
+        return replace(nominal, budget=self.budget)
+
+    def candidates(self, windows: Windows) -> list[EffectInstance]:
+        """Effects that these recordings could show."""
+        measured = np.any(windows.measured, axis=(0, 2))
+        unseen = {name for x, name in enumerate(self.plant.layout.states) if not measured[x]}
+        return [instance for instance in self.plant.candidates() if instance.target not in unseen]
+
+
+def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise InputError("investigate needs at least one recording, got none.")
+    for recording in recordings:
+        theirs = recording.state_names, recording.input_names
+        ours = plant.layout.states, plant.layout.inputs
+        if theirs != ours:
+            raise InputError(
+                f"the recording {recording.name!r} must have the states and inputs of "
+                f"{plant.name}, {', '.join(ours[0] + ours[1])}, got "
+                f"{', '.join(theirs[0] + theirs[1])}; read it with the plant's names."
+            )
+
+
+def _noise(
+    plant: Plant, recordings: Sequence[Recording], known: Mapping[str, float]
+) -> Float[np.ndarray, " X"]:
+    """Noise std of each state: the reported one, else the median over the recordings.
+
+    It is at least that of rounding to the steps in which the values came, and a part of their
+    spread: a simulation without noise is no more exact than another integrator.
+    """
+    noise = np.stack([noise_std(recording) for recording in recordings])
+    measured = np.stack([recording.measured for recording in recordings])
+    std = np.ones(noise.shape[1])
+    for x, name in enumerate(plant.layout.states):
+        if name in known:
+            std[x] = known[name]
+        elif measured[:, x].any():
+            steps = max(recording.resolution[x] for recording in recordings) / math.sqrt(12.0)
+            spread = float(np.nanstd(np.concatenate([r.states[:, x] for r in recordings])))
+            spread = min(spread, 1.0) if x in plant.angles else spread  # however often it turned
+            std[x] = max(
+                float(np.median(noise[measured[:, x], x])), steps, DATA.least_noise * spread, 1e-9
+            )
+    return std
+
+
+def _split(recordings: Sequence[Recording], held_out: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Numbers of the recordings to fit, and of those held out: by name, or the last ones."""
+    numbers = list(range(len(recordings)))
+    names = [recording.name for recording in recordings]
+    if held_out:
+        if not set(held_out) < set(names):
+            raise InputError(
+                f"held_out must be some of the recordings {', '.join(names)}, and leave one to "
+                f"fit, got {', '.join(held_out)}."
+            )
+        unseen = [n for n in numbers if names[n] in held_out]
+        return [n for n in numbers if n not in unseen], unseen
+    if len(numbers) < DATA.fewest_to_split:
+        return numbers, numbers
+    lengths = np.array([len(recording) for recording in recordings])
+    after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
+    first = (
+        min(int(np.argmax(after <= DATA.held_out)), numbers[-1])
+        if after[-1] <= DATA.held_out
+        else -1
+    )
+    return numbers[:first], numbers[first:]
+
+
+def _priors(
+    plant: Plant, uncertainty: float | Mapping[str, float], free: Sequence[str]
+) -> dict[str, float]:
+    """Relative prior std of each uncertain parameter; inf frees it."""
+    names = [parameter.name for parameter in plant.parameters]
+    by_name = uncertainty if isinstance(uncertainty, Mapping) else {}
+    unknown = sorted({*by_name, *free} - {*names, "all"})
+    if unknown:
+        raise InputError(
+            f"{plant.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
+        )
+    usual = DATA.uncertainty if isinstance(uncertainty, Mapping) else uncertainty
+    priors = {
+        parameter.name: float(by_name.get(parameter.name, usual))
+        for parameter in plant.parameters
+        if (parameter.uncertain or parameter.name in by_name) and parameter.value != 0.0
+    }
+    freed = [n for n in priors if "all" in free or n in free]
+    freed += [name for name in free if name != "all" and name not in priors]
+    priors |= dict.fromkeys(freed, np.inf)
+    return {name: std for name, std in priors.items() if std > 0.0}
+
+
+def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
+    """The usual motion and force at each target of a plant in some recordings."""
+    layout = plant.layout
+    chain = plant.chain
+    J = len(layout.joints)
+    scales = {}
+    y = windows.y.copy()
+    for j in range(J):  # velocities that were not measured
+        v = np.gradient(y[:, 2 * j], windows.dt, axis=-1)
+        y[:, 2 * j + 1] = np.where(np.isfinite(y[:, 2 * j + 1]), y[:, 2 * j + 1], v)
+    q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
+    fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
+    q, v = q[fine], v[fine]
+    inertias = mass_matrix(chain, q[:200]).mean(axis=0)
+    weights = generalised_forces(chain, q, np.zeros_like(q), np.zeros_like(q))
+    commands = np.abs(windows.commands).reshape(-1, windows.commands.shape[-1])
+    targets = {*layout.joints, *layout.bodies, *layout.actuators, *layout.states}
+    for target in targets:
+        j = layout.joint_of(target)
+        body = chain.bodies[j]
+        inputs = [u for u, joint in enumerate(layout.drives) if joint == j] or [0]
+        u = layout.actuators.index(target) if target in layout.actuators else inputs[0]
+        gain = commands[:, u].std() + commands[:, u].mean()
+        driven = gain if j in layout.drives else 0.0
+        velocity = np.sqrt(np.mean(v[:, j] ** 2))
+        signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
+        inertia = float(inertias[j, j])
+        force = max(driven, np.sqrt(np.mean(weights[:, j] ** 2)), 0.1 * inertia * velocity / 0.1)
+        scales[target] = Scale(
+            position=float(np.abs(q[:, j]).max()) + 1e-9,
+            velocity=float(velocity) + 1e-9,
+            force=float(force) + 1e-12,
+            command=float(commands[:, u].max()) + 1e-12,
+            signal=float(np.sqrt(np.nanmean(signal**2))) + 1e-9,
+            inertia=inertia,
+            mass=body.mass,
+            length=float(np.linalg.norm(body.center)),
+            dt=windows.dt,
+        )
+    return scales

@@ -1,0 +1,383 @@
+"""Where and when recordings disagree with a model: channels, joints, and events.
+
+An event is a span that no model explains: a push by hand, a contact, a sample read wrongly. Within
+a third of a second a force f that a model misses bends a motion by f t^2 / 2 M, which no initial
+state can imitate. So the mean missed force in each joint and short window shows a push that a
+longer window hides: near an unstable rest the longer one diverges. What happens whenever
+a machine comes by a place is no event.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import stats
+
+from mcpilco.gap.data import Event, GapProblem, Windows, event_of
+from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals
+from mcpilco.gap.learned_force import candidates, force_places, log_misfit
+from mcpilco.gap.plant_model import PerWindow
+from mcpilco.gap.residual_force import explained_by_forces, force_response
+from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
+from mcpilco.plant import Axis
+from mcpilco.recordings import Recording
+from mcpilco.typing import InputError
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A share of the misfit, or of a force that was learned to explain it."""
+
+    channel: str
+    """state whose measurement is missed; of a force, the position of its joint"""
+    share: float
+    """of the squared misfit beyond the noise, or of the squared force [-]"""
+    condition: str
+    """when it is largest, in words"""
+    joint: str = ""
+    """in which a force is missing; empty where a measurement is missed"""
+
+
+def located_misfit(fit: Fit, windows: Windows) -> tuple[Disagreement, ...]:
+    """The shares of each measured state in a fit's misfit, largest first."""
+    r = residuals(fit, windows)
+    beyond = np.maximum((r**2).sum(axis=(0, 2)) - windows.measured.sum(axis=(0, 2)), 0.0)
+    total = beyond.sum()
+    if total == 0.0:
+        return ()
+    names = fit.model.plant.layout.states
+    shares = [
+        Disagreement(name, float(part / total), _condition(fit, windows, r[:, x]))
+        for x, (name, part) in enumerate(zip(names, beyond, strict=True))
+        if part > 0.0
+    ]
+    return tuple(sorted(shares, key=lambda share: -share.share))
+
+
+def located_force(fit: Fit, windows: Windows) -> tuple[Disagreement, ...]:
+    """The joints and regions in which a fit's learned force acts, the largest first."""
+    layout = fit.model.plant.layout
+    disagreements = []
+    for place in force_places(fit, windows):
+        force, joint = place.force, place.force.joint
+        regions = [
+            f"{axis.of} {low:.2g} to {high:.2g} {_unit(fit, axis.of, joint)}{_round(axis)}"
+            for axis, (low, high) in zip(force.axes, place.within, strict=True)
+        ]
+        size = f"{place.largest:.2g} {layout.unit_of(joint)[1]}"
+        condition = f"a force of up to {size} at {' and '.join(regions)}"
+        channel = layout.states[2 * layout.joints.index(joint)]
+        disagreements.append(Disagreement(channel, place.share, condition, joint))
+    return tuple(disagreements)
+
+
+def _round(axis: Axis) -> str:
+    return " of each turn" if axis.closed else ""
+
+
+def _unit(fit: Fit, name: str, joint: str) -> str:
+    """Of a state, or of the force of an input's actuator."""
+    layout = fit.model.plant.layout
+    if name in layout.states:
+        return layout.units[layout.states.index(name)]
+    return layout.unit_of(layout.actuator(layout.inputs.index(name)))[1]
+
+
+def _condition(fit: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
+    """When residuals are large: at fast or slow motion, at large or small commands."""
+    layout = fit.model.plant.layout
+    missed = np.sqrt((r**2).mean(axis=1))
+    traits: dict[str, np.ndarray] = {}
+    for j, joint in enumerate(layout.joints):
+        q = windows.y[:, 2 * j]
+        traits[f"|{layout.states[2 * j]}|"] = mean_of_known(np.abs(q))
+        traits[f"speed of {joint}"] = mean_of_known(np.abs(np.gradient(q, axis=1)))
+    for u, name in enumerate(layout.inputs):
+        used = windows.commands[:, windows.lead :, u]
+        traits[f"|{name}|"] = np.abs(used).mean(axis=1)
+        traits[f"changes of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ranks = {name: _rank_correlation(missed, trait) for name, trait in traits.items()}
+    name = max(ranks, key=lambda n: abs(ranks[n]))
+    if abs(ranks[name]) < 0.3:
+        return "everywhere alike"
+    return f"at {'large' if ranks[name] > 0.0 else 'small'} {name}"
+
+
+def mean_of_known(y: Float[np.ndarray, "W T"]) -> PerWindow:
+    """Of what is known in each window; NaN where nothing is."""
+    known = np.isfinite(y)
+    total = np.where(known, y, 0.0).sum(axis=1)
+    return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Spearman's."""
+    ranks = [np.argsort(np.argsort(np.nan_to_num(x))) for x in (a, b)]
+    rank = np.corrcoef(ranks[0], ranks[1])[0, 1]
+    return float(rank) if np.isfinite(rank) else 0.0
+
+
+def without_spikes(fit: Fit, windows: Windows) -> Windows:
+    """The windows without single samples that stand out from the residuals around them.
+
+    A sample that was read wrongly has no neighbours that share its error; what a model misses has.
+    """
+    r = np.where(windows.measured, residuals(fit, windows), np.nan)
+    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), mode="reflect")
+    around = np.delete(sliding_window_view(padded, 5, axis=2), 2, axis=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
+        apart = np.abs(r - np.nanmedian(around, axis=3))
+        usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
+    spikes = apart > EVENT.spike * np.maximum(usual, 1.0)
+    return replace(windows, y=np.where(spikes, np.nan, windows.y))
+
+
+def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
+    """Windows that hold an event, unless they are many.
+
+    They are missed far more than most, and no force that depends on state and command, as the other
+    windows tell it, explains that: neither if those that are missed count less, nor if all count
+    alike, for then an effect that acts in few places would show.
+    """
+    response = force_response(fit, windows)
+    far = np.zeros(len(windows), dtype=bool)
+    alike = explained_by_forces(response, np.ones(len(windows))).unpredicted
+    before = response.by_window / response.samples
+    for _ in range(EVENT.passes):
+        rest = np.minimum(alike, explained_by_forces(response, response.weights * ~far).unpredicted)
+        now = rest > EVENT.far * max(1.0, float(np.median(rest[~far])))
+        now &= rest > EVENT.strange * before
+        if now.mean() > EVENT.rare:
+            return np.zeros_like(far)
+        if (now == far).all():
+            break
+        far = now
+    return far
+
+
+def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
+    """The spans of windows; those that touch are one."""
+    length = windows.y.shape[2] * windows.dt
+    spans: list[Event] = []
+    for n, start in zip(windows.recording, windows.start_s, strict=True):
+        name, end = recordings[n].name, float(start + length)
+        if spans and spans[-1].recording == name and start - spans[-1].end_s < 1.5 * windows.dt:
+            spans[-1] = Event(name, spans[-1].start_s, end)
+        else:
+            spans.append(Event(name, float(start), end))
+    return tuple(spans)
+
+
+def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
+    """Spans in which a far larger force is missed than usual.
+
+    None where they would be much of the recordings: then the model is wrong.
+
+    Args:
+        fit: a fit.
+        short: windows of `FORCE.short_s` that overlap by half, of all recordings in their order.
+        recordings: these.
+    """
+    part, short = _without_spikes(on_windows(fit, short), short)
+    far = _far(part, short)
+    return () if far.mean() > EVENT.often else spans_of(short[far], recordings)
+
+
+def _without_spikes(fit: Fit, windows: Windows) -> tuple[Fit, Windows]:
+    """Windows without what is read wrongly, and a fit on them: only theirs move their starts."""
+    clean = without_spikes(fit, windows)
+    touched = (clean.measured != windows.measured).any(axis=(1, 2))
+    x0, by_window = fit.x0.copy(), fit.by_window.copy()
+    if touched.any():
+        anew = on_windows(fit, clean[touched])
+        x0[touched], by_window[touched] = anew.x0, anew.by_window
+    return replace(fit, x0=x0, chi2=float(by_window.sum()), by_window=by_window), clean
+
+
+def unforeseen(
+    spans: Sequence[Event], fit: Fit, short: Windows, recordings: Sequence[Recording]
+) -> tuple[Event, ...]:
+    """Those of some spans whose forces no state and command predict, as all other windows tell.
+
+    What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
+    sought as a force that is alike everywhere, and as one in a joint over few coordinates, which
+    may be narrow.
+
+    Args:
+        spans: the events.
+        fit: a fit.
+        short: windows of `FORCE.short_s` that overlap by half, of all recordings in their order.
+        recordings: these.
+    """
+    apart = short[::2]
+    touched = event_of(spans, apart, [recording.name for recording in recordings])
+    others = np.flatnonzero(touched < 0)
+    some = others[np.linspace(0, len(others) - 1, min(EVENT.others, len(others))).astype(int)]
+    chosen = np.union1d(some, np.flatnonzero(touched >= 0))
+    windows, touched = apart[chosen], touched[chosen]
+    part = on_windows(fit, windows)
+    folds = np.where(touched < 0, np.arange(len(windows)), touched) % FORCE.folds
+    response = force_response(part, windows)
+    smooth = [explained_by_forces(response, response.weights, folds, n).unpredicted for n in (1, 2)]
+    narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).unpredicted
+    before, samples = part.by_window / windows.samples, windows.samples
+
+    def strange(number: int) -> bool:
+        own = touched == number
+        missed = min(rest[own].sum() for rest in smooth) >= EVENT.strange * before[own].sum()
+        if not (missed and own.any()):
+            return bool(missed)
+        logs = [log_misfit(rest[own], samples[own]) for rest in (narrow, before)]
+        return logs[0] >= EVENT.strange * logs[1]
+
+    return tuple(span for number, span in enumerate(spans) if strange(number))
+
+
+def _far(fit: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
+    """Windows in which a far larger force is missed than usual, and their weaker neighbours."""
+    response = force_response(fit, short, FORCE.short_s)
+    G, r = response.G, response.r
+    precision = np.einsum("wni,wnj->wij", G, G) + np.eye(G.shape[2])
+    covariance = np.linalg.inv(precision)
+    force = np.abs(np.einsum("wij,wnj,wn->wi", covariance, G, r))
+    std = np.sqrt(np.einsum("wii->wi", covariance))
+    size = force / np.maximum(np.median(force, axis=0), 1e-12)
+    strong = ((size > EVENT.strong) & (force > EVENT.sure * std)).any(axis=1)
+    return _grown(strong, (size > EVENT.weak).any(axis=1), runs(short))
+
+
+def runs(short: Windows) -> list[slice]:
+    """Windows that follow one another without a break."""
+    longest = (short.y.shape[2] + 0.5) * short.dt  # from one start to the next, side by side
+    broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > longest)
+    ends = [0, *(np.flatnonzero(broken) + 1), len(short)]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _grown(
+    strong: Bool[np.ndarray, " W"], weak: Bool[np.ndarray, " W"], runs: Sequence[slice]
+) -> Bool[np.ndarray, " W"]:
+    """Strong windows, and the weak ones that are joined to them by weak ones."""
+    far = strong.copy()
+    for run in runs:
+        for order in (range(run.start + 1, run.stop), range(run.stop - 2, run.start - 1, -1)):
+            for w in order:
+                before = w - 1 if order.step > 0 else w + 1
+                far[w] |= weak[w] & far[before]
+    return far
+
+
+def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Event, ...]]:
+    """The problem without bursts of force that neither model nor state explains, and these.
+
+    Args:
+        problem: plant and recordings.
+        best: the best model, which bursts that were not seen may have bent.
+    """
+    short = _short(problem)
+    quiet = problem
+    spans: tuple[Event, ...] = ()
+    share = problem.budget.share(BUDGET.bursts)
+    for _ in range(EVENT.burst_passes):
+        before, spans = spans, bursts(best, short, problem.recordings)
+        if spans == before or share.used_up:
+            break
+        quiet = _with_gaps(problem, spans)
+        best, _ = refit_truncated(best, quiet.windows(quiet.train))
+    spans = unforeseen(spans, best, short, problem.recordings) if quiet is not problem else ()
+    quiet = _with_gaps(problem, spans)
+    return quiet, spans if quiet is not problem else ()
+
+
+def foreseen(spans: Sequence[Event], problem: GapProblem, best: Fit) -> bool:
+    """Whether some spans are no events, for a force of state and command predicts them."""
+    if not spans:
+        return False
+    return len(unforeseen(spans, best, _short(problem), problem.recordings)) < len(spans)
+
+
+def _short(problem: GapProblem) -> Windows:
+    """Windows that overlap by half, in which a push shows."""
+    return problem.windows(seconds=FORCE.short_s, every=0.5 * FORCE.short_s)
+
+
+def _with_gaps(problem: GapProblem, spans: Sequence[Event]) -> GapProblem:
+    """The problem without these spans; as it is where too little would be left."""
+    quiet = problem.without(spans) if spans else problem
+    enough = _count(quiet, quiet.train) >= DATA.fewest_windows and _count(quiet, quiet.held_out)
+    return quiet if enough else problem
+
+
+def _count(problem: GapProblem, numbers: Sequence[int]) -> int:
+    """How many windows there are of some recordings."""
+    try:
+        return len(problem.windows(numbers))
+    except InputError:
+        return 0
+
+
+def recurring(spans: Sequence[Event], problem: GapProblem) -> Disagreement | None:
+    """Where a joint is when nearly all events happen, and seldom without one; None: anywhere.
+
+    Of each interval of positions the visits are counted, and those with an event. Events that come
+    from outside would hit them by chance: a binomial test, corrected for the number of intervals.
+
+    Args:
+        spans: events.
+        problem: plant and recordings, without gaps at these.
+
+    Reference: Dunn, Multiple comparisons among means, JASA 56 (1961), for the correction.
+    """
+    short = problem.windows(seconds=FORCE.short_s)
+    touched = event_of(spans, short, [recording.name for recording in problem.recordings])
+    if not spans or not (touched >= 0).any():
+        return None
+    broken = np.zeros(len(short), dtype=bool)
+    broken[[run.start for run in runs(short)]] = True
+    layout, places = problem.plant.layout, []
+    for j, joint in enumerate(layout.joints):
+        q = mean_of_known(short.y[:, 2 * j])
+        if 2 * j in problem.plant.angles:
+            q = np.mod(q + np.pi, 2.0 * np.pi) - np.pi
+        chance, low, high = _rarest(q, touched, broken)
+        channel = layout.states[2 * j]
+        condition = f"events whenever {channel} is {low:.2g} to {high:.2g} {layout.units[2 * j]}"
+        inside = (q >= low) & (q <= high)
+        share = float(inside[touched >= 0].mean())
+        places.append((chance, Disagreement(channel, share, condition, joint)))
+    chance, place = min(places, key=lambda pair: pair[0])
+    return place if chance * len(places) < EVENT.recurring else None
+
+
+def _rarest(
+    q: PerWindow, touched: Int[np.ndarray, " W"], broken: np.ndarray
+) -> tuple[float, float, float]:
+    """The chance, for all intervals together, of the one that is hardest to explain, and its ends.
+
+    Args:
+        q: position in each window.
+        touched: number of the event in each window; -1 where there is none.
+        broken: whether a window does not follow on the one before it.
+    """
+    event = touched >= 0
+    usual = min(1.0, (event.sum() + touched.max() + 1) / len(q))  # a visit may begin in one
+    ends = np.unique(q[event & np.isfinite(q)])
+    best = (1.0, np.nan, np.nan)
+    for k, low in enumerate(ends):
+        for high in ends[k:]:
+            inside = (q >= low) & (q <= high)
+            begins = inside & (broken | ~np.concatenate([[False], inside[:-1]]))
+            visit = np.cumsum(begins)
+            hit = len(np.unique(visit[inside & event]))
+            chance = float(stats.binom.sf(hit - 1, begins.sum(), usual))
+            best = min(best, (chance, float(low), float(high)))
+    pairs = len(ends) * (len(ends) + 1) / 2
+    return min(1.0, best[0] * pairs), best[1], best[2]

@@ -1,0 +1,321 @@
+"""The workflow: from a plant and recordings to what is missing, and a corrected plant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mcpilco.gap.comparison import ComparedModels, compare
+from mcpilco.gap.data import Event, GapProblem, Windows, event_of
+from mcpilco.gap.decide import (
+    certain,
+    explains_most,
+    explains_rough_fit,
+    mispredicts,
+    misses_something,
+    most_predictive,
+    surely_better,
+)
+from mcpilco.gap.disagreement import (
+    Disagreement,
+    foreseen,
+    located_force,
+    located_misfit,
+    recurring,
+    spans_of,
+    windows_with_events,
+    without_bursts,
+    without_spikes,
+)
+from mcpilco.gap.fit import (
+    Fit,
+    fit_model,
+    fit_nominal,
+    likelier_clock,
+    on_windows,
+    possible_clocks,
+    refit,
+    refit_truncated,
+    truncated,
+)
+from mcpilco.gap.learned_force import learned_of, with_learned_force
+from mcpilco.gap.plant_model import ComputeBudget
+from mcpilco.gap.report import Gap, experiments
+from mcpilco.gap.search import SearchResult, exchanged, nested_fits, plainer, search
+from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
+from mcpilco.plant import Own, Plant, own_effects
+from mcpilco.recordings import Recording
+
+
+def investigate(
+    plant: Plant,
+    recordings: Sequence[Recording],
+    *,
+    uncertainty: float | Mapping[str, float] = DATA.uncertainty,
+    free: Sequence[str] = (),
+    noise: Mapping[str, float] | None = None,
+    held_out: Sequence[str] = (),
+    effects: Own | Iterable[Own] = (),
+) -> Gap:
+    """Finds where a plant and recordings disagree, names the missing effects and adds them.
+
+    Args:
+        plant: nominal.
+        recordings: of one sampling time, in the plant's states and inputs.
+        uncertainty: prior std of the uncertain parameters relative to their values, one for all or
+            by name.
+        free: parameters of which nothing is known beforehand, by name.
+        noise: std of the measurement noise of some states [their unit]; the others' is estimated.
+        held_out: names of recordings that no fit may see; by default the last ones of three or
+            more.
+        effects: a user's own effects beside those of the catalogue, or Python files with them.
+
+    Raises:
+        InputError: the recordings do not fit the plant or one another.
+    """
+    plant = plant.knowing(own_effects(effects))
+    problems = [
+        GapProblem.of(plant, timed, uncertainty, free, noise or {}, held_out)
+        for timed in possible_clocks(recordings)
+    ]
+    problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
+    problem = likelier_clock(problems)
+    everything = _windows(problem)
+    if len(everything) < DATA.fewest_windows:
+        return _too_poor(problem, everything)
+
+    explained = _explain_but_events(problem, everything)
+    if (likelier := likelier_clock(problems, explained.best)) is not problem:
+        problem, explained = likelier, _explain_but_events(likelier, _windows(likelier))
+    recordings = problem.recordings
+    problem, explained, pushes, place = _leave_out_pushes(problem, explained)
+    windows, masked = explained.windows, explained.masked
+    null = refit(explained.result.null, windows)
+    result, best, named = certain(explained.result, explained.best, null, windows)
+
+    missed = spans_of(masked, recordings)
+    events, final = (*pushes, *missed), best
+    clear = _held_out(problem, events, best)
+    unknown = (
+        place is not None
+        or misses_something(best, null, windows)
+        or (not explains_rough_fit(best, null, windows) and foreseen(missed, problem, best))
+        or mispredicts(best, null, windows, clear)
+    )
+    where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
+    if unknown and (learned := _learn_force(problem, best, null, windows, masked)) is not None:
+        named = named if learned.fit.model.effects else ()
+        events, final = (*pushes, *learned.events), learned.fit
+        where = (*located_force(final, windows), *where)
+    elif unknown and not surely_better(best, (null,), clear):
+        named, final = (), null
+    if final is not best:
+        clear = _held_out(problem, events, final)
+
+    on_the_way = nested_fits(result, best) if named else ()
+    models = ComparedModels(result.null.model, null, final, on_the_way)
+    train, unseen = problem.names
+    return Gap(
+        plant=plant,
+        verdict="unknown" if unknown else "named" if named else "none",
+        named=named,
+        corrected=_corrected(final),
+        where=where,
+        comparison=compare(models, clear),
+        events=events,
+        experiments=tuple(experiments(result, best, windows)),
+        train=train,
+        held_out=unseen,
+        search=result,
+        models=models,
+        recordings=tuple(recordings),
+    )
+
+
+def _too_poor(problem: GapProblem, windows: Windows) -> Gap:
+    experiment = (
+        f"Record longer: at least {DATA.fewest_windows} windows of one second are needed, "
+        f"there are {len(windows)}. `mcpilco record --policy excitation` moves a plant so that "
+        "effects show."
+    )
+    plant, names = problem.plant, problem.names
+    return Gap(plant, "too_poor", (), plant, (), None, (), (experiment,), *names)
+
+
+def _corrected(best: Fit) -> Plant:
+    """The plant with the effects, parameters and learned forces of a fit."""
+    model, plant, theta = best.model, best.model.plant, best.theta[None]
+    parameters, _ = model.decode(theta)
+    names = [parameter.name for parameter in plant.parameters]
+    changed = {name: float(parameters[0, names.index(name)]) for name in model.priors}
+    added = model.effect_values(theta)[len(model.freed) :]
+    pairs = [(effect, values[0]) for effect, values in added]
+    return plant.where(**changed).having(pairs).with_learned(learned_of(best))
+
+
+# Windows ------------------------------------------------------------------------------------------
+
+
+def _windows(problem: GapProblem) -> Windows:
+    """Windows of all recordings, side by side, or where they are few overlapping by half."""
+    windows = problem.windows()
+    if len(windows) >= DATA.searched_windows:
+        return windows
+    return problem.windows(every=0.5 * DATA.window_s)
+
+
+def _spread(windows: Windows) -> Windows:
+    """Windows for the search, from all recordings alike."""
+    if len(windows) <= DATA.searched_windows:
+        return windows
+    return windows[np.linspace(0, len(windows) - 1, DATA.searched_windows).round().astype(int)]
+
+
+def _held_out(problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows:
+    """Held-out windows without events, and without samples that a model shows to be misread."""
+    windows = problem.windows(problem.held_out, every=DATA.held_out_every_s)
+    clear = event_of(events, windows, problem.names[1]) < 0
+    return _without_spikes(fit, windows[clear] if clear.any() else windows)
+
+
+def _without_spikes(fit: Fit, windows: Windows) -> Windows:
+    """The windows without samples that a model shows to be misread."""
+    return without_spikes(on_windows(fit, windows), windows)
+
+
+# Effects ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """A search, and its best model on all windows that it can explain."""
+
+    result: SearchResult
+    best: Fit
+    windows: Windows
+    """to which the best model is fitted"""
+    masked: Windows
+    """those that hold an event"""
+
+
+def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
+    """The search on windows from which those are taken that seem to hold an event."""
+    null, kept = fit_nominal(problem.model(windows), windows)
+    clean = without_spikes(null, windows)
+    if not np.array_equal(clean.measured, windows.measured):
+        kept = without_spikes(null, kept)
+        null = fit_model(null.model, kept, null.theta, null.x0, iterations=5)
+    far = windows_with_events(null, kept)
+    return _explain(problem, clean[~far], clean[far])
+
+
+def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Explanation:
+    """The search for effects: added, exchanged, replaced by special cases, and chosen.
+
+    Args:
+        problem: plant and recordings.
+        everything: windows without events, of all recordings.
+        masked: windows that seem to hold an event.
+    """
+    windows = everything[everything.of(problem.train)]
+    candidates = problem.candidates(windows)
+    result = search(problem.model(everything), _spread(windows), candidates)
+    result = plainer(exchanged(result, candidates), candidates)
+    result = result.choosing(most_predictive(result.fits, result.windows))
+    return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
+
+
+def _fit_all_windows(
+    problem: GapProblem, best: Fit, everything: Windows, masked: Windows
+) -> tuple[Fit, Windows, Windows]:
+    """A model fitted to all windows that it can explain, these, and those with events.
+
+    Args:
+        problem: plant and recordings.
+        best: the model.
+        everything: windows without events, of all recordings.
+        masked: windows that seem to hold an event.
+    """
+    best, windows = refit_truncated(best, everything[everything.of(problem.train)])
+    legible = without_spikes(best, windows)
+    if not np.array_equal(legible.measured, windows.measured):
+        best, windows = refit(best, legible), legible
+    far = windows_with_events(best, windows)
+    masked, explained = _still_missed(best, windows, masked)
+    if far.any() or len(explained):
+        kept = windows[~far].joined(explained[explained.of(problem.train)])
+        masked = masked.joined(windows[far])
+        best, windows = refit_truncated(best, kept)
+    return best, windows, masked
+
+
+def _still_missed(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, Windows]:
+    """Of windows that seemed to hold an event, those that still do, and those that a model fits.
+
+    Args:
+        best: the model, fitted to the other windows.
+        windows: these.
+        masked: those that seemed to hold an event.
+    """
+    if not len(masked):
+        return masked, masked
+    usual = float(np.median(best.by_window / windows.samples))
+    kept = truncated(best.model, masked, best.theta)
+    misfit = on_windows(best, kept).by_window / kept.samples
+    fine = misfit < EVENT.ordinary * max(1.0, usual)
+    return masked[~fine], masked[fine]
+
+
+# Pushes and forces --------------------------------------------------------------------------------
+
+
+def _leave_out_pushes(
+    problem: GapProblem, explained: _Explanation
+) -> tuple[GapProblem, _Explanation, tuple[Event, ...], Disagreement | None]:
+    """The problem without pushes, a search that did not see them, these, and where they recur.
+
+    Pushes are sought by the closest model of the search: what it misses is no effect of the list.
+    Where they recur whenever a joint comes by a place they are none, and nothing is left out.
+    """
+    closest = min(explained.result.fits, key=lambda fit: fit.chi2)
+    quiet, pushes = without_bursts(problem, refit_truncated(closest, explained.windows)[0])
+    place = recurring(pushes, problem)
+    if place is not None or not pushes:
+        return problem, explained, (), place
+    everything = _without_spikes(explained.best, _windows(quiet))
+    anew = _explain(quiet, everything, everything[:0])
+    problem, pushes = without_bursts(problem, anew.best)
+    everything = _without_spikes(anew.best, _windows(problem))
+    fitted = _fit_all_windows(problem, anew.best, everything, everything[:0])
+    return problem, _Explanation(anew.result, *fitted), pushes, None
+
+
+@dataclass(frozen=True)
+class _LearnedForce:
+    """A force that was learned in place of what no effect explains."""
+
+    fit: Fit
+    events: tuple[Event, ...]
+    """those that it does not explain either"""
+
+
+def _learn_force(
+    problem: GapProblem, best: Fit, null: Fit, windows: Windows, masked: Windows
+) -> _LearnedForce | None:
+    """The residual as a force; None where it does not shrink the held-out error."""
+    base = best if explains_most(best, null, windows) else null
+    budget = ComputeBudget.at(windows.dt, BUDGET.learning_steps)
+    base = replace(base, model=replace(base.model, budget=budget))
+
+    def usable(some: Windows) -> Windows:
+        return _without_spikes(base, truncated(base.model, some, base.theta))
+
+    every = windows.joined(masked[masked.of(problem.train)])
+    short = problem.windows(problem.train, seconds=FORCE.short_s)
+    fit = with_learned_force(base, usable(every), usable(short))
+    missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
+    events = spans_of(missed, problem.recordings)
+    clear = _held_out(problem, events, fit)
+    return _LearnedForce(fit, events) if surely_better(fit, (null, best), clear) else None

@@ -1,0 +1,368 @@
+"""A force that no effect explains, learned from the residuals of a fit.
+
+The force is a sum of few parts. Each acts in one joint and is a Gaussian process over one or two of
+the positions, velocities and actuator forces; which joint and which of these is chosen by how well
+windows are predicted from others, so that it says where something is missing. The parts are found
+in the linear response to small forces, as in `residual_force`, and then fitted to free runs, as any
+effect is.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.gap.data import Windows
+from mcpilco.gap.fit import Fit, fit_model, on_windows
+from mcpilco.gap.plant_model import GridForce, PerWindow
+from mcpilco.gap.residual_force import ForceResponse, force_response
+from mcpilco.gap.sensitivities import motion_midway
+from mcpilco.gap.thresholds import BUDGET, FORCE
+from mcpilco.plant import Axis, Layout, LearnedForce
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine the grid over a coordinate is."""
+
+    lengthscale: float
+    """relative to half its extent; of an angle that is not wound to a quarter turn at most"""
+    wound: bool = False
+    """whether all that an angle has turned counts, as of a spring that winds up"""
+    closed: bool = False
+    """whether the place in a turn alone counts"""
+
+
+FINE, MEDIUM, COARSE, WOUND = Fineness(0.05), Fineness(0.1), Fineness(0.25), Fineness(0.25, True)
+
+
+def with_learned_force(fit: Fit, windows: Windows, short: Windows) -> Fit:
+    """The fit with a learned force of as many parts as predict more; itself where none does.
+
+    Args:
+        fit: a fit.
+        windows: those that it is to be fitted to in the end.
+        short: windows of `FORCE.short_s` of the same recordings: in them the response to a missing
+            force is still linear.
+    """
+    share = fit.model.budget.share(BUDGET.learning)
+    part = on_windows(fit, short)
+    for _ in share.while_left(range(FORCE.parts)):
+        force = best_force(part, short)
+        if force is None:
+            break
+        model = replace(part.model, learned=(*part.model.learned, force))
+        theta = np.append(part.theta, np.zeros(force.basis.shape[1]))
+        part = fit_model(model, short, theta, part.x0, iterations=FORCE.iterations_short)
+    if not part.model.learned:
+        return fit
+    part = on_windows(part, windows)
+    return fit_model(part.model, windows, part.theta, part.x0, iterations=FORCE.iterations)
+
+
+def learned_of(fit: Fit) -> tuple[LearnedForce, ...]:
+    """The learned forces of a fit."""
+    weights = fit.model.weights(fit.theta[None])
+    return tuple(
+        LearnedForce(grid.joint, grid.axes, tuple(map(float, own[0])))
+        for grid, own in zip(fit.model.learned, weights, strict=True)
+    )
+
+
+def best_force(fit: Fit, short: Windows) -> GridForce | None:
+    """The force that predicts best what a fit leaves over; None where none is worth it."""
+    if log_misfit(fit.by_window / short.samples, short.samples) < FORCE.fits:
+        return None
+    best = simplest(list(candidates(fit, short)))
+    return best.force() if best.predicted > FORCE.worth else None
+
+
+def log_misfit(misfit: PerWindow, samples: Int[np.ndarray, " W"]) -> float:
+    """Mean log misfit of a sample beyond the noise."""
+    return float(np.average(np.log(np.maximum(misfit, 1.0)), weights=samples))
+
+
+@dataclass(frozen=True)
+class ForceCandidate:
+    """A force in one joint over some coordinates."""
+
+    joint: str
+    prior: GridPrior
+    strength: float
+    """std of the force that predicts best [N or N m]"""
+    information: Float[np.ndarray, "R R"]
+    """what the windows tell of its directions, beside a prior of 1"""
+    predicted: float
+    """part of the log misfit that it predicts of windows from others [-]"""
+    unpredicted: PerWindow
+    """squared residual of a sample of each window that it does not predict from others"""
+
+    def force(self) -> GridForce:
+        """The force, in the directions that the windows tell of; in the others it stays 0."""
+        informed, directions = np.linalg.eigh(self.information)
+        basis = self.strength * self.prior.weights(directions[:, informed > FORCE.informed])
+        return GridForce(self.joint, self.prior.axes, basis)
+
+
+def simplest(forces: Sequence[ForceCandidate]) -> ForceCandidate:
+    """The candidate that predicts most, or one over a single coordinate that does about as well."""
+    best = max(forces, key=lambda one: one.predicted)
+    single = max((one for one in forces if len(one.prior.axes) == 1), key=lambda one: one.predicted)
+    return best if best.predicted > single.predicted + FORCE.worth_a_pair else single
+
+
+def candidates(
+    fit: Fit, windows: Windows, folds: Int[np.ndarray, " W"] | None = None
+) -> Iterator[ForceCandidate]:
+    """Forces in each joint over all that they could depend on, each at its best strength.
+
+    Args:
+        fit: a fit to the windows.
+        windows: short ones.
+        folds: number of each window's fold, below `FOLDS`; by default they take turns.
+    """
+    folds = np.arange(len(windows)) % FORCE.folds if folds is None else folds
+    response = force_response(fit, windows, hold_s=windows.dt)
+    layout = fit.model.plant.layout
+    motion = motion_midway(fit.model, fit.theta, windows)
+    turned = [
+        c
+        for c in range(motion.shape[2])
+        if _is_angle(layout, c) and np.ptp(motion[:, :, c]) > FORCE.most_turned_rad
+    ]
+    for j, joint in enumerate(layout.joints):
+        G = response.G[:, :, response.joint == j]
+        usual = fit.model.scales[joint].force
+        for over, shape in _forms(j, motion.shape[2], turned):
+            grids = [_axis(fit, c, motion[:, :, c], s) for c, s in zip(over, shape, strict=True)]
+            axes, lengthscales = zip(*grids, strict=True)
+            prior = GridPrior.of(axes, lengthscales, FORCE.least_variance)
+            features = prior.features([motion[:, :, c].ravel() for c in over])
+            columns = G @ features.reshape(*motion.shape[:2], -1)
+            yield _judged(joint, prior, usual, columns, response, folds)
+
+
+Form = tuple[tuple[int, ...], tuple[Fineness, ...]]
+"""the coordinates of a force, and how fine its grid is over each"""
+
+
+def _forms(j: int, D: int, turned: Sequence[int]) -> Iterator[Form]:
+    """The coordinates of a force at joint j, and how fine; of two coordinates one is its own.
+
+    Args:
+        j: number of the joint.
+        D: how many coordinates there are.
+        turned: angles that turn so far that their place in a turn is another thing.
+    """
+    for over, shape in _plain_forms(j, D):
+        either = [
+            _over_turns(part) if c in turned else (part,)
+            for c, part in zip(over, shape, strict=True)
+        ]
+        yield from ((over, one) for one in product(*either))
+
+
+def _over_turns(part: Fineness) -> Iterator[Fineness]:
+    """Grids over an angle that turns far: over a turn, over part of all that it turns, over all."""
+    yield replace(part, closed=True)
+    yield part
+    if part is COARSE:
+        yield WOUND
+
+
+def _plain_forms(j: int, D: int) -> Iterator[Form]:
+    for c in range(D):
+        yield from (((c,), (shape,)) for shape in (FINE, COARSE))
+    for c, d in combinations(range(D), 2):
+        if not {2 * j, 2 * j + 1}.isdisjoint((c, d)):
+            yield (c, d), (COARSE, COARSE)
+    yield from (((2 * j, d), (MEDIUM, COARSE)) for d in range(D) if d != 2 * j)
+
+
+def _is_angle(layout: Layout, c: int) -> bool:
+    """Whether a coordinate is the position of a hinge."""
+    return c < len(layout.states) and c % 2 == 0 and not layout.slides[c // 2]
+
+
+def _axis(fit: Fit, c: int, x: Float[np.ndarray, "W m"], shape: Fineness) -> tuple[Axis, float]:
+    """A grid over the range of a coordinate, and the lengthscale that it is fine enough for."""
+    layout = fit.model.plant.layout
+    name = (*layout.states, *layout.inputs)[c]
+    if shape.closed:
+        lengthscale = shape.lengthscale * 0.5 * np.pi
+        knots = int(np.ceil(2.0 * np.pi / (FORCE.knots * lengthscale)))
+        return Axis(name, -np.pi, np.pi - 2.0 * np.pi / knots, knots, closed=True), lengthscale
+    state, turns = c < len(layout.states), _is_angle(layout, c) and not shape.wound
+    low, high = _densest(x.ravel(), FORCE.most_turned_rad if turns else np.inf)
+    slow = FORCE.learned_slow * float(np.sqrt(np.mean(x**2))) if state and c % 2 == 1 else 0.0
+    room = 1e-6 + 1e-3 * (high - low)
+    axis = Axis(name, low - room, high + room, 4, slow)
+    extent = float(axis.places[-1] - axis.places[0])
+    lengthscale = shape.lengthscale * (min(0.5 * extent, 0.5 * np.pi) if turns else 0.5 * extent)
+    knots = 1 + int(np.ceil(extent / (FORCE.knots * lengthscale)))
+    return replace(axis, knots=max(axis.knots, knots)), lengthscale
+
+
+def _densest(x: Float[np.ndarray, " N"], most: float) -> tuple[float, float]:
+    """The interval, no longer than `most`, that holds most of some values."""
+    x = np.sort(x)
+    last = np.searchsorted(x, x + most, side="right") - 1
+    first = int(np.argmax(last - np.arange(len(x))))
+    return float(x[first]), float(x[last[first]])
+
+
+def _judged(
+    joint: str,
+    prior: GridPrior,
+    usual: float,
+    columns: Float[np.ndarray, "W n R"],
+    response: ForceResponse,
+    fold: Int[np.ndarray, " W"],
+) -> ForceCandidate:
+    """A force as it predicts each window from the windows of the other folds.
+
+    The noise of a window is inflated by a part of its misfit, and its log misfit is what counts: a
+    force that acts in few windows shows only in these, and an event must not lead them all.
+    """
+    misfit = response.by_window / response.samples
+    size = np.sqrt(np.maximum(1.0, FORCE.inflation * misfit))[:, None]
+    A, b = (
+        np.empty((FORCE.folds, *columns.shape[2:] * 2)),
+        np.empty((FORCE.folds, columns.shape[2])),
+    )
+    for k in range(FORCE.folds):
+        own = fold == k
+        flat = (columns[own] / size[own, :, None]).reshape(-1, columns.shape[2])
+        A[k], b[k] = flat.T @ flat, flat.T @ (response.r[own] / size[own]).ravel()
+    before = log_misfit(misfit, response.samples)
+    unpredicted = [
+        _unpredicted(strength, A, b, columns, fold, response)
+        for strength in FORCE.learned_strengths
+    ]
+    after = [log_misfit(part, response.samples) for part in unpredicted]
+    best = int(np.argmin(after))
+    information = FORCE.learned_strengths[best] ** 2 * A.sum(axis=0)
+    share = 1.0 - after[best] / before if before > 0.0 else 0.0
+    return ForceCandidate(
+        joint, prior, usual * FORCE.learned_strengths[best], information, share, unpredicted[best]
+    )
+
+
+def _unpredicted(
+    strength: float,
+    A: Float[np.ndarray, "F R R"],
+    b: Float[np.ndarray, "F R"],
+    columns: Float[np.ndarray, "W n R"],
+    fold: Int[np.ndarray, " W"],
+    response: ForceResponse,
+) -> PerWindow:
+    """Squared residual of a sample of each window, less what the other folds predict of it."""
+    squares = np.empty(len(response))
+    for k in range(FORCE.folds):
+        H = strength**2 * (A.sum(axis=0) - A[k]) + np.eye(A.shape[1])
+        mean = strength**2 * np.linalg.solve(H, b.sum(axis=0) - b[k])
+        missed = response.r[fold == k] - columns[fold == k] @ mean
+        squares[fold == k] = np.square(missed).sum(axis=1)
+    return squares / response.samples
+
+
+@dataclass(frozen=True)
+class GridPrior:
+    """The weights of a grid's splines as a Gaussian process of variance 1 on its knots.
+
+    Its covariance is a product over the axes, and so are its principal directions; R of them are
+    kept.
+
+    Reference: Wilson & Nickisch, Kernel interpolation for scalable structured Gaussian processes,
+        ICML (2015). Differs: splines interpolate, so that the force is smooth for an integrator.
+    """
+
+    axes: tuple[Axis, ...]
+    roots: tuple[Float[np.ndarray, "_ _"], ...]
+    """principal directions over each axis, by their standard deviation"""
+    kept: tuple[Int[np.ndarray, " R"], ...]
+    """of which each direction is the product, by axis"""
+
+    @classmethod
+    def of(cls, axes: Sequence[Axis], lengthscales: Sequence[float], least: float) -> GridPrior:
+        """The squared exponential one.
+
+        Args:
+            axes: of the grid.
+            lengthscales: for each axis, in its even coordinate.
+            least: variance below which a direction is left out.
+        """
+        roots, variances = [], []
+        for axis, lengthscale in zip(axes, lengthscales, strict=True):
+            variance, directions = np.linalg.eigh(np.exp(-0.5 * (axis.apart() / lengthscale) ** 2))
+            variances.append(np.maximum(variance, 0.0))
+            roots.append(directions * np.sqrt(variances[-1]))
+        product = functools.reduce(np.multiply, np.ix_(*variances))
+        return cls(tuple(axes), tuple(roots), tuple(np.nonzero(product > least)))
+
+    def features(self, x: Sequence[Float[np.ndarray, " N"]]) -> Float[np.ndarray, "N R"]:
+        """The force at N places for one unit of each direction."""
+        parts = [
+            (axis.splines(places) @ root)[:, kept]
+            for axis, places, root, kept in zip(self.axes, x, self.roots, self.kept, strict=True)
+        ]
+        return functools.reduce(np.multiply, parts)
+
+    def weights(self, coordinates: Float[np.ndarray, "R S"]) -> Float[np.ndarray, "M S"]:
+        """Weights of the splines at coordinates along the directions."""
+        rows = self.roots[0][:, self.kept[0]]
+        for root, kept in zip(self.roots[1:], self.kept[1:], strict=True):
+            rows = (rows[:, None] * root[:, kept]).reshape(-1, rows.shape[1])
+        return rows @ coordinates
+
+
+BINS, SEEN = 80, 3
+"""of an axis, and samples that one needs to count"""
+
+
+@dataclass(frozen=True)
+class ForcePlace:
+    """Where a part of a learned force acts."""
+
+    force: LearnedForce
+    largest: float
+    """in the recordings, but for one sample in two hundred [N or N m]"""
+    share: float
+    """of the squared learned force, in usual forces of the joints [-]"""
+    within: tuple[tuple[float, float], ...]
+    """for each axis, the shortest interval with most of the squared force over what was visited"""
+
+
+def force_places(fit: Fit, windows: Windows) -> tuple[ForcePlace, ...]:
+    """The joints and regions of a fit's learned force, the part that does most first."""
+    layout = fit.model.plant.layout
+    names = (*layout.states, *layout.inputs)
+    motion = motion_midway(fit.model, fit.theta, windows).reshape(-1, len(names))
+    parts = []
+    for force in learned_of(fit):
+        x = [motion[:, names.index(axis.of)] for axis in force.axes]
+        size = np.abs(force.at(*x))
+        work = np.mean(np.square(size / fit.model.scales[force.joint].force))
+        visited = [axis.once(places) for axis, places in zip(force.axes, x, strict=True)]
+        within = tuple(_shortest(places, size**2) for places in visited)
+        parts.append((force, float(np.percentile(size, 99.5)), float(work), within))
+    total = sum(work for _, _, work, _ in parts) or 1.0
+    places = [ForcePlace(force, most, work / total, within) for force, most, work, within in parts]
+    return tuple(sorted(places, key=lambda place: -place.share))
+
+
+def _shortest(x: Float[np.ndarray, " N"], squares: Float[np.ndarray, " N"]) -> tuple[float, float]:
+    """The shortest interval with most of the squares, every part that was visited alike."""
+    count, edges = np.histogram(x, BINS)
+    total, _ = np.histogram(x, edges, weights=squares)
+    mean = np.where(count >= SEEN, total / np.maximum(count, 1), 0.0)
+    sums = np.append(0.0, np.cumsum(mean))
+    last = np.searchsorted(sums, sums[:-1] + FORCE.most_of_force * sums[-1])
+    length = np.where(last < len(sums), last - np.arange(BINS), BINS + 1)
+    first = int(np.argmin(length))
+    return float(edges[first]), float(edges[min(last[first], BINS)])

@@ -1,0 +1,268 @@
+"""Simulated windows, and how they change with parameters, initial states and forces.
+
+A learned force has many coordinates. Each changes the force all along a motion, and the motion
+answers as to a train of short pulses, which are far fewer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from mcpilco.gap.data import Windows
+from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
+from mcpilco.plant import GAIN, IDEAL_ACTUATOR, Tables, design, simulate
+
+LOST = 1e3
+"""residual of a sample that a simulation that ran away did not reach, in noise std"""
+
+START_STEPS = 1e-3, 1e-2
+"""of finite differences over the initial state: positions [m or rad], velocities [m/s or rad/s]"""
+
+
+def run(
+    model: PlantModel,
+    windows: Windows,
+    theta: Float[np.ndarray, "S p"],
+    x0: Float[np.ndarray, "S W X"],
+) -> Float[np.ndarray, "S W X T"]:
+    """Simulated measurements of S parameter vectors, each on all windows."""
+    S, W = x0.shape[:2]
+    system, window = np.repeat(np.arange(S), W), np.tile(np.arange(W), S)
+    y = simulate(
+        model.tables(theta),
+        system,
+        np.ascontiguousarray(x0.reshape(S * W, -1)),
+        window,
+        np.ascontiguousarray(windows.commands),  # compiled for these alone
+        windows.lead,
+        windows.dt,
+        model.budget.used,
+    )
+    return y.reshape(S, W, *y.shape[1:])
+
+
+def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
+    """(measured - simulated) / noise std; 0 where nothing was measured."""
+    r = (windows.y - y) / windows.std[:, None]
+    r = np.where(np.isfinite(y), r, LOST)
+    r = np.where(windows.measured, r, 0.0)
+    return r.reshape(*r.shape[:-2], -1)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """A model at theta and initial states: its residuals and how they change.
+
+    Rows of unmeasured samples are 0.
+    """
+
+    r: Float[np.ndarray, "W n"]
+    """(measured - simulated) / noise std"""
+    Jx: Float[np.ndarray, "W n X"]
+    """change of the simulation with the initial state, over the noise std"""
+    Jp: Float[np.ndarray, "W n p"]
+    """with theta"""
+
+    def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linearised:
+        """Some of the windows."""
+        return Linearised(self.r[chosen], self.Jx[chosen], self.Jp[chosen])
+
+    @cached_property
+    def basis(self) -> Float[np.ndarray, "W n X"]:
+        """Orthonormal columns that span those of Jx."""
+        size = np.linalg.norm(self.Jx, axis=1, keepdims=True)
+        return np.linalg.qr(self.Jx / np.where(size > 0.0, size, 1.0))[0]
+
+    def cleaned(self, columns: Float[np.ndarray, "W n k"]) -> Float[np.ndarray, "W n k"]:
+        """The part of columns that no initial state could have made."""
+        return columns - self.basis @ (self.basis.transpose(0, 2, 1) @ columns)
+
+    def normal_equations(
+        self, theta: Theta, weight: PerWindow, precision: Float[np.ndarray, " p"]
+    ) -> tuple[Float[np.ndarray, "W n p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+        """P, H and g: cleaned columns of theta, and H step = g of the best step with a prior."""
+        P = self.cleaned(self.Jp)
+        WP = weight[:, None, None] * P
+        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
+        return P, H, np.einsum("wni,wn->i", WP, self.r) - precision * theta
+
+
+def linearise(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, over_theta: bool = True
+) -> Linearised:
+    """The model's residuals at theta and the initial states, and their central differences.
+
+    Differences to one side only are not enough: where masses and gains grow together nothing
+    moves, and their columns must cancel. The coordinates of learned forces are many, and their
+    columns are made of impulse responses.
+    """
+    X, p = x0.shape[1], len(theta) - model.coordinates if over_theta else 0
+    nudges = np.tile(START_STEPS, X // 2)
+    steps = model.steps(theta)[:p]
+    thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
+    moved = np.tile(x0, (1 + 2 * X + 2 * p, 1, 1))
+    for sign, first in ((1.0, 1), (-1.0, 1 + X)):
+        moved[first : first + X] += sign * np.diag(nudges)[:, None]
+    for sign, first in ((1.0, 1 + 2 * X), (-1.0, 1 + 2 * X + p)):
+        thetas[first : first + p] += sign * np.eye(p, len(theta)) * steps[:, None]
+    low, high = model.bounds
+    thetas = np.clip(thetas, low, high)
+    y = run(model, windows, thetas, moved)
+    r = residual(windows, y)
+    ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
+    spans = np.diag(ups - downs).copy() if p else np.zeros(0)
+    spans[spans == 0.0] = np.inf  # so large that no step changes them
+    Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
+    Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
+    lost = (np.abs(r) >= LOST).any(axis=0)
+    Jx[:, lost], Jp[:, lost] = 0.0, 0.0
+    columns = Jp.transpose(1, 2, 0)
+    if over_theta and model.learned:
+        learned = learned_force_columns(model, windows, theta, x0, y[0])
+        learned[lost] = 0.0
+        columns = np.concatenate([columns, learned], axis=2)
+    return Linearised(r[0], Jx.transpose(1, 2, 0), columns)
+
+
+def _leaning(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
+    """The model's residuals, and one-sided differences over the initial states alone.
+
+    They are enough for steps of the initial states, each judged by the misfit that follows.
+    """
+    X = x0.shape[1]
+    nudges = np.tile(START_STEPS, X // 2)
+    moved = np.tile(x0, (1 + X, 1, 1))
+    moved[1:] += np.diag(nudges)[:, None]
+    r = residual(windows, run(model, windows, np.tile(theta, (1 + X, 1)), moved))
+    Jx = (r[0] - r[1:]) / nudges[:, None, None]
+    Jx[:, (np.abs(r) >= LOST).any(axis=0)] = 0.0
+    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)))
+
+
+def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
+    """Positions and speeds, as [q1, q1', q2, ...] by what was measured, and then the commands."""
+    columns = []
+    for j in range(windows.y.shape[1] // 2):
+        q = _filled(windows.y[:, 2 * j])
+        v = np.gradient(q, windows.dt, axis=1)
+        kernel = np.ones(3) / 3.0
+        columns += [q, np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")]
+    used = windows.commands[:, windows.lead :]
+    return np.concatenate([np.stack(columns, axis=2), used], axis=2)
+
+
+def motion_midway(model: PlantModel, theta: Theta, windows: Windows) -> Float[np.ndarray, "W m D"]:
+    """States and actuator forces in the middle of each interval, on which a force may depend."""
+    at = motion(windows)
+    U = windows.commands.shape[2]
+    gains = model.tables(theta[None]).actuators[0, :, GAIN]
+    middle = 0.5 * (at[:, :-1] + at[:, 1:])
+    middle[:, :, -U:] = gains * at[:, :-1, -U:]  # a command is held
+    return middle
+
+
+def _filled(q: Float[np.ndarray, "W T"]) -> Float[np.ndarray, "W T"]:
+    """Positions, the missing ones interpolated."""
+    filled, t = q.copy(), np.arange(q.shape[1])
+    for row in filled:
+        known = np.isfinite(row)
+        row[:] = np.interp(t, t[known], row[known]) if known.any() else 0.0
+    return filled
+
+
+SIZE = 1e-2
+"""of a pulse, in usual forces of its joint"""
+
+HELD = 2
+"""samples for which a pulse is held that stands for a learned force"""
+
+
+def impulse_responses(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, joint: int, hold: int
+) -> Float[np.ndarray, "W n K"]:
+    """Change of the measurements, in noise std, per unit force in a joint, by interval.
+
+    Args:
+        model: what is simulated.
+        windows: the motions.
+        theta: of the model.
+        x0: initial states of the windows.
+        joint: number of the joint.
+        hold: samples for which a pulse is held; K of them follow one another.
+    """
+    size = SIZE * model.scales[model.plant.layout.joints[joint]].force
+    tables = _with_pulsed_joint(model.tables(theta[None]), joint)
+    W, T_all, U = windows.commands.shape
+    first = np.arange(0, windows.y.shape[2] - 1, hold)
+    K = len(first)
+    each = np.zeros(2 * K, dtype=np.int64)
+    changes = np.empty((W, windows.y[0].size, K))
+    for w in range(W):
+        commands = np.zeros((2 * K, T_all, U + 1))
+        commands[:, :, :U] = windows.commands[w]
+        for k, start in enumerate(windows.lead + first):
+            commands[2 * k, start : start + hold, U] = size
+            commands[2 * k + 1, start : start + hold, U] = -size
+        y = simulate(
+            tables,
+            each,
+            np.tile(x0[w], (2 * K, 1)),
+            np.arange(2 * K),
+            commands,
+            windows.lead,
+            windows.dt,
+            model.budget.used,
+        )
+        change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
+        change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)
+        changes[w] = change.reshape(K, -1).T
+    return changes
+
+
+def _with_pulsed_joint(tables: Tables, joint: int) -> Tables:
+    """The system with one input more, an ideal actuator of a joint."""
+    ideal = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), 1, 1))
+    return tables._replace(
+        drives=np.append(tables.drives, joint),
+        actuators=np.concatenate([tables.actuators, ideal], axis=1),
+    )
+
+
+def learned_force_columns(
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    y: Float[np.ndarray, "W X T"],
+) -> Float[np.ndarray, "W n R"]:
+    """Change of the measurements, in noise std, with the coordinates of the learned forces.
+
+    A coordinate changes the force all along a motion, and the motion answers as to a train of
+    pulses. These are far fewer than coordinates.
+
+    Args:
+        model: with learned forces.
+        windows: the motions.
+        theta: of the model.
+        x0: initial states of the windows.
+        y: simulated measurements.
+    """
+    layout = model.plant.layout
+    names = (*layout.states, *layout.inputs)
+    midway = motion_midway(model, theta, replace(windows, y=np.where(np.isfinite(y), y, np.nan)))
+    W, m, _ = midway.shape
+    first = np.arange(0, m, HELD)
+    lengths = np.diff(np.append(first, m))[:, None]
+    joints = {layout.joints.index(force.joint) for force in model.learned}
+    G = {j: impulse_responses(model, windows, theta, x0, j, HELD) for j in joints}
+    columns = []
+    for force in model.learned:
+        x = [midway[:, :, names.index(axis.of)].ravel() for axis in force.axes]
+        unit = (design(force.axes, x) @ force.basis).reshape(W, m, -1)
+        mean = np.add.reduceat(unit, first, axis=1) / lengths
+        columns.append(G[layout.joints.index(force.joint)] @ mean)
+    return np.concatenate(columns, axis=2)

@@ -1,0 +1,342 @@
+"""Every threshold by which `gap` decides, on one page.
+
+Thresholds that decide together are one frozen dataclass; [units] stand in brackets, and misfits are
+squared residuals over the noise variance. A number was chosen by hand where its docstring gives no
+source. `runs/hidden_effects` shows how often all of them together come to the right verdict.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DataThresholds:
+    """How recordings are cut into windows, and what is assumed of plant and noise."""
+
+    window_s: float = 1.06
+    """length of a window [s]: an effect shows far above the noise, and a swinging pole has
+    not diverged yet"""
+    past_s: float = 0.4
+    """of commands that a recording must have before its first window [s]: an actuator's lag and
+    delay answer to them"""
+    memory_s: float = 3.0
+    """of commands before a window where a recording has them [s]: backlash remembers the last
+    turn"""
+    latency_s: float = 0.06
+    """at the start of a window that is not compared [s]: a sensor that lags sees what was before"""
+    least_measured: float = 0.8
+    """part of the positions that a window must have [-]"""
+    fewest_windows: int = 6
+    """windows without which nothing is named: the verdict is `too_poor`"""
+    searched_windows: int = 28
+    """windows that a search looks at, of all recordings alike, for its cost; the last fit sees all
+    of them"""
+    held_out: float = 0.42
+    """most of the samples that are held out [-]"""
+    fewest_to_split: int = 3
+    """recordings below which none is held out"""
+    held_out_every_s: float = 0.3
+    """between the starts of two held-out windows, which overlap [s]"""
+    uncertainty: float = 0.01
+    """prior std of masses, lengths, base friction and gains, relative to their values [-]: what a
+    data sheet or a scale gives; a user's option"""
+    least_noise: float = 1e-4
+    """least noise std of a state, as a part of the std of its values [-]: what a simulation wrote
+    without noise is no more exact than another integrator"""
+    clock_every: int = 2
+    """one of so many windows decides when commands went out, for its cost"""
+    clock_iterations: int = 5
+    """of the fit that decides when commands went out"""
+    clock_errors: float = 2.0
+    """standard errors by which commands must fit better with the samples' stamps than by a clock
+    [-]: about 95 %"""
+
+
+@dataclass(frozen=True)
+class BudgetThresholds:
+    """Integrator steps that may be taken, so that equal data lead to equal results.
+
+    They were chosen by hand, so that an investigation takes about a minute on one core.
+    """
+
+    steps: float = 6.5e7
+    """of an investigation"""
+    learning_steps: float = 1.5e7
+    """besides, to learn a force"""
+    usual_dt_s: float = 0.02
+    """sampling time from which on this is so [s]; finer recordings take a step from sample to
+    sample, and may take as many more"""
+    fit: float = 0.2
+    """part of the steps left beyond which a fit makes no further iteration [-]"""
+    search: float = 0.4
+    """part of the steps left for the search [-]"""
+    exchange: float = 0.15
+    """part of the steps left for exchanges, and again for special cases [-]"""
+    validation: float = 0.4
+    """part of the steps left to predict recordings from one another [-]"""
+    bursts: float = 0.5
+    """part of the steps left to find bursts of force [-]"""
+    learning: float = 0.6
+    """part of the steps left to find the parts of a learned force; the rest is for its fit [-]"""
+
+
+@dataclass(frozen=True)
+class FitThresholds:
+    """When a fit ends, how far it may step, and which windows lead it."""
+
+    converged: float = 1e-4
+    """relative change of the cost below which a fit ends [-]"""
+    far: float = 10.0
+    """misfit of a sample beyond which a model is far from fitting [noise variances]: such a fit may
+    end early"""
+    crawl: float = 0.02
+    """relative change of the cost that is little for a model far from fitting [-]"""
+    tolerated: float = 9.0
+    """times the median misfit up to which a window counts in full [-]: three standard deviations
+    (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""
+    divergence: float = 20.0
+    """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
+    free_std: float = 1.0
+    """relative prior std of a freed parameter [-]: its order of magnitude is meant"""
+    farthest: float = 2.5
+    """factor by which one step may change a mass, or what enters as a logarithm [-]"""
+    least_scale: float = 0.1
+    """sensor scale below which a reading is not inverted [-]"""
+    quickest_s: float = 1e-4
+    """in which dry friction may bring its joint to rest [s]: what a simulation can follow at
+    reasonable cost"""
+
+
+@dataclass(frozen=True)
+class ScreenThresholds:
+    """How the effects are scored that a fit lacks."""
+
+    many_probes: int = 10
+    """probes of an effect beyond which it is scored on a part of the windows, for its cost"""
+    thinned: int = 3
+    """then one of so many windows counts"""
+    influence: float = 10.0
+    """times the influence at three quarters of the windows that a signature may have in one [-]:
+    near an unstable rest a small effect leads a motion anywhere (Hampel et al., Robust Statistics,
+    1986, section 6.3)"""
+    separable: float = 1e-6
+    """least part of a signature that the fitted parameters could not have made [-]: less is
+    rounding"""
+
+
+@dataclass(frozen=True)
+class SearchThresholds:
+    """When an effect is tried, added, carried on or dropped."""
+
+    promising: float = 25.0
+    """least fall of chi^2 by the linear response for which an effect is fitted [noise variances]"""
+    bic_gain: float = 15.0
+    """least gain in BIC for which an effect is added; above 10 is very strong evidence (Kass &
+    Raftery, JASA 90, 1995)"""
+    same_bic: float = 0.01
+    """difference in BIC below which models do the same: rounding"""
+    part_of_gap: float = 3e-5
+    """least part of the nominal misfit that a further effect must explain [-]: two integrators
+    differ by less"""
+    part_of_rest: float = 0.05
+    """least part of the misfit beyond the noise that a further effect must explain [-]: so that
+    none is named for what is small beside a noise that is larger than reported"""
+    cap: float = 9.0
+    """times the median misfit up to which a window weighs in a comparison [-]; as
+    `FitThresholds.tolerated`"""
+    shortlist: tuple[int, int, int] = (8, 5, 4)
+    """effects that are fitted on a model that has none, one, two, for the cost"""
+    beam: tuple[int, int, int] = (3, 4, 4)
+    """models that are carried on then, for the cost"""
+    begun: tuple[float, float, float] = (1.0, 0.25, 0.0625)
+    """parts of the size by the linear response, from the best of which an effect is fitted [-]: it
+    overrates what moves a motion far"""
+    most_effects: int = 3
+    """in a model, at most"""
+    rounds: int = 5
+    """of a search, at most; some only drop what became superfluous"""
+    hopeless: float = 0.5
+    """part of the misfit left over beyond which no further effect is sought [-]"""
+    unfit: float = 50.0
+    """whiteness of the residuals beyond which effects are exchanged [-], 1 for white noise"""
+    exchange_tried: int = 3
+    """effects that are tried in the place of one"""
+    exchange_rounds: int = 4
+    """exchanges, at most"""
+
+
+@dataclass(frozen=True)
+class EventThresholds:
+    """Events, which no model explains: samples read wrongly, pushes, contacts."""
+
+    spike: float = 8.0
+    """noise std by which a sample that was read wrongly stands out from its neighbours"""
+    far: float = 12.0
+    """times the median misfit from which a window may hold an event [-]"""
+    rare: float = 0.35
+    """part of the windows beyond which what is missed is no event but the model is wrong [-]"""
+    strange: float = 0.5
+    """least part of the misfit of an event that forces of state and command do not predict [-]"""
+    passes: int = 4
+    """over all windows, at most: events found in one no longer blur the next"""
+    ordinary: float = 3.0
+    """times the usual misfit up to which a window that was left out holds no event after all [-]"""
+    strong: float = 5.0
+    """times the usual missed force in the middle of a burst [-]"""
+    weak: float = 3.0
+    """times the usual missed force at the ends of a burst [-]"""
+    sure: float = 8.0
+    """standard deviations by which the force in the middle of a burst differs from 0"""
+    often: float = 0.2
+    """part of the windows beyond which bursts are no accident [-]"""
+    others: int = 60
+    """windows without a burst, at most, that tell what state and command do, for the cost"""
+    burst_passes: int = 6
+    """to find bursts, at most"""
+    recurring: float = 0.01
+    """probability that events happen by chance at one place, all places together, below which they
+    are no accidents [-] (a binomial test with Dunn's correction, JASA 56, 1961)"""
+
+
+@dataclass(frozen=True)
+class ForceThresholds:
+    """The force that a model misses: how it is sought, and when a learned one is worth it."""
+
+    short_s: float = 0.36
+    """length of the windows in which a force is sought [s]: in them the response to it is still
+    linear"""
+    hold_s: float = 0.06
+    """for which a force is held that stands for the one that is missed [s]"""
+    lengthscales: tuple[float, float] = (0.05, 0.2)
+    """of the missed force over coordinates that range over about 2 [-]: a contact is sharp, a
+    spring is not"""
+    strengths: tuple[float, ...] = (1e-2, 1e-1, 1.0)
+    """std of the missed force that are tried, in usual forces of a joint [-]"""
+    slow: float = 0.1
+    """speed, in a joint's rms, below which speeds are spread out [-]: there dry friction turns
+    over"""
+    most_turned_rad: float = 8.0
+    """turn of a hinge beyond which its angle and its place in a turn are two things [rad]: a full
+    turn and some"""
+    folds: int = 4
+    """of the cross-validation over windows"""
+    parts: int = 4
+    """of a learned force, at most"""
+    worth: float = 0.15
+    """least part of the log misfit that a further part must predict [-]"""
+    worth_a_pair: float = 0.06
+    """part of the log misfit that a force over two coordinates must predict beyond one over one
+    [-]"""
+    fits: float = 0.05
+    """mean log misfit below which nothing is left to explain [-]"""
+    knots: float = 0.6
+    """from knot to knot of a learned force's grid, in lengthscales [-]"""
+    learned_slow: float = 0.03
+    """as `slow`, for the grid of a learned force [-]"""
+    learned_strengths: tuple[float, ...] = (0.05, 0.2, 0.8)
+    """as `strengths`, for a learned force [-]"""
+    inflation: float = 0.05
+    """part of a window's misfit that counts as noise [-]"""
+    least_variance: float = 0.03
+    """prior variance of a direction of a grid below which it is left out [-]"""
+    informed: float = 0.1
+    """information of the data on a direction, over that of the prior, below which it is left out
+    [-]"""
+    iterations_short: int = 6
+    """of the fit of a learned force to short windows"""
+    iterations: int = 8
+    """of its fit to all windows"""
+    most_of_force: float = 0.85
+    """part of the squared force that the reported region holds [-]"""
+
+
+@dataclass(frozen=True)
+class ChoiceThresholds:
+    """Which of the models that fit alike is chosen, and which cannot be told apart."""
+
+    rough: float = 4.0
+    """median misfit of a sample from which on a model does not fit to the noise [noise variances]:
+    twice the noise std"""
+    near: float = 3.0
+    """times the misfit of the best model up to which a model is compared [-]"""
+    of_each_size: int = 5
+    """models of each number of effects that are compared, for the cost"""
+    parts: int = 3
+    """that are predicted from the others, at most, for the cost"""
+    worth: float = 0.1
+    """least mean fall of the log misfit of an unseen recording for an effect more [-]"""
+    tied: float = 20.0
+    """difference in BIC below which sets of effects cannot be told apart; somewhat above
+    `SearchThresholds.bic_gain`"""
+    unseen: float = 1.0
+    """signature of an effect of usual size below which recordings would hardly show one five times
+    as large [noise std]"""
+
+
+@dataclass(frozen=True)
+class ComparisonThresholds:
+    """Errors of free runs on held-out windows, with their intervals."""
+
+    start_s: float = 0.3
+    """of each window from which its start state is estimated [s]"""
+    fewest: int = 5
+    """windows that must be left when those are dropped whose motion diverges"""
+    end: float = 0.1
+    """last part of a window, whose error counts as that at its end [-]"""
+    resamples: int = 500
+    """of the bootstrap: enough for 95 % intervals"""
+    block: int = 8
+    """neighbouring windows that are drawn together, for they overlap"""
+    noises: int = 8
+    """draws of noise that tell a window's usual error"""
+    map_cell_s: float = 0.25
+    """of a map over time, and from the start of one window to that of the next [s]"""
+    map_windows: int = 400
+    """of a map over time, at most; long recordings have longer cells"""
+    force_span_s: float = 0.1
+    """over which the missing force is a mean [s]"""
+    force_spans: int = 6000
+    """at most; of long recordings not every sample begins one"""
+
+
+@dataclass(frozen=True)
+class VerdictThresholds:
+    """Between `named`, `none` and `unknown`."""
+
+    structured: float = 50.0
+    """whiteness of residuals beyond which something may still be missing [-], 1 for white noise"""
+    predicted: float = 0.3
+    """part of what is left over that forces of state and command predict, beyond which it is an
+    effect [-]"""
+    rest: float = 0.3
+    """part of the gap that may be left over in any case [-]"""
+    rest_usually: float = 0.5
+    """likewise, of the gap in a usual window [-]"""
+    rest_beside_force: float = 0.1
+    """part of the gap that effects may leave over and still stay where a force is learned too
+    [-]"""
+    large: float = 3.0
+    """misfit of a sample over the noise that no noise has [noise variances]"""
+    uneven: float = 3.0
+    """misfit of a badly fitted window over that of a usual one that no noise has [-], about 1.5 for
+    noise"""
+    alone: float = 2.5
+    """times the usual misfit that no noise has in a single window [-]"""
+    closed: float = 0.5
+    """part of the held-out error that effects must take away [-]"""
+    far: float = 2.0
+    """times the error of the fitted recordings that the held-out one must reach for that to count
+    [-], each in parts of what noise does"""
+
+
+DATA = DataThresholds()
+BUDGET = BudgetThresholds()
+FIT = FitThresholds()
+SCREEN = ScreenThresholds()
+SEARCH = SearchThresholds()
+EVENT = EventThresholds()
+FORCE = ForceThresholds()
+CHOICE = ChoiceThresholds()
+COMPARISON = ComparisonThresholds()
+VERDICT = VerdictThresholds()

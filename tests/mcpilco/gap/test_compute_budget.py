@@ -1,0 +1,118 @@
+"""A simulation counts its steps, and stages end when their share is used up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.gap.data import GapProblem
+from mcpilco.gap.decide import most_predictive
+from mcpilco.gap.fit import fit_model
+from mcpilco.gap.plant_model import ComputeBudget
+from mcpilco.gap.search import search
+from mcpilco.gap.sensitivities import run
+from mcpilco.gap.thresholds import CHOICE
+from mcpilco.plant import CATALOGUE, EffectInstance
+from tests.mcpilco.gap.pendulum import record
+
+PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]()
+
+
+@pytest.fixture(scope="module")
+def problem() -> GapProblem:
+    """Recordings of a pendulum with a drag and a constant torque."""
+    rng = np.random.default_rng(0)
+    measured = [record(rng, lambda q, v: 0.1 - 0.02 * v * abs(v), number) for number in range(2)]
+    return GapProblem.of(PLANT, measured, 0.01, (), {})
+
+
+def limited(problem: GapProblem, most: float) -> GapProblem:
+    return replace(problem, budget=ComputeBudget(most))
+
+
+def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
+    budget = ComputeBudget(100.0)
+    first = budget.share(0.25)
+    budget.used[0] = 24
+    assert not first.used_up
+    budget.used[0] = 60
+    assert first.used_up
+    assert budget.share(0.5).until == 80.0
+
+
+def test_finer_recordings_may_take_as_many_more_steps_as_they_have_samples() -> None:
+    assert ComputeBudget.at(0.1).most == ComputeBudget.at(0.02).most == ComputeBudget().most
+    assert ComputeBudget.at(0.005, 10.0).most == pytest.approx(40.0)
+
+
+def test_of_an_effort_that_is_spent_every_share_is_used_up() -> None:
+    budget = ComputeBudget(100.0)
+    budget.used[0] = 130
+    assert budget.share(0.9).used_up
+
+
+def test_equal_simulations_count_equal_steps_and_two_as_many_as_both(problem: GapProblem) -> None:
+    windows = problem.windows()[:2]
+    counts = []
+    for some in (windows[:1], windows[1:], windows, windows):
+        model = limited(problem, 1.0).model(windows)
+        run(model, some, np.zeros((1, model.nuisances)), some.guess[None])
+        counts.append(int(model.budget.used[0]))
+    assert counts[0] >= windows.y.shape[2] - 1
+    assert counts[0] + counts[1] == counts[2] == counts[3]
+
+
+def test_a_stiff_friction_counts_for_more(problem: GapProblem) -> None:
+    windows = problem.windows()[:4]
+    smooth = problem.model(windows)
+    nothing, friction = (
+        np.zeros(smooth.nuisances),
+        EffectInstance(CATALOGUE["coulomb_friction"], "pendulum"),
+    )
+    counts = []
+    for model, theta in ((smooth, nothing), smooth.grown(nothing, friction, [0.5, 1e-3])):
+        counted = replace(model, budget=ComputeBudget())
+        run(counted, windows, theta[None], windows.guess[None])
+        counts.append(int(counted.budget.used[0]))
+    assert counts[1] > 2 * counts[0]
+
+
+def test_a_fit_of_which_no_steps_are_left_makes_one_iteration(problem: GapProblem) -> None:
+    windows = problem.windows()
+    known, spent = problem.model(windows), limited(problem, 0.0).model(windows)
+    theta = np.zeros(known.nuisances)
+    once = fit_model(known, windows, theta, windows.guess, iterations=1)
+    ended = fit_model(spent, windows, theta, windows.guess)
+    whole = fit_model(known, windows, theta, windows.guess)
+    assert ended.chi2 == once.chi2
+    assert whole.chi2 < ended.chi2
+
+
+def test_a_search_of_few_steps_ends_with_fewer_models(problem: GapProblem) -> None:
+    windows = problem.windows()
+    candidates = problem.candidates(windows)
+    whole = search(limited(problem, 1e9).model(windows), windows, candidates)
+    few = int(whole.best.model.budget.used[0]) // 4
+    part = search(limited(problem, few).model(windows), windows, candidates)
+    again = search(limited(problem, few).model(windows), windows, candidates)
+    assert 1 < len(part.ranked) < len(whole.ranked)
+    assert part.best.model.budget.used[0] < whole.best.model.budget.used[0]
+    assert [bic for _, bic in part.ranked] == [bic for _, bic in again.ranked]
+
+
+def test_where_no_steps_are_left_the_best_model_is_compared_with_no_other(
+    problem: GapProblem,
+) -> None:
+    windows = problem.windows()
+    chosen = []
+    for most in (1e9, 0.0):
+        model = limited(problem, most).model(windows)
+        null = fit_model(model, windows, np.zeros(model.nuisances), windows.guess)
+        assert np.median(null.by_window / windows.samples) > CHOICE.rough
+        idle = model.grown(null.theta, EffectInstance(CATALOGUE["spring"], "pendulum"), [0.0])
+        larger = fit_model(idle[0], windows, idle[1], null.x0, iterations=1)
+        chosen.append(most_predictive([larger, null], windows) is larger)
+    assert chosen == [False, True]

@@ -1,0 +1,124 @@
+"""Events: pushes and contacts, once and wherever a machine comes by."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
+from mcpilco.gap.disagreement import bursts, recurring, unforeseen
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.plant_model import PlantModel
+from mcpilco.gap.thresholds import FORCE
+from mcpilco.recordings import Recording
+from tests.mcpilco.gap.pendulum import STD, Force, Outside, record
+
+PUSH_S = 4.0, 4.6
+"""[s]"""
+
+
+def nothing(q: float, v: float) -> float:
+    return 0.0
+
+
+def push(time: float) -> float:
+    return 0.4 if PUSH_S[0] <= time < PUSH_S[1] else 0.0
+
+
+def nominal(
+    force: Force = nothing, outside: Outside = lambda time: 0.0
+) -> tuple[Fit, Windows, list[Recording]]:
+    """The pendulum without effects, beside two recordings in the first of which a hand may push."""
+    rng = np.random.default_rng(3)
+    recordings = [record(rng, force, 1, outside=outside), record(rng, force, 2)]
+    short = cut(recordings, np.array([STD, 1.0]), FORCE.short_s, 0.5 * FORCE.short_s)
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    model = PlantModel(plant, (), {}, usual_scales(plant, short))
+    return Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short))), short, recordings
+
+
+def test_a_weak_push_is_found_when_it_was() -> None:
+    known, short, recordings = nominal(outside=push)
+    spans = bursts(known, short, recordings)
+    assert [span.recording for span in spans] == ["recording_1"]
+    assert spans[0].start_s == pytest.approx(PUSH_S[0], abs=0.75 * FORCE.short_s)
+    assert spans[0].end_s == pytest.approx(PUSH_S[1], abs=0.75 * FORCE.short_s)
+    assert unforeseen(spans, known, short, recordings) == spans
+
+
+def test_noise_holds_no_burst() -> None:
+    assert bursts(*nominal()) == ()
+
+
+@pytest.mark.parametrize(("width", "size"), [(0.15, 0.6), (0.1, 3.0)])
+def test_what_a_magnet_does_wherever_the_pendulum_comes_by_is_no_event(
+    width: float, size: float
+) -> None:
+    def detent(q: float, v: float) -> float:
+        return -size * (q - 0.1) / width * float(np.exp(-(((q - 0.1) / width) ** 2)))
+
+    known, short, recordings = nominal(detent)
+    spans = bursts(known, short, recordings)
+    assert spans
+    assert unforeseen(spans, known, short, recordings) == ()
+
+
+DT, SECONDS, COUNT = 0.02, 20.0, 3
+
+
+@pytest.fixture(scope="module")
+def problem() -> GapProblem:
+    """A pendulum that swings up to 1 rad and back, at a pace that changes."""
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    time = DT * np.arange(round(SECONDS / DT) + 1)
+    made = []
+    for number in range(COUNT):
+        pace = 1.3 + 0.3 * number
+        angle = np.sin(pace * time + 0.2 * np.sin(0.7 * time))
+        states = np.stack([angle, np.gradient(angle, DT)], axis=1)
+        layout = plant.layout
+        names = layout.states, layout.inputs
+        made.append(Recording(f"r{number}", time, states, np.zeros((len(time), 1)), *names))
+    return GapProblem.of(plant, made, 0.01, (), {"angle": 1e-3})
+
+
+def where(problem: GapProblem, low: float, high: float) -> list[Event]:
+    """An event for each visit to an interval of the angle."""
+    found = []
+    for recording in problem.recordings:
+        inside = (recording.states[:, 0] > low) & (recording.states[:, 0] < high)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+        for first, last in edges.reshape(-1, 2):
+            found.append(Event(recording.name, DT * float(first), DT * float(last)))
+    return found
+
+
+def test_what_happens_whenever_a_machine_comes_by_is_told_with_its_place(
+    problem: GapProblem,
+) -> None:
+    place = recurring(where(problem, 0.7, 0.95), problem)
+    assert place is not None
+    assert (place.channel, place.joint) == ("angle", "pendulum")
+    low, high = (float(word) for word in place.condition.split() if word[0].isdigit())
+    assert 0.3 < low < 0.8 < high < 1.01
+    assert 0.5 < place.share <= 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_events_at_any_time_are_no_place(problem: GapProblem, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [recording.name for recording in problem.recordings]
+    spans = [
+        Event(str(rng.choice(names)), begin, begin + float(rng.uniform(0.3, 1.5)))
+        for begin in map(float, rng.uniform(0.5, SECONDS - 2.0, 6))
+    ]
+    assert recurring(spans, problem) is None
+
+
+def test_few_events_at_a_place_where_more_visits_are_without_are_none(problem: GapProblem) -> None:
+    assert recurring(where(problem, 0.7, 0.95)[:3], problem) is None
+
+
+def test_without_events_there_is_no_place(problem: GapProblem) -> None:
+    assert recurring([], problem) is None

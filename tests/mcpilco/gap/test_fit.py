@@ -1,0 +1,77 @@
+"""Fits to windows, their initial states, and the clock of the commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.gap.data import GapProblem
+from mcpilco.gap.fit import Fit, fit_initial_states, likelier_clock, misfits, possible_clocks
+from mcpilco.plant import CATALOGUE, EffectInstance, Plant
+from mcpilco.recordings import Recording
+from tests.mcpilco.gap.pendulum import record
+
+
+def test_initial_states_are_sought_where_a_sensor_that_is_off_would_have_measured_them() -> None:
+    """An angle of ten turns that is read 10 % short is a whole turn away from what is read."""
+    turned = record(np.random.default_rng(0), lambda q, v: 0.0, 0)
+    turned.states[:, 0] = 0.9 * (turned.states[:, 0] + 20.0 * np.pi) + 0.5
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    problem = GapProblem.of(plant, [turned], 0.01, (), {"angle": 2e-3})
+    windows = problem.windows()
+    nominal = problem.model(windows)
+    model, theta = nominal, np.zeros(nominal.nuisances)
+    for name, value in (("sensor_scale", 0.9), ("sensor_offset", 0.5)):
+        model, theta = model.grown(theta, EffectInstance(CATALOGUE[name], "angle"), [value])
+    misfit = (
+        misfits(model, windows, theta, fit_initial_states(model, windows, theta)) / windows.samples
+    )
+    assert misfit.max() < 2.0
+    from_readings = fit_initial_states(model, windows, theta, windows.guess)
+    assert np.median(misfits(model, windows, theta, from_readings) / windows.samples) > 100.0
+
+
+DT = 0.02
+
+
+def stamped(machine: Plant, by_clock: bool) -> Recording:
+    """Ten seconds of a pendulum under steps; the stamps of the samples stray by 3 ms."""
+    rng = np.random.default_rng(0)
+    torque = np.repeat(rng.uniform(-1.2, 1.2, 50), 10)
+    late = rng.uniform(0.0, 0.15, len(torque))  # part of a step by which the command is late
+    mixed = torque - late * np.diff(torque, prepend=torque[0])
+    sent = torque if by_clock else mixed
+    states = machine.simulate(np.array([[0.3, 0.0]]), sent[None, :-1, None], DT)[0]
+    states += rng.standard_normal(states.shape) * [2e-3, np.nan]
+    time, layout = DT * np.arange(len(torque)), machine.layout
+    found = Recording("a", time, states, mixed[:, None], layout.states, layout.inputs)
+    return replace(found, by_clock=torque[:, None])
+
+
+def problems_of(machine: Plant, by_clock: bool) -> list[GapProblem]:
+    told = possible_clocks([stamped(machine, by_clock)])
+    return [GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), r, 0.01, (), {}) for r in told]
+
+
+@pytest.mark.parametrize("by_clock", [True, False])
+def test_the_motion_tells_when_commands_went_out(by_clock: bool) -> None:
+    sent = problems_of(envs.PLANTS["mcpilco/Pendulum-v0"](), by_clock)
+    assert likelier_clock(sent) is sent[by_clock]
+
+
+def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
+    friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    sent = problems_of(plant.having([(friction, (0.15, 2e-3))]), by_clock=False)
+    nominal = sent[0].model(sent[0].windows())
+    model, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (0.15, 2e-3))
+    known = Fit(model, theta, np.zeros((0, 2)), 0.0, np.zeros(0))
+    assert likelier_clock(sent, known) is sent[0]
+
+
+def test_without_doubt_there_is_one_timing() -> None:
+    recording = replace(stamped(envs.PLANTS["mcpilco/Pendulum-v0"](), True), by_clock=None)
+    assert possible_clocks([recording]) == [(recording,)]

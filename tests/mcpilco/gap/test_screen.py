@@ -1,0 +1,57 @@
+"""How the effects are scored that a fit lacks."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.screen import screen
+from mcpilco.gap.sensitivities import linearise
+from mcpilco.gap.thresholds import SCREEN, SEARCH
+from tests.mcpilco.gap.lagging import active, fitted, problem
+
+
+def test_an_effect_that_parameters_imitate_only_far_beyond_their_priors_is_promising() -> None:
+    """Masses and length together can do what a center of mass does, each more than 10 % off."""
+    center = active("center_of_mass", "pole")
+    known = problem(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), [(center, (-0.05,))])
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    assert np.median(null.by_window / windows.samples) < 1.2
+    assert np.abs(null.theta).max() > 0.05
+    lin = linearise(model, windows, null.theta, null.x0)
+    (score,) = screen(null, lin, windows, [center])
+    assert score.gain > SEARCH.promising
+
+
+def test_a_window_that_is_moved_far_more_than_the_others_does_not_hide_an_effect(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near an unstable rest a signature is as large as it is wrong."""
+    _, windows, null = lagging
+    friction = active("coulomb_friction", "pendulum")
+    lin = linearise(null.model, windows, null.theta, null.x0)
+    (score, *_) = screen(null, lin, windows, [friction])
+    module = importlib.import_module("mcpilco.gap.screen")
+    told = module.signatures
+
+    def wild(*args: Any) -> list[np.ndarray]:
+        columns = told(*args)
+        for column in columns:
+            column[0] *= -100.0
+        return columns
+
+    monkeypatch.setattr(module, "signatures", wild)
+    (wildly, *_) = screen(null, lin, windows, [friction])
+    assert wildly.gain > 0.3 * score.gain
+    monkeypatch.setattr(module, "SCREEN", replace(SCREEN, influence=np.inf))
+    (blindly, *_) = screen(null, lin, windows, [friction])
+    assert blindly.gain < 0.03 * score.gain
