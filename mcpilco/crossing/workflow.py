@@ -42,7 +42,7 @@ from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, wri
 from mcpilco.crossing.prior import as_mean, remembered_inputs
 from mcpilco.crossing.rollouts import record_rollouts
 from mcpilco.gap import Gap, investigate
-from mcpilco.gap.report import write_json as write_gap
+from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
 from mcpilco.plant import correction_of, read_correction, write_correction
 from mcpilco.recordings import read_for_plant, write_recording

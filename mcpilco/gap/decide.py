@@ -124,7 +124,9 @@ def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
 
 def _symbols(fit: Fit) -> int:
     """How many numbers a report tells of a model's effects."""
-    return sum(symbol.reported for instance in fit.model.effects for symbol in instance.effect.symbols)
+    return sum(
+        symbol.reported for instance in fit.model.effects for symbol in instance.effect.symbols
+    )
 
 
 def _parts(windows: Windows) -> Int[np.ndarray, " W"]:
