@@ -56,6 +56,8 @@ def imports_of(module: str) -> dict[str, tuple[str, str]]:
 def definition_of(module: str, name: str) -> str:
     """The dotted name under which an object is defined, however often it is imported on the way."""
     while name in (imported := imports_of(module)) and imported[name][0].split(".")[0] in TOPS:
+        if imported[name] == (module, name):  # a submodule
+            break
         module, name = imported[name]
     return f"{module}.{name}"
 

@@ -73,7 +73,7 @@ class Trip:
     lines: int | None = None
     """that may be read at most"""
     hops: tuple[str, ...] = ()
-    """calls from the first line to the aim, one after another"""
+    """functions from the first line to the aim, each in another file than the one before"""
     most_hops: int | None = None
 
     @property
@@ -95,7 +95,87 @@ class Trip:
         return len({stop.path for stop in self.stops if stop.edit})
 
 
-TRIPS = ()
+TRIPS = (
+    Trip(
+        "Add a kernel",
+        (
+            Stop("mcpilco/kernels/base.py", "what a kernel inherits", ("Positive", "Kernel")),
+            Stop("mcpilco/kernels/stationary.py", "an example; the new class", edit=True),
+            Stop(
+                "tests/mcpilco/kernels/test_kernels.py",
+                "the laws of all kernels; a line in `KERNELS`",
+                edit=True,
+            ),
+        ),
+        files=3,
+        edits=2,
+    ),
+    Trip(
+        "Add an effect of a joint",
+        (
+            Stop("mcpilco/plant/effects/base.py", "what an effect says of itself"),
+            Stop("mcpilco/plant/effects/joint.py", "the formulas; the new class", edit=True),
+            Stop("mcpilco/plant/effects/__init__.py", "the catalogue; one line", edit=True),
+            Stop(
+                "tests/mcpilco/plant/effects/test_catalogue.py",
+                "the laws of all effects; a row in `ORDINARY`",
+                edit=True,
+            ),
+        ),
+        files=4,
+        edits=3,
+    ),
+    Trip(
+        "Add an environment",
+        (
+            Stop("mcpilco/plant/plant.py", "what a plant is made of"),
+            Stop("envs/plants.py", "the plants and `register`; the new plant", edit=True),
+            Stop("envs/pendulum.py", "an example; a module like it is added", edit=True),
+            Stop("envs/swing_up.py", "how plant and task fit"),
+            Stop("envs/swing_up_env.py", "episodes"),
+        ),
+        files=5,
+        edits=2,
+    ),
+    Trip(
+        "Follow the policy search",
+        (
+            Stop("mcpilco/agent/trial_agent.py", "the loop over trials", ("TrialAgent.learn",)),
+            Stop("mcpilco/agent/model_based.py", "a trial: fit, search, try"),
+            Stop("mcpilco/agent/agent.py", "the expected cost as a function of the policy"),
+            Stop("mcpilco/search/search.py", "gradient steps, from several initial policies"),
+            Stop("mcpilco/search/particles.py", "the rollout"),
+            Stop("mcpilco/agent/model.py", "the model of a task: kernel, rows, fit", ("Model",)),
+            Stop("mcpilco/dynamics/dynamics.py", "one step: increments, speed integration"),
+            Stop("mcpilco/gp/gp.py", "posterior and fit", ("Posterior", "GP")),
+            Stop("mcpilco/policies/policies.py", "the policy", ("SumOfGaussians",)),
+        ),
+        files=9,
+        lines=1900,
+        hops=(
+            "TrialAgent.learn",
+            "ModelBasedAgent._trial",
+            "MCPILCO._search",
+            "PolicySearch.step",
+        ),
+        most_hops=4,
+    ),
+    Trip(
+        "See how `gap` decides",
+        (
+            Stop("mcpilco/gap/investigate.py", "the whole investigation"),
+            Stop("mcpilco/gap/windows.py", "windows of the recordings"),
+            Stop("mcpilco/gap/fit.py", "a fit, its initial states eliminated", ("Fit", "fit")),
+            Stop("mcpilco/gap/screen.py", "which effect would help most"),
+            Stop("mcpilco/gap/search.py", "models grow by effects, compared by BIC"),
+            Stop("mcpilco/gap/validate.py", "cross-validation, where no model fits to the noise"),
+            Stop("mcpilco/gap/name.py", "intervals, probabilities, families"),
+            Stop("mcpilco/gap/verdict.py", "`named` or `unknown`"),
+        ),
+        files=8,
+        lines=1500,
+    ),
+)
 
 
 def summary(trip: Trip) -> str:
@@ -104,7 +184,7 @@ def summary(trip: Trip) -> str:
     if trip.edits is not None:
         parts.append(f"{trip.files_edited} to edit")
     if trip.most_hops is not None:
-        parts.append(f"{len(trip.hops)} hops")
+        parts.append(f"{len(trip.hops) - 1} hops from file to file")
     return "; ".join(parts)
 
 
@@ -112,7 +192,7 @@ def table(trip: Trip) -> str:
     """A trip as a section of the page."""
     rows = [f"### {trip.title}", "", f"{summary(trip)}.", ""]
     if trip.hops:
-        rows += ["The hops: " + " → ".join(f"`{hop}`" for hop in trip.hops) + ".", ""]
+        rows += ["To the first gradient: " + " → ".join(f"`{hop}`" for hop in trip.hops) + ".", ""]
     rows += ["| | open | lines | to see |", "|---|---|---|---|"]
     for number, stop in enumerate(trip.stops, 1):
         do = "edit" if stop.edit else "read"

@@ -49,6 +49,7 @@ def script(name: str) -> ModuleType:
 
 
 build_reference = script("build_reference")
+count_trips = script("count_trips")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 SMALL = Config(
@@ -392,6 +393,33 @@ def test_a_reference_page_has_every_public_name(room: str) -> None:
 def test_every_page_is_in_the_navigation() -> None:
     nav = set(re.findall(r": ([\w-]+\.md)$", text(ROOT / "mkdocs.yml"), re.MULTILINE))
     assert nav == {page.name for page in (ROOT / "docs").glob("*.md")}
+
+
+@pytest.mark.parametrize("trip", count_trips.TRIPS, ids=lambda trip: trip.title)
+def test_a_trip_through_the_house_is_short(trip: Any) -> None:
+    assert trip.files_read <= trip.files
+    assert trip.edits is None or trip.files_edited <= trip.edits
+    assert trip.lines is None or trip.total <= trip.lines
+    assert trip.most_hops is None or len(trip.hops) - 1 <= trip.most_hops
+
+
+def test_the_map_shows_the_trips_as_they_are() -> None:
+    """As `python docs/count_trips.py --write` writes them, but for a tenth of the lines."""
+    page = text(ROOT / "docs" / "map.md")
+    shown, counted = (
+        re.split(r"([\d,]+)(?= lines)", each) for each in (page, count_trips.written(page))
+    )
+    rows = [re.sub(r"\| [\d]+ \|", "|", each) for each in shown[::2]]
+    assert rows == [re.sub(r"\| [\d]+ \|", "|", each) for each in counted[::2]]
+    told, true = ([int(each.replace(",", "")) for each in side[1::2]] for side in (shown, counted))
+    assert told == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize("trip", [trip for trip in count_trips.TRIPS if trip.hops])
+def test_the_hops_of_a_trip_are_functions_of_its_files(trip: Any) -> None:
+    found = [count_trips.definitions(text(ROOT / stop.path)) for stop in trip.stops]
+    for hop in trip.hops:
+        assert any(hop in names for names in found), hop
 
 
 def test_the_run_folder_is_explained_file_by_file(
