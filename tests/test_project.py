@@ -180,3 +180,60 @@ def test_no_imports_go_in_a_circle() -> None:
 def test_a_circle_would_be_found() -> None:
     edges = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}
     assert [sorted(group) for group in _strongly_connected(edges)] == [["a", "b", "c"]]
+
+
+# --- tests mirror the tree ------------------------------------------------------------------------
+
+ACROSS = {
+    "baselines/sb3/test_commands": "commands of the command line",
+    "envs/arms/test_industrial": "ur10, scara",
+    "envs/arms/test_robots": "all arms",
+    "envs/test_swing_up_vector": "swing_up_env, in batches",
+    "mcpilco/agent/test_own_kernel": "a kernel of a user's own, in an agent",
+    "mcpilco/cli/test_cli": "the commands of learning",
+    "mcpilco/cli/test_inverse_dynamics_command": "the command",
+    "mcpilco/cli/test_kinematics_command": "the command",
+    "mcpilco/cli/test_volterra_command": "the command",
+    "mcpilco/identification/inverse_dynamics/test_forward": "forward dynamics of all models",
+    "mcpilco/kernels/test_kernels": "the laws of all kernels",
+    "mcpilco/plant/effects/test_catalogue": "the laws of all effects",
+    "mcpilco/plant/equations/test_friction": "friction in the steps of the equations",
+    "mcpilco/plant/equations/test_polynomial_force": "polynomial forces in the equations",
+    "mcpilco/recordings/test_fuzz": "all readers",
+    "mcpilco/recordings/test_measured": "public data",
+    "mcpilco/recordings/test_one_reader": "all readers",
+    "mcpilco/search/fused/test_processors": "fused, on other processors",
+    "mcpilco/sweep/comparison/test_files": "files of comparisons",
+    "mcpilco/test_components": "runs/model_components",
+    "mcpilco/test_fuzz": "all files that are read",
+    "mcpilco/test_init": "the package",
+    "mcpilco/test_other_envs": "runs/other_envs",
+    "mcpilco/test_positions_run": "runs/partial_state",
+    "mcpilco/test_survival": "runs that are killed",
+}
+"""test modules that look at several modules together, and at what"""
+
+
+def test_tests_mirror_the_tree() -> None:
+    """A test stands in the folder of its room and has its module's name, or a place in `ACROSS`."""
+    folders = [ROOT / "tests" / top for top in TOPS]
+    found = {
+        path.relative_to(ROOT / "tests").with_suffix("").as_posix()
+        for folder in folders
+        for path in folder.rglob("test_*.py")
+    }
+    homeless = set()
+    for name in found:
+        folder, _, test = name.rpartition("/")
+        module = ROOT / folder / test.removeprefix("test_")
+        if not (module.with_suffix(".py").exists() or (module / "__init__.py").exists()):
+            homeless.add(name)
+    assert not homeless - set(ACROSS), "rename or move it to its module, or name what it tests"
+    assert not set(ACROSS) - homeless, "gone, or named as its module by now"
+
+
+def test_every_room_is_tested_in_the_folder_of_its_name() -> None:
+    untested = [
+        room for room in ROOMS if not list((ROOT / "tests/mcpilco" / room).glob("**/test_*.py"))
+    ]
+    assert not untested
