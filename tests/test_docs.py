@@ -30,10 +30,7 @@ import mcpilco.cli
 from baselines import pilco
 from baselines.pilco import PilcoConfig
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
-from envs.plants import PLANTS
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
-from mcpilco.plant import CATALOGUE
-from mcpilco.plant.effects import Effect
 from tests.baselines.sb3.small import TINY
 
 ROOT = Path(__file__).parent.parent
@@ -50,6 +47,7 @@ def script(name: str) -> ModuleType:
 
 build_reference = script("build_reference")
 count_trips = script("count_trips")
+write_tables = script("write_tables")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 SMALL = Config(
@@ -331,29 +329,11 @@ def test_the_table_of_presets_holds_their_numbers() -> None:
     assert table == {entry: tuple(p[entry] for p in presets) for entry in presets[0]}
 
 
-def _row_of(effect: Effect) -> str:
-    """Its row in the table of effects, with the units at a hinge."""
-    formula = effect.__doc__.splitlines()[0].rstrip(".").replace("|", "\\|")
-    units = [symbol.unit.format(f="N m", q="rad", x="rad or rad/s") for symbol in effect.symbols]
-    symbols = [f"{s.name} [{unit}]" for s, unit in zip(effect.symbols, units, strict=True)]
-    return f"| `{effect.name}` | {effect.place} | {formula} | {', '.join(symbols)} |"
-
-
-def test_the_table_of_effects_is_the_catalogue() -> None:
-    lines = text(ROOT / "docs" / "plants.md").splitlines()
-    first = lines.index("| effect | acts at | what it does | symbols |") + 2
-    table = lines[first : lines.index("", first)]
-    assert table == [_row_of(effect) for effect in CATALOGUE.values()]
-
-
-def test_the_table_of_plants_holds_their_names() -> None:
+def test_the_tables_of_effects_and_plants_are_the_catalogue_and_the_registry() -> None:
+    """Written by `python docs/write_tables.py`."""
     page = text(ROOT / "docs" / "plants.md")
-    for name, make in PLANTS.items():
-        plant = make()
-        parameters = [parameter.name for parameter in plant.parameters]
-        columns = (plant.layout.states, plant.layout.inputs, parameters)
-        cells = [", ".join(f"`{name}`" for name in column) for column in columns]
-        assert f"| `{name}` | {' | '.join(cells)} |" in page
+    assert write_tables.written(page) == page
+    assert page.count(write_tables.EFFECTS) == page.count(write_tables.PLANTS_HEAD) == 1
 
 
 def test_the_map_has_the_rooms_in_the_order_that_is_checked() -> None:
