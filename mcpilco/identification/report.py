@@ -1,13 +1,20 @@
-"""What a fit says of itself, the same for every method of identification."""
+"""The report on a fit, the same for every method of identification."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
+
+from jaxtyping import Float
+from torch import Tensor
+
+from mcpilco.gp import JITTERS
 
 
 @dataclass(frozen=True)
 class Report:
-    """How a fit went, and what the data could not tell it."""
+    """How a fit went, and what the data did not determine."""
 
     converged: bool
     """the optimiser stopped by its own tolerance, for every output"""
@@ -21,3 +28,23 @@ class Report:
     """names of the parameters that the data do not determine"""
     warnings: tuple[str, ...] = ()
     """sentences for a person: what looks wrong, and what to record instead"""
+
+    @classmethod
+    def of_json(cls, saved: Mapping[str, Any]) -> Report:
+        """The report in a file, which has lists for tuples."""
+        fields: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in saved.items()
+        }
+        return cls(**fields)
+
+
+def jitter_of(diagonal: Float[Tensor, "E N"], L: Float[Tensor, "E N N"]) -> tuple[float, ...]:
+    """The one of `JITTERS` that each factor has beyond the covariance, in parts of its mean [-].
+
+    Args:
+        diagonal: of the covariances.
+        L: their Cholesky factors, perhaps with a jitter.
+    """
+    added = (L.square().sum(-1) - diagonal).mean(-1) / diagonal.mean(-1)
+    return tuple(min(JITTERS, key=lambda jitter: abs(jitter - share)) for share in added.tolist())

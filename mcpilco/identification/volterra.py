@@ -22,8 +22,8 @@ from scipy.signal import lfilter
 from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
-from mcpilco.gp import GP, JITTERS, Posterior, WeightPosterior, WeightSpaceGP
-from mcpilco.identification.report import Report
+from mcpilco.gp import GP, Posterior, WeightPosterior, WeightSpaceGP
+from mcpilco.identification.report import Report, jitter_of
 from mcpilco.kernels import IPK, PK, SEDMPK, MonomialBasis, VolterraKernel, VolterraMPK, symmetric
 from mcpilco.recordings import Series, lagged, suspicions, usable
 from mcpilco.typing import InputError, McPilcoError
@@ -47,7 +47,7 @@ MANY_ORDERS = 10**6
 
 @dataclass(frozen=True)
 class VolterraConfig:
-    """What series, with which prior, and how it is fitted."""
+    """The series, its prior, and how it is fitted."""
 
     lags: int = 20
     """m: outputs depend on the inputs of so many samples before, and of now"""
@@ -107,7 +107,7 @@ _CHUNK = 1000
 
 @dataclass(frozen=True)
 class Scaling:
-    """What numbers the GP sees of measured ones."""
+    """Units of the GP's numbers: centred inputs of deviation 1, outputs of mean square 1."""
 
     center: Float[np.ndarray, " U"]
     """of the inputs, in their units"""
@@ -310,12 +310,11 @@ def _report(
 
 
 def _jitter(posterior: Posterior | WeightPosterior) -> tuple[float, ...]:
-    """What the factor L has on its diagonal beyond the covariance; none in weight space."""
+    """Of the factor of the covariance; none in weight space."""
     if isinstance(posterior, WeightPosterior):
         return (0.0,) * len(posterior.noise_std)
-    mean = (posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]).mean(-1)
-    added = posterior.L.square().sum(-1).mean(-1) / mean - 1.0
-    return tuple(max(JITTERS, key=lambda j: -abs(j - float(share))) for share in added)
+    noise = posterior.noise_std.square()[:, None]
+    return jitter_of(posterior.kernel.diag(posterior.X) + noise, posterior.L)
 
 
 FORMAT = 1
@@ -364,10 +363,6 @@ def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) ->
     X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
     gp = prior(config, names[1], len(names[0]), len(X))
     gp.load_arrays(groups["prior"])
-    told: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in about["report"].items()
-    }
     return VolterraModel(
         config=config,
         input_names=names[0],
@@ -377,7 +372,7 @@ def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) ->
         X=X,
         Y=Y,
         posterior=gp.condition(X, Y),
-        report=Report(**told),
+        report=Report.of_json(about["report"]),
     )
 
 

@@ -125,7 +125,7 @@ _KNOWN = 0.5
 
 
 class ArmLog(Protocol):
-    """What a simulated arm, a driver or a file hands over: T samples of J joints."""
+    """T samples of J joints, of a simulated arm, a driver or a file."""
 
     @property
     def time(self) -> Float[np.ndarray, " T"]: ...
@@ -145,7 +145,7 @@ class ArmLog(Protocol):
 
 @dataclass(frozen=True)
 class ArmRecording:
-    """What a file tells; NaN where a cell is empty."""
+    """The recording of an arm in a file; NaN where a cell is empty."""
 
     name: str
     """stem of the file"""
@@ -164,7 +164,7 @@ class ArmRecording:
     target_current: Float[np.ndarray, "T J"]
     """[A]"""
     force: Float[np.ndarray, "T 3"] | None = None
-    """at the end of the arm, where a simulation tells the truth [N]"""
+    """at the end of the arm, known in a simulation [N]"""
     remarks: tuple[str, ...] = ()
     """sentences on what was left out"""
 
@@ -209,8 +209,8 @@ def read_arm(
             )
     force = None
     if all(name in rows.table.columns for name in FORCE):
-        pushes = [rows.table.numbers(name)[rows.kept] for name in FORCE]
-        force = np.nan_to_num(np.column_stack(pushes))
+        columns_of_force = [rows.table.numbers(name)[rows.kept] for name in FORCE]
+        force = np.nan_to_num(np.column_stack(columns_of_force))
     return ArmRecording(Path(path).stem, rows.time, force=force, remarks=rows.remarks, **arrays)
 
 

@@ -12,7 +12,7 @@ order, with pauses between them:
 `pulses`     steps to a few amplitude levels, up to the limits, held and reversed: saturation,
              actuator lag, drag at high speed, backlash at the reversals
 `holds`      constant inputs, in both directions: gravity, springs, offsets, gain
-`pause`      no input: free decay tells viscous from Coulomb friction and from drag by its envelope
+`pause`      no input: the envelope of free decay separates viscous, Coulomb friction and drag
 
 The parts sum to about zero, the pulses also in their double integral, so that a joint that nothing
 holds, such as a cart, does not leave for good.

@@ -70,7 +70,7 @@ class MarkerRecording:
 
 
 def is_pose(column: str) -> bool:
-    """Whether a column of this name is part of a marker's pose."""
+    """True for the name of a column that is part of a marker's pose."""
     return _MARKER.fullmatch(column) is not None
 
 

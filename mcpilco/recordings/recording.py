@@ -110,7 +110,7 @@ def write_recording(path: str | Path, recording: Recording) -> Path:
 
 
 def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:
-    """What the sensors and the controller logged in an episode of T steps: T + 1 samples.
+    """The recording of an episode of T steps on an env: T + 1 samples.
 
     Angles count turns. The last sample repeats the last input. A state that is not measured is NaN.
     """

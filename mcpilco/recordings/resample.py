@@ -1,7 +1,7 @@
 """From samples at any times to samples on a uniform grid, and what time stamps that jitter mean.
 
 Some loggers stamp the moment at which a sensor was read, some that at which a row was written. A
-sample that is put j seconds off its place is v j off the motion, so the motion tells which it was:
+sample that is put j seconds off its place is v j off the motion, so the motion shows which it was:
 it is the rougher one under the wrong reading. When a command went out, with its sample or by a
 clock of its own, shows only in what it does to the motion later: `gap` asks its model.
 """

@@ -1,4 +1,4 @@
-"""Log files of a robot: which columns say what of a MuJoCo model's joints, and their stretches."""
+"""Log files of a robot: the columns of a MuJoCo model's joints, and stretches without gaps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Segment:
 
 
 class Source(NamedTuple):
-    """A column that tells a joint's force, or a part of it."""
+    """A column from which a joint's force, or a part of it, follows."""
 
     column: str
     joint: int
@@ -52,7 +52,7 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True)
 class Columns:
-    """What a log of a robot holds."""
+    """The columns of a robot's log: joints, forces, references."""
 
     joints: tuple[str, ...]
     sources: tuple[Source, ...]
@@ -114,7 +114,7 @@ def read_robot(
         Stretches, errors, and remarks on what was mended.
 
     Raises:
-        InputError: a motor of the model tells no force.
+        InputError: the force of a motor of the model does not follow from its command.
         RecordingError: no file can be read.
     """
     paths, names = list(paths), dict(columns or {})
@@ -138,7 +138,7 @@ def read_robot(
 def _columns_of(
     paths: Sequence[str | Path], model: mujoco.MjModel, names: Mapping[str, str]
 ) -> Columns:
-    """What the first file that can be read holds of the model's joints."""
+    """The columns of the model's joints in the first file that can be read."""
     header: set[str] = set()
     error: RecordingError | None = None
     for path in paths:
@@ -180,7 +180,7 @@ def _drives(model: mujoco.MjModel, u: int, j: int) -> bool:
 
 
 def _motor(model: mujoco.MjModel, u: int, j: int) -> Source:
-    """What a motor's command says of its joint's force."""
+    """The column of a motor's command, as a force of its joint."""
     name = model.actuator(u).name
     plain = (
         model.actuator_biastype[u] == int(mujoco.mjtBias.mjBIAS_NONE)

@@ -13,11 +13,11 @@ from mcpilco.recordings.reader import LogRows, read_rows
 from mcpilco.typing import InputError, RecordingError
 
 _FEWEST = 20
-"""samples of which anything can be told"""
+"""fewest samples that a series is learned from"""
 _UNEVEN = 0.2
 """a step of time that differs from the median by more than this part of it is another step [-]"""
 _REPEATED, _TOO_OFTEN = 0.01, 0.2
-"""shares of rows that repeat the row before: from which it is told, and refused [-]"""
+"""shares of rows that repeat the row before: from which there is a warning, and a refusal [-]"""
 _DEPENDENT = 1e-10
 """a direction of the lags with less than this part of the largest one's power is not excited [-]"""
 _OFF_ZERO = 2.0
@@ -26,7 +26,7 @@ _OFF_ZERO = 2.0
 
 @dataclass(frozen=True)
 class Series:
-    """What was measured at times k = 0, 1, ..., T - 1, one sampling time apart."""
+    """Inputs and outputs measured at times k = 0, 1, ..., T - 1, one sampling time apart."""
 
     inputs: Float[np.ndarray, "T U"]
     """each in its own unit; NaN where it is missing"""
@@ -161,7 +161,7 @@ def _repeated(series: Series) -> float:
 def suspicions(
     series: Series, lags: int, degree: int, center: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What these data cannot determine, and sentences that say why and what to record instead."""
+    """Coefficients that these data cannot determine, and warnings that say what to record."""
     unidentified, warnings = [], []
     for name, column in zip(series.input_names, series.inputs.T, strict=True):
         known = column[np.isfinite(column)]
@@ -169,8 +169,8 @@ def suspicions(
         if levels <= degree:
             unidentified.append(f"powers of {name} from {levels} on")
             warnings.append(
-                f"{name} takes {levels} values: its powers from {levels} on cannot be told from "
-                f"lower ones; record it with more than {degree} levels."
+                f"{name} takes {levels} values: its powers from {levels} on cannot be "
+                f"distinguished from lower ones; record it with more than {degree} levels."
             )
         windows = lagged(column[:, None], lags)
         rank = _rank(windows[np.isfinite(windows).all(1)])

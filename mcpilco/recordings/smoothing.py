@@ -63,7 +63,7 @@ _RANK = 1e-6  # relative singular value below which regressors are the same
 
 
 def noise_std(recording: Recording) -> Float[np.ndarray, " X"]:
-    """Standard deviation of each state's noise, in its unit; NaN where it cannot be told.
+    """Standard deviation of each state's noise, in its unit; NaN where it cannot be estimated.
 
     At least that of the rounding to the channel's resolution, step / sqrt(12). Noise is taken to be
     white: of noise that is correlated from sample to sample, only the part that changes within

@@ -49,7 +49,7 @@ def sampling_time(time: Float[np.ndarray, " N"]) -> float:
 
 
 def on_grid(time: Float[np.ndarray, " N"], dt: float) -> bool:
-    """Whether all stamps, from the first one, are distinct multiples of dt."""
+    """True where all stamps, from the first one, are distinct multiples of dt."""
     steps = (time - time[0]) / dt
     places = np.rint(steps)
     return bool(np.all(np.abs(steps - places) <= ON_GRID) and np.all(np.diff(places) > 0))

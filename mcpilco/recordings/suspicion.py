@@ -29,8 +29,8 @@ def spikes(values: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
 
     The measure is the deviation from a running median of seven samples, which a step, a ramp and a
     turning point leave small; where they are few for a motion, the top of a wave stands out as
-    well, but a cubic through the samples beside it tells it. A channel in which a tenth of the
-    samples stand out has no spikes.
+    well, but a cubic through the samples beside it shows that it is none. A channel in which a
+    tenth of the samples stand out has no spikes.
     """
     known = np.flatnonzero(np.isfinite(values))
     flags = np.zeros(len(values), dtype=bool)
@@ -55,7 +55,7 @@ def spikes(values: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
 def _bridge(
     x: Float[np.ndarray, " N"], spiky: Bool[np.ndarray, " N"], start: int, end: int
 ) -> Float[np.ndarray, " n"]:
-    """What a cubic through the samples beside says of those from start to end; else infinity."""
+    """A cubic through the samples beside, at those from start to end; infinity without enough."""
     sound = np.flatnonzero(~spiky)
     before, after = sound[sound < start][-_BESIDE:], sound[sound >= end][:_BESIDE]
     if min(len(before), len(after)) < 2:
@@ -129,12 +129,12 @@ def _windows(values: Float[np.ndarray, " N"], reach: int) -> Float[np.ndarray, "
 
 
 _TURNS_RAD = 50.0  # an angle that spans more is probably in degrees
-_COARSE = 2.0  # steps of so many noise standard deviations are told
+_COARSE = 2.0  # steps of so many noise standard deviations are remarked on
 _FEWEST = 10  # equal samples, before a channel may be stuck
 
 
 def about_resampling(log: Log, dt: float) -> str:
-    """What became of the time stamps."""
+    """A remark on the new step and the steps of the log."""
     steps = np.diff(log.time)
     low, high = np.quantile(steps, [0.05, 0.95])
     return (
@@ -144,7 +144,7 @@ def about_resampling(log: Log, dt: float) -> str:
 
 
 def about_clock(readings: Sequence[Log], dt: float) -> list[str]:
-    """What stamps that jitter are taken for; nothing where they are no clock's."""
+    """A remark on which of samples and commands jitter; none where stamps follow no clock."""
     if on_grid(readings[0].time, dt):
         return [f"The time stamps jitter, the samples do not: they are taken every {dt:g} s."]
     if len(readings) > 1:
@@ -161,7 +161,7 @@ def about_gaps(gaps: Gaps) -> list[str]:
 
 
 def suspicions(recording: Recording) -> Iterator[str]:
-    """What its reader should look at: units, steps of an encoder, channels that stand still."""
+    """Remarks on suspicious channels: units, steps of an encoder, channels that stand still."""
     names, states = recording.state_names, recording.states
     measured, noise = recording.measured, noise_std(recording)
     for q, v in recording.velocities:

@@ -27,7 +27,7 @@ class ThresholdConfig:
     debounce: int = 3
     """an alarm is so many samples above the threshold, one after another, in one joint"""
     rule: Rule = "current"
-    """a number of ampere, or of the standard deviations that the posterior tells at a sample"""
+    """a number of ampere, or of the standard deviations of the posterior at a sample"""
     by_phase: bool = False
     """a threshold for joints that move and one for joints that rest, in place of one for both"""
 
@@ -43,7 +43,7 @@ class Thresholds:
     """where it is quasi-static, in the same unit"""
 
     def __call__(self, model: CurrentModel, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
-        """What the residuals of these samples must not exceed [A]."""
+        """The largest residuals of these samples that raise no alarm [A]."""
         limits = np.where(model.quiet(samples), self.resting, self.moving)
         return limits * model.std(samples) if self.config.rule == "deviations" else limits
 
@@ -119,7 +119,7 @@ _LATE = 1.5
 
 @dataclass(frozen=True)
 class Sample:
-    """What a robot tells at one instant, a number for each of J joints."""
+    """Measurements and targets of a robot at one instant, a number for each of J joints."""
 
     time: float
     """[s]"""
@@ -139,7 +139,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Detection:
-    """What the detector says of a sample."""
+    """The detector's verdict on one sample."""
 
     time: float
     """[s]"""
@@ -180,7 +180,7 @@ class CollisionDetector:
         self._last: float | None = None
 
     def update(self, sample: Sample) -> Detection:
-        """What this sample says; one that comes late, or out of order, begins anew.
+        """The verdict on this sample; one that comes late, or out of order, begins anew.
 
         Raises:
             InputError: the sample does not fit the robot, or is not finite.
@@ -246,7 +246,7 @@ def _row(sample: Sample, dq: np.ndarray, ddq: np.ndarray) -> ArmSamples:
 
 @dataclass(frozen=True)
 class Detections:
-    """What a detector says of N samples that follow one another, all at once."""
+    """A detector's verdicts on N samples that follow one another."""
 
     time: Float[np.ndarray, " N"]
     """[s]"""
@@ -268,7 +268,7 @@ class Detections:
 
 
 def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Detections:
-    """What a `CollisionDetector` says of the samples of one recording, but faster."""
+    """The verdicts of a `CollisionDetector` on a whole recording, computed at once."""
     expected, threshold = model.mean(samples), limits(model, samples)
     residual = samples.i - expected
     over = np.abs(residual) >= threshold
@@ -306,11 +306,11 @@ def events(found: Detections, joints: Sequence[str], pause_s: float = 0.2) -> li
     at = np.flatnonzero(found.collision)
     if not len(at):
         return []
-    told = []
+    gathered = []
     for rows in np.split(at, np.flatnonzero(np.diff(found.time[at]) > pause_s) + 1):
         some, first = np.any(found.joints[rows], axis=0).tolist(), found.joints[rows[0]]
         ratio = np.abs(found.residual[rows]) / found.threshold[rows]
-        told.append(
+        gathered.append(
             Event(
                 start_s=float(found.time[rows[0]]),
                 end_s=float(found.time[rows[-1]]),
@@ -319,4 +319,4 @@ def events(found: Detections, joints: Sequence[str], pause_s: float = 0.2) -> li
                 resting=bool(found.resting[rows[0]][first].all()),
             )
         )
-    return told
+    return gathered

@@ -66,7 +66,7 @@ class CurrentFeatures:
 
     @property
     def kept(self) -> tuple[Int[np.ndarray, " p"], ...]:
-        """For each joint, the parameters of the robot that its current can tell."""
+        """For each joint, the parameters of the robot that its current depends on."""
         return self._kept  # type: ignore[attr-defined]
 
     def __call__(
@@ -92,8 +92,8 @@ _SHARE = 0.01
 """of the samples in which each joint must move, and must rest [-]"""
 _REPEATED = 0.05
 """share of samples that may be those before once more [-]"""
-_TOLD = 1e-2
-"""what is left of a feature, relative to its size, where the others tell it [-]"""
+_DEPENDENT = 1e-2
+"""what is left of a feature, relative to its size, where it depends on the others [-]"""
 
 
 def check_free(
@@ -123,8 +123,8 @@ def check_free(
         if slow.mean() > 1.0 - _SHARE:
             raise InputError(
                 f"{joint} is slower than {speed:g} rad/s in {100 * slow.mean():.0f} % of the "
-                "samples, so that its friction and inertia cannot be told; record motions of all "
-                "joints."
+                "samples, so that its friction and inertia cannot be identified; record motions of "
+                "all joints."
             )
         if rests and slow.mean() < _SHARE:
             raise InputError(
@@ -135,7 +135,7 @@ def check_free(
 
 
 def _check_repeats(samples: ArmSamples) -> None:
-    """A log that is faster than the robot repeats what the robot said."""
+    """Refuse a log that is faster than the robot, and repeats its samples."""
     rows = np.hstack([samples.q, samples.i])
     share = float((np.diff(rows, axis=0) == 0.0).all(axis=1).mean())
     if share > _REPEATED:
@@ -146,22 +146,22 @@ def _check_repeats(samples: ArmSamples) -> None:
 
 
 def unidentified(samples: ArmSamples, features: CurrentFeatures) -> tuple[str, ...]:
-    """Features of joints that the samples do not tell from the others, as `joint: parameter`."""
+    """Features of joints that the samples do not determine, as `joint: parameter`."""
     phi = features(samples.q, samples.dq, samples.ddq)
     joints = features.body.chain.joints
     return tuple(
         f"{joints[j]}: {features.names(j)[k]}"
         for j in range(features.joints)
-        for k in base_parameters(phi[j], tolerance=_TOLD).dependent
+        for k in base_parameters(phi[j], tolerance=_DEPENDENT).dependent
     )
 
 
 def about_unidentified(names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences for a person."""
+    """Warnings that name what the motions do not determine."""
     if not names:
         return ()
     shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     return (
-        f"The motions do not tell {shown}: postures or motions that differ from those recorded "
+        f"The motions do not determine {shown}: postures or motions other than those recorded "
         "may raise false alarms; move several joints at once, farther and at different speeds.",
     )

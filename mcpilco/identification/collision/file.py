@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from mcpilco.bodies import Body, Chain
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.identification.collision.detector import ThresholdConfig, Thresholds
 from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
 from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, conditioned, prior
-from mcpilco.identification.rigid_body import RigidBody
+from mcpilco.identification.rigid_body import RigidBody, chain_of_json
 from mcpilco.recordings import ArmSamples
 from mcpilco.typing import McPilcoError, RunFolderError
 
@@ -33,7 +30,7 @@ def save_collision_model(path: str | Path, model: CurrentModel, limits: Threshol
         "dt": model.dt,
         "config": asdict(model.config),
         "thresholds": asdict(limits.config),
-        "chain": {"gravity": body.chain.gravity, "bodies": [asdict(b) for b in body.chain.bodies]},
+        "chain": asdict(body.chain),
     }
     groups = {
         "samples": vars(model.train),
@@ -45,7 +42,7 @@ def save_collision_model(path: str | Path, model: CurrentModel, limits: Threshol
 
 
 def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
-    """What `save_collision_model` wrote; nothing in the file is executed.
+    """The model and thresholds in a file; nothing in it is executed.
 
     Raises:
         RunFolderError: the file is missing, damaged, or something else.
@@ -59,7 +56,7 @@ def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
         )
     try:
         config = CurrentConfig(**about["config"])
-        chain = _chain(about["chain"])
+        chain = chain_of_json(about["chain"])
         features = CurrentFeatures(
             RigidBody(chain, CURRENT_TERMS, groups["robot"]["nominal"]),
             config.quiet_speed,
@@ -76,15 +73,3 @@ def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
     except (KeyError, TypeError, ValueError, IndexError, McPilcoError) as error:
         raise damaged(path, error) from error
     return model, limits
-
-
-def _chain(told: Mapping[str, Any]) -> Chain:
-    return Chain(
-        tuple(Body(**{name: _tuples(value) for name, value in b.items()}) for b in told["bodies"]),
-        tuple(told["gravity"]),
-    )
-
-
-def _tuples(value: Any) -> Any:
-    """JSON has lists where a body has tuples."""
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -1,4 +1,4 @@
-"""The current that each motor of an arm takes where nothing touches the arm.
+"""The current that each motor of an arm takes when nothing touches the arm.
 
     i_j = phi_j(x)' w_j                         PP, parametric prior, thesis eq. (4.7)
     i_j = phi_j(x)' w_j + f_j(x)                SP, semi-parametric, thesis eq. (3.7)
@@ -28,7 +28,7 @@ from mcpilco.identification.collision.features import (
     quiet,
     unidentified,
 )
-from mcpilco.identification.report import Report
+from mcpilco.identification.report import Report, jitter_of
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear, Rescaled
 from mcpilco.recordings import WINDOW, ArmSamples
@@ -129,8 +129,8 @@ class Predictor:
         found = phi**2 @ self.D - np.square(phi @ self.R[:, :p].T).sum(axis=1)
         if len(rows := self._open(a)):
             gate = a[rows]
-            told = np.hstack([phi[rows], gate[:, None] * self._k(z[rows])]) @ self.R.T
-            found[rows] = phi[rows] ** 2 @ self.D + gate**2 * self.prior - (told**2).sum(axis=1)
+            less = np.hstack([phi[rows], gate[:, None] * self._k(z[rows])]) @ self.R.T
+            found[rows] = phi[rows] ** 2 @ self.D + gate**2 * self.prior - (less**2).sum(axis=1)
         return np.maximum(found, 0.0)
 
     def _open(self, a: Float[np.ndarray, " N"]) -> Int[np.ndarray, " n"]:
@@ -283,11 +283,13 @@ def conditioned(
     """
     inputs = inputs_of(train, features, config)
     phi, z, a = inputs
-    predictors, jitter = [], []
+    predictors: list[Predictor] = []
+    jitter: list[float] = []
     for j, gp in enumerate(gps):
         X = regressors(train, inputs, j)
         posterior = gp.condition(X, torch.from_numpy(train.i[:, j : j + 1]))
-        jitter.append(_jitter(gp, posterior))
+        variance = posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]
+        jitter += jitter_of(variance, posterior.L)
         predictors.append(Predictor.of(posterior, *parts(posterior.kernel), phi[j], z, a[:, j]))
     return CurrentModel(config, features, dt, gps, train, tuple(predictors)), tuple(jitter)
 
@@ -306,7 +308,7 @@ def prior(features: CurrentFeatures, config: CurrentConfig) -> list[GP]:
 
 
 def regressors(samples: ArmSamples, inputs: tuple, joint: int) -> Float[torch.Tensor, "N D"]:
-    """What the Gaussian process of a joint sees of the samples; `inputs` are theirs."""
+    """Regressors of a joint's Gaussian process at the samples; `inputs` are of `inputs_of`."""
     phi, z, _ = inputs
     return torch.from_numpy(np.column_stack([phi[joint], z, samples.dq[:, joint]]))
 
@@ -326,11 +328,3 @@ def parts(kernel: Kernel) -> tuple[Linear, RBF | None]:
     """The linear kernel and the RBF kernel that a joint's kernel is made of."""
     found = {type(part): part for part in kernel.modules() if isinstance(part, Linear | RBF)}
     return found[Linear], found.get(RBF)  # type: ignore[return-value]
-
-
-def _jitter(gp: GP, posterior: Posterior) -> float:
-    """What the factorisation added to the diagonal, in parts of its mean [-]."""
-    diagonal = gp.covariance(posterior.X).detach().diagonal(dim1=-2, dim2=-1)[0]
-    factored = posterior.L[0].square().sum(-1)
-    added = float((factored - diagonal).mean() / diagonal.mean())
-    return added if added > 1e-11 else 0.0

@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mcpilco.bodies import Body, Chain
+from mcpilco.bodies import Chain
 from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics.gaussian import (
     TUNED_ON,
@@ -31,7 +31,7 @@ from mcpilco.identification.inverse_dynamics.gaussian import (
 )
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
-from mcpilco.identification.rigid_body import base_parameters
+from mcpilco.identification.rigid_body import base_parameters, chain_of_json
 from mcpilco.kernels import Kind
 from mcpilco.recordings import ARRAYS, JointData, check_joint_data
 from mcpilco.typing import InputError, RunFolderError
@@ -262,7 +262,7 @@ def load_inverse_dynamics(path: str | Path) -> InverseDynamics:
 def _build(fitted: Fitted, groups: dict[str, dict[str, np.ndarray]]) -> InverseDynamics:
     kernel, joints, built = fitted.kernel, fitted.joints, fitted.built
     friction = bool(built["friction"])
-    chain = _chain(built["chain"]) if "chain" in built else None
+    chain = chain_of_json(built["chain"]) if "chain" in built else None
     if kernel == "nn":
         layers = network(len(joints), int(built["units"]))
         layers.load_state_dict(_tensors(groups["layers"]))
@@ -279,13 +279,3 @@ def _build(fitted: Fitted, groups: dict[str, dict[str, np.ndarray]]) -> InverseD
 
 def _tensors(arrays: Mapping[str, np.ndarray]) -> dict[str, torch.Tensor]:
     return {name: torch.as_tensor(value) for name, value in arrays.items()}
-
-
-def _chain(saved: dict[str, Any]) -> Chain:
-    def frozen(value: Any) -> Any:
-        return tuple(map(frozen, value)) if isinstance(value, list) else value
-
-    bodies = tuple(
-        Body(**{name: frozen(value) for name, value in body.items()}) for body in saved["bodies"]
-    )
-    return Chain(bodies, frozen(saved["gravity"]))

@@ -17,7 +17,7 @@ from mcpilco.bodies import INERTIAL, Chain, torch_regressor
 from mcpilco.dynamics import JointPolynomials, friction
 from mcpilco.gp import GP, cholesky
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
-from mcpilco.identification.report import Report
+from mcpilco.identification.report import Report, jitter_of
 from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.kernels import GIP, RBF, ActiveDims, Kernel, Kind, Linear
 from mcpilco.recordings import ARRAYS, JointData
@@ -55,7 +55,7 @@ class Prior(ABC):
 
     @abstractmethod
     def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        """What the process of each joint regresses on, differentiable by the motion."""
+        """Regressors of the process of each joint, differentiable by the motion."""
 
     @abstractmethod
     def kernel(self) -> Kernel:
@@ -185,12 +185,10 @@ class Process:
         with torch.no_grad():
             K = gp.covariance(Z)
             L = cholesky(K, gp.names)
-            diagonal = K.diagonal(dim1=-2, dim2=-1)
-            added = (L.square().sum(-1) - diagonal).mean() / diagonal.mean()
             alpha = torch.cholesky_solve(y.mT[..., None], L)
             kernel = gp.kernel.requires_grad_(False)
-            noise, jitter = float(gp.noise_std), float(added)
-        return cls(kernel, noise, Z, L, alpha, jitter if jitter > 1e-12 else 0.0)
+            (jitter,) = jitter_of(K.diagonal(dim1=-2, dim2=-1), L)
+        return cls(kernel, float(gp.noise_std), Z, L, alpha, jitter)
 
     def mean(self, Zq: Float[Tensor, "*b D"]) -> Float[Tensor, "*b"]:
         """Of the latent torque: thesis eq. (3.4)."""

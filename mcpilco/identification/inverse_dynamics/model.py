@@ -23,7 +23,7 @@ from mcpilco.typing import InputError, NotPositiveDefiniteError
 
 @dataclass(frozen=True)
 class Fitted:
-    """What every model knows of its fit, and a file says of it."""
+    """The fit that a model comes from, as its file keeps it."""
 
     kernel: str
     """by which name it is built, a key of `ESTIMATORS`"""
@@ -43,21 +43,17 @@ class Fitted:
         return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, as_read)
 
     def to_json(self) -> dict[str, Any]:
-        """What `of_json` reads."""
+        """A mapping for JSON, which `of_json` reads."""
         return asdict(self)
 
     @classmethod
     def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
-        """What `to_json` wrote."""
-        report: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in saved["report"].items()
-        }
+        """From the mapping that `to_json` made."""
         return cls(
             saved["kernel"],
             tuple(saved["joints"]),
             tuple(saved["torque_std"]),
-            Report(**report),
+            Report.of_json(saved["report"]),
             saved["built"],
         )
 
@@ -146,13 +142,13 @@ def inertia(model: InverseDynamics, q: Float[Tensor, "*b J"], unit: float = UNIT
     """
     J = q.shape[-1]
     still = torch.zeros_like(q)
-    pushes = unit * torch.cat([torch.zeros(1, J), torch.eye(J)]).to(q)  # J+1 J
+    units = unit * torch.cat([torch.zeros(1, J), torch.eye(J)]).to(q)  # J+1 J
     shape = (*q.shape[:-1], J + 1, J)
-    parts = [q[..., None, :].expand(shape), still[..., None, :].expand(shape), pushes.expand(shape)]
+    parts = [q[..., None, :].expand(shape), still[..., None, :].expand(shape), units.expand(shape)]
     tau = model(torch.cat(parts, -1))
     M = (tau[..., 1:, :] - tau[..., :1, :]).mT / unit
     asymmetry = (M - M.mT).abs().amax((-2, -1)) / M.abs().amax((-2, -1))
-    # of M_ij and M_ji the one that the joint with the smaller torques tells has the smaller error
+    # of M_ij and M_ji the one of the joint with the smaller torques has the smaller error
     trust = torch.tensor(model.fitted.torque_std).to(q).pow(-2)
     share = trust[:, None] / (trust[:, None] + trust)
     M = share * M + share.mT * M.mT
@@ -254,7 +250,7 @@ class FeedForward:
         q_error: Float[np.ndarray, "*#b J"],
         dq_error: Float[np.ndarray, "*#b J"],
     ) -> Float[np.ndarray, "*#b J"]:
-        """What to command [N m or N].
+        """Torques to command [N m or N].
 
         Args:
             planned: a row of `plan`.

@@ -18,7 +18,7 @@ from mcpilco.typing import InputError
 _TURNS = 50.0
 """a joint that spans more is probably in degrees [rad]"""
 _LEAST_MOTION = 0.02
-"""a joint that spans less is told as hardly moved [rad or m]"""
+"""a joint that spans less is reported as hardly moved [rad or m]"""
 
 
 def check_recording(recording: MarkerRecording) -> list[str]:
@@ -34,7 +34,7 @@ def check_recording(recording: MarkerRecording) -> list[str]:
 
 
 def fewest(joints: int) -> int:
-    """Two samples a joint, as few as can tell all triplets apart (thesis definition 2.3.4)."""
+    """Two samples a joint, the fewest that distinguish all triplets (thesis definition 2.3.4)."""
     return 2 * joints
 
 
@@ -112,7 +112,7 @@ LARGEST = 500
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What separates noise from a wrong triplet; beyond about five times the noise of a pose."""
+    """Thresholds between noise and a wrong triplet: about five times the noise of a pose."""
 
     position: float = 0.02
     """largest residual of positions, xi_t of thesis section 2.4.3 [m]"""

@@ -16,7 +16,7 @@ from torch import Tensor
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.gp import GP, FitReport, Posterior, cholesky
 from mcpilco.identification.kinematics.chain import KinematicChain
-from mcpilco.identification.report import Report
+from mcpilco.identification.report import Report, jitter_of
 from mcpilco.kernels import Kernel, Kinematic, NestedKinematic
 from mcpilco.recordings import MarkerRecording, kinds_of, rotation
 from mcpilco.typing import InputError
@@ -253,21 +253,18 @@ def _report(
     gp: GP, kinds: Sequence[str], q: Float[Tensor, "N J"], Y: Float[Tensor, "N E"], left_out: int
 ) -> Report:
     """How the fit went."""
-    told = cast(FitReport, gp.report)
+    fitted = cast(FitReport, gp.report)
     K = gp.covariance(regressors(q, kinds)).detach()
-    diagonal = K.diagonal(dim1=-2, dim2=-1)
-    added = (cholesky(K, gp.names).square().sum(-1) - diagonal).mean(-1) / diagonal.mean(-1)
-    jitter = torch.where(added > 1e-12, added, torch.zeros_like(added))  # else it is rounding
     warnings = []
-    if not told.converged:
+    if not fitted.converged:
         warnings.append("the marginal likelihood was still rising when the fit was stopped.")
     if left_out:
         warnings.append(f"{left_out} samples contradict all others and are left out.")
     return Report(
-        converged=told.converged,
-        iterations=told.iterations,
-        evidence=tuple(-nlml for nlml in told.nlml),
-        jitter=tuple(jitter.tolist()),
+        converged=fitted.converged,
+        iterations=fitted.iterations,
+        evidence=tuple(-nlml for nlml in fitted.nlml),
+        jitter=jitter_of(K.diagonal(dim1=-2, dim2=-1), cholesky(K, gp.names)),
         warnings=tuple(warnings),
     )
 

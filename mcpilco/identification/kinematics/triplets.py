@@ -149,7 +149,7 @@ def rotated(
 
 
 _FLOOR = 1e-9
-"""least residual that the weights of the first fits tell apart, in the unit of the residuals"""
+"""least residual that the weights of the first fits distinguish, in the unit of the residuals"""
 _ABSOLUTE_FITS, _TRIMMED_FITS = 4, 6
 _FEWEST = 4
 """samples"""
@@ -161,7 +161,7 @@ Fit = Callable[[Float[np.ndarray, "*b N"]], Float[np.ndarray, "*b N"]]
 def trimmed(fit: Fit, seen: Float[np.ndarray, "*b N"], outliers: float) -> Float[np.ndarray, "*b"]:
     """Root mean square of the residuals that are left when the largest are not counted.
 
-    Infinite where there are too few samples to tell.
+    Infinite where there are too few samples.
 
     Least squares without outliers; otherwise least absolute residuals, then least trimmed squares
     by concentration from there (Rousseeuw & Van Driessen 2006).

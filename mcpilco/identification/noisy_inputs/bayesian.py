@@ -26,8 +26,8 @@ from mcpilco.typing import InputError
 
 PRUNED = 1e-3
 """reliability below which an input is taken as noise, and its coefficient as 0"""
-TOLD = 0.95
-"""least reliability from which on an input's coefficient is told well enough not to warn"""
+RELIABLE = 0.95
+"""least reliability of an input from which on there is no warning about its coefficient"""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class NoisyInputConfig:
     starts: tuple[float, ...] = (0.5, 0.8)
     """reliabilities that searches start from; that of the greatest bound is taken"""
     reliability: float | Literal["middle", "search"] = "middle"
-    """r_m of all inputs that were not pruned, which the data do not tell; middle: of what they
+    """r_m of all inputs that were not pruned, which the data do not determine; middle: of what they
     allow, see `middle_reliability`; search: where the search ended, as Ting et al. have it"""
     a0: float | None = 1e-6
     """shape of the prior of alpha; None for joint factor analysis, without priors"""
@@ -63,7 +63,7 @@ class NoisyInputConfig:
 
 @dataclass(frozen=True)
 class NoisyInputFit:
-    """What was found."""
+    """Regression coefficients behind noisy inputs, with the model that they come from."""
 
     weights: Weights
     """w_z, w_x, their variances, and the noise variances psi"""
@@ -87,15 +87,15 @@ class NoisyInputFit:
 def fit_noisy_inputs(
     moments: Moments, config: NoisyInputConfig | None = None, *, warn: bool = True
 ) -> NoisyInputFit:
-    """Regression coefficients behind noisy inputs, and what of them is a guess.
+    """Regression coefficients behind noisy inputs, and which of them rest on an assumption.
 
     Args:
         moments: of the data; an iteration takes O(D^2), however many samples there were.
         config: numbers of the search.
-        warn: whether to warn of coefficients that the data do not tell.
+        warn: whether to warn of coefficients that the data do not determine.
 
     Warns:
-        UnidentifiedWarning: an active input could be less reliable than `TOLD`.
+        UnidentifiedWarning: an active input could be less reliable than `RELIABLE`.
     """
     c = config or NoisyInputConfig()
     searches = [
@@ -154,7 +154,7 @@ def middle_reliability(moments: Moments, b: Float[np.ndarray, " D"]) -> float:
     """One reliability for all inputs: (1 + R^2) / 2, with the share R^2 of y that b explains.
 
     With noise of covariance (1 - r) X^T X / N, b_true = b / r would explain R^2 / r, which is at
-    most 1. The data tell no more of r than R^2 <= r <= 1; with all of these as likely, b over
+    most 1. The data bound r by R^2 <= r <= 1 only; with all of these as likely, b over
     their mean has the least expected squared error from inputs without noise.
 
     Args:
@@ -194,12 +194,12 @@ def _result(moments: Moments, search: Ascent, config: NoisyInputConfig) -> Noisy
 
 
 def _warn(fit: NoisyInputFit) -> None:
-    doubtful = np.flatnonzero(fit.active & (fit.least_reliability < TOLD))
+    doubtful = np.flatnonzero(fit.active & (fit.least_reliability < RELIABLE))
     if len(doubtful):
         worst = doubtful[np.argmin(fit.least_reliability[doubtful])]
         warnings.warn(
-            f"the noise of {len(doubtful)} of {len(fit.active)} inputs is not told by the data: "
-            f"the reliability of input {worst} may be anything from "
+            f"the noise of {len(doubtful)} of {len(fit.active)} inputs is not determined by the "
+            f"data: the reliability of input {worst} may be anything from "
             f"{fit.least_reliability[worst]:.2g} to 1, and b_true with it; give the noise of the "
             "inputs to errors_in_variables, if it is known.",
             UnidentifiedWarning,

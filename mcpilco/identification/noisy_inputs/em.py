@@ -7,7 +7,7 @@ Without these priors the model is joint factor analysis. `expect` is the E-step,
 M-step, `bound` the bound on the evidence that both raise, and `ascend` the search.
 
 EM creeps where the likelihood is nearly flat, and here it is: after 3000 iterations in a hundred
-dimensions the inputs that are pruned at the end are still there. Two steps of EM tell where its
+dimensions the inputs that are pruned at the end are still there. Two steps of EM show where its
 path leads; a leap along it that does not raise the bound is taken back.
 
 Reference: Ting, Mistry, Peters, Schaal, Nakanishi, A Bayesian approach to nonlinear parameter
@@ -226,7 +226,7 @@ _LEAST = 1e-9  # of a variance after a leap, relative to its data's: below, roun
 
 @dataclass(frozen=True)
 class Point:
-    """Where a search is."""
+    """Weights and precisions that a search has reached, with their bound."""
 
     weights: Weights
     alpha: Float[np.ndarray, " D"]
@@ -237,7 +237,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Ascent:
-    """Where a search ended."""
+    """The end of a search, and its way."""
 
     end: Point
     bounds: Float[np.ndarray, " K"]
@@ -254,7 +254,7 @@ def ascend(
     tolerance: float,
     max_iterations: int,
 ) -> Ascent:
-    """The search from a start.
+    """Maximise the bound from a start, by EM with leaps.
 
     Args:
         moments: of the data.

@@ -1,4 +1,4 @@
-from .body import TERMS, BaseParameters, RigidBody, base_parameters, random_motions
+from .body import TERMS, BaseParameters, RigidBody, base_parameters, chain_of_json, random_motions
 from .consistency import LinkCheck, check_links, inertia_of, pseudo_inertia
 from .identified import (
     ALL_METHODS,
@@ -30,6 +30,7 @@ __all__ = [
     "RigidBody",
     "Rows",
     "base_parameters",
+    "chain_of_json",
     "check_links",
     "encoder_noise",
     "estimate",

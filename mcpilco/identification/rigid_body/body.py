@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import qr, solve_triangular
 
-from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
+from mcpilco.bodies import INERTIAL, SLIDE, Body, Chain, inertial_parameters, regressor
 from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
 from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
@@ -154,6 +154,16 @@ class RigidBody:
         return Y.reshape(len(q), joints, joints * self.width)
 
 
+def chain_of_json(saved: Mapping[str, Any]) -> Chain:
+    """The chain of which a file has `asdict`, with lists for tuples."""
+
+    def frozen(value: Any) -> Any:
+        return tuple(map(frozen, value)) if isinstance(value, list) else value
+
+    bodies = tuple(Body(**{k: frozen(v) for k, v in body.items()}) for body in saved["bodies"])
+    return Chain(bodies, frozen(saved["gravity"]))
+
+
 def random_motions(
     body: RigidBody, count: int, rng: np.random.Generator
 ) -> tuple[
@@ -161,7 +171,7 @@ def random_motions(
     Float[np.ndarray, "N J"],
     Float[np.ndarray, "N J"],
 ]:
-    """Random q, q' and q'' that move everything: what can be told at all can be told of them.
+    """Random q, q' and q'' that excite every parameter that forces depend on.
 
     Args:
         body: whose joints.
@@ -187,7 +197,7 @@ class BaseParameters:
 
         Y theta = Y[:, independent] beta,    beta = theta[independent] + K theta[dependent]
 
-    so that forces tell beta and nothing else.
+    so that forces determine beta and nothing else.
 
     Reference: Gautier, Numerical calculation of the base inertial parameters of robots, J. Robotic
     Systems 8 (4), 1991.
@@ -230,7 +240,7 @@ class BaseParameters:
 
         Args:
             names: of the D parameters.
-            least: size of a factor that is told [units of the quotient].
+            least: size of a factor that is written [units of the quotient].
         """
         found = []
         for row, first in zip(self.K, self.independent, strict=True):
@@ -251,16 +261,16 @@ def base_parameters(Y: Float[np.ndarray, "*b D"], tolerance: float = TOLERANCE) 
 
     Args:
         Y: rows of any number of samples and joints, more than D of them.
-        tolerance: what is left of a column, relative to its length, when it is told by others.
+        tolerance: what is left of a column, relative to its length, when it depends on others.
     """
     rows = Y.reshape(-1, Y.shape[-1])
     length = np.linalg.norm(rows, axis=0)
-    felt = length > ROUNDING * length.max(initial=0.0)
-    scale = np.where(felt, length, np.inf)
+    used = length > ROUNDING * length.max(initial=0.0)
+    scale = np.where(used, length, np.inf)
     T, kept = _echelon(qr(rows / scale, mode="r")[0][: Y.shape[-1]], tolerance)
     others = np.setdiff1d(np.arange(T.shape[1]), kept)
     K = solve_triangular(T[: len(kept), kept], T[: len(kept), others])
-    return BaseParameters(kept, others, K * (length * felt)[others] / length[kept][:, None])
+    return BaseParameters(kept, others, K * (length * used)[others] / length[kept][:, None])
 
 
 def _echelon(

@@ -68,7 +68,7 @@ def about_center(theta: Float[np.ndarray, " 10"]) -> tuple[float, np.ndarray, np
 
 @dataclass(frozen=True)
 class LinkCheck:
-    """What is wrong with the parameters of a link; nothing where `faults` is empty."""
+    """The physical consistency of a link's parameters; `faults` is empty where they are."""
 
     name: str
     """of the body"""
@@ -79,7 +79,7 @@ class LinkCheck:
 
     @property
     def consistent(self) -> bool:
-        """Whether a body, and a joint, can have these parameters."""
+        """True where a body, and a joint, can have these parameters."""
         return not self.faults
 
     def __str__(self) -> str:
@@ -101,7 +101,7 @@ def check_links(body: RigidBody, theta: Float[np.ndarray, " D"]) -> tuple[LinkCh
 
 
 def is_positive(J: Float[np.ndarray, "*b 4 4"]) -> bool:
-    """Whether all J are positive semidefinite but for rounding."""
+    """True where all J are positive semidefinite but for rounding."""
     values = np.linalg.eigvalsh(J)
     return bool((values[..., 0] >= -ROUNDING * np.abs(values[..., -1])).all())
 

@@ -38,7 +38,7 @@ from mcpilco.identification.rigid_body.rows import Rows, force_errors, rows_of_s
 from mcpilco.recordings import Segment
 from mcpilco.typing import InputError
 
-FELT = 1e-10
+NEGLIGIBLE = 1e-10
 """length of a column, relative to the longest, below which it is rounding [-]"""
 
 Project = Callable[[RigidBody, np.ndarray, np.ndarray], Projection]
@@ -55,7 +55,7 @@ ONE_LENGTH = ("VB b_noise", "VB b_true")
 """methods whose prior compares all coefficients with 1: kg, kg m^2 and N m s need columns, and
 forces, of one length, or what is small in its unit is pruned"""
 NEEDS_MORE = ("EIV", "IV", "IDIM-IV")
-"""methods that are told more than inputs and outputs"""
+"""methods that need more than inputs and outputs"""
 ALL_METHODS = (*METHODS, *NEEDS_MORE)
 """names of all methods"""
 
@@ -142,34 +142,34 @@ def solve(rows: Rows, method: str, seed: int = 0) -> Solution:
     """
     X, y = rows.Y.reshape(-1, rows.Y.shape[-1]), rows.tau.reshape(-1)
     length = np.linalg.norm(X, axis=0)
-    felt = length > FELT * length.max(initial=0.0)
+    used = length > NEGLIGIBLE * length.max(initial=0.0)
 
     def columns(Y: np.ndarray) -> np.ndarray:
-        return Y.reshape(X.shape)[:, felt]
+        return Y.reshape(X.shape)[:, used]
 
     def theta(b: np.ndarray) -> np.ndarray:
-        whole = np.zeros(len(felt))
-        whole[felt] = b
+        whole = np.zeros(len(used))
+        whole[used] = b
         return whole
 
     if method in METHODS:
-        size, of_y = np.ones(int(felt.sum())), 1.0
+        size, of_y = np.ones(int(used.sum())), 1.0
         if method in ONE_LENGTH:
-            size, of_y = length[felt] / np.sqrt(len(y)), float(np.sqrt((y**2).mean())) or 1.0
+            size, of_y = length[used] / np.sqrt(len(y)), float(np.sqrt((y**2).mean())) or 1.0
         found = METHODS[method](columns(rows.Y) / size, y / of_y, seed)
         found = replace(found, b=found.b / size * of_y)
     else:
-        found = _solve_told(rows, method, columns, theta)
+        found = _solve_with_more(rows, method, columns, theta)
     return replace(found, b=theta(found.b))
 
 
-def _solve_told(
+def _solve_with_more(
     rows: Rows,
     method: str,
     columns: Callable[[np.ndarray], np.ndarray],
     theta: Callable[[np.ndarray], np.ndarray],
 ) -> Solution:
-    """By one of `NEEDS_MORE`, of the columns that are felt."""
+    """By one of `NEEDS_MORE`, of the columns that forces depend on."""
     X, y, simulate = columns(rows.Y), rows.tau.reshape(-1), rows.simulate
     if method == "EIV":
         if rows.noisier is None:
@@ -197,7 +197,7 @@ ROWS_A_PARAMETER = 10
 """least rows, all joints together, for each base parameter"""
 MOVES = 10.0
 """range of a joint that moves, relative to its encoder's noise [-]"""
-_RANDOM_MOTIONS = 400  # that base parameters are told from
+_RANDOM_MOTIONS = 400  # that base parameters are found from
 
 
 @dataclass(frozen=True)
@@ -211,13 +211,13 @@ class Identified:
     estimate: Estimate
     """theta, before and after the projection"""
     base: BaseParameters
-    """what forces can tell at all"""
+    """the sums of parameters that forces depend on"""
     beta: Float[np.ndarray, " B"]
     """base parameters of theta"""
     half_width: Float[np.ndarray, " B"]
     """of their intervals: what chance may have done, not what the model lacks"""
     before: tuple[LinkCheck, ...]
-    """link by link, what is wrong with the estimate"""
+    """link by link, consistency of the estimate"""
     after: tuple[LinkCheck, ...]
     """and with theta"""
     force: Float[np.ndarray, " J"]
@@ -293,7 +293,7 @@ def identify(
     scale = force_errors(rows) if recipe.rows == "weighted" else np.ones(rows.tau.shape[1])
     scaled = rows.scaled(scale)
     found = _fit(body, base, scaled, recipe, seed)
-    half = _half_widths(body, base, *_settled(scaled, recipe, found), seed)
+    half = _half_widths(body, base, *_with_last_instruments(scaled, recipe, found), seed)
     beta = base.of(found.theta)
     judged = held if len(held) else rows
     return Identified(
@@ -317,15 +317,15 @@ def identify(
 def _fit(
     body: RigidBody, base: BaseParameters, scaled: Rows, recipe: Recipe, seed: int
 ) -> Estimate:
-    """Parameters of rows that are scaled already; what they do not tell stays nominal."""
+    """Parameters of rows that are scaled already; what they do not determine stays nominal."""
     solution = solve(scaled, recipe.method, seed)
     raw = base.near(base.of(solution.b), body.nominal)
     projection = PROJECTIONS[recipe.projection](body, raw, scaled.metric)
     return Estimate(projection.theta, raw, np.ones(scaled.tau.shape[1]), solution, projection)
 
 
-def _settled(scaled: Rows, recipe: Recipe, found: Estimate) -> tuple[Rows, Recipe]:
-    """What the intervals are found with: the last simulation's instruments are those of all."""
+def _with_last_instruments(scaled: Rows, recipe: Recipe, found: Estimate) -> tuple[Rows, Recipe]:
+    """Rows and recipe for the intervals: IDIM-IV keeps the instruments of its last simulation."""
     if recipe.method != "IDIM-IV" or scaled.simulate is None:
         return scaled, recipe
     instruments = scaled.simulate(found.solution.b)
@@ -377,7 +377,7 @@ def _report(
     if vague:
         warnings.append(
             f"{vague} of {len(beta)} base parameters may be 0, by their intervals; faster and "
-            "longer motions of all joints would tell them better."
+            "longer motions of all joints would determine them better."
         )
     return Report(
         converged=solution.converged and projection.converged,

@@ -57,7 +57,7 @@ class Projection:
     gap: float
     """bound on how far the cost is above the optimum; infinite where there is none"""
     before: tuple[LinkCheck, ...]
-    """what was wrong with the estimate, link by link"""
+    """consistency of the estimate, link by link"""
     steps: int
     """of the search; 0 where the estimate was consistent, and comes back unchanged"""
     converged: bool
@@ -158,7 +158,7 @@ class _Cone:
     def split(
         self, theta: Float[np.ndarray, " D"]
     ) -> tuple[Float[np.ndarray, "K 4 4"], Float[np.ndarray, "K F"]]:
-        """J and the joints' terms."""
+        """Pseudo-inertias J and the joints' terms."""
         blocks = theta.reshape(self.links, self.width)
         return pseudo_inertia(blocks[:, : len(INERTIAL)]), blocks[:, len(INERTIAL) :]
 
@@ -395,7 +395,7 @@ def _virtual_start(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[
 
 
 def _has_virtual(theta: Float[np.ndarray, "K 10"]) -> bool:
-    """Whether all are of the form of eq. (5) already."""
+    """True where all are of the form of eq. (5) already."""
     m, h = theta[:, :1], theta[:, 1:4]
     if (m <= 0.0).any():
         return False

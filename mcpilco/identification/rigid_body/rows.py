@@ -102,8 +102,8 @@ class Rows:
             return np.concatenate([part.simulate(theta) for part in parts if part.simulate])
 
         Y, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ("Y", "tau"))
-        told = all(part.simulate for part in parts)
-        return cls(Y, tau, all_of("noisier"), all_of("reference"), simulate if told else None)
+        simulated = all(part.simulate for part in parts)
+        return cls(Y, tau, all_of("noisier"), all_of("reference"), simulate if simulated else None)
 
     def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
         """All divided by a number a joint."""
@@ -173,12 +173,12 @@ def rows_of_segment(
     motion = filtered(segment.q, segment.dq, segment.tau)
     noise = np.random.default_rng(0).normal(size=segment.q.shape)
     noise *= encoder_noise(segment.q, segment.dt)
-    told = np.isfinite(segment.dq).any(axis=0)  # a velocity's noise is not that of a derivative
+    measured = np.isfinite(segment.dq).any(axis=0)  # a velocity's noise is not that of a derivative
     commanded = None
     if segment.reference is not None:
         commanded = filtered(segment.reference, unknown, nothing)
     rows = Rows.of(
-        body, motion, filtered(noise, np.where(told, 0.0, np.nan) + nothing, nothing), commanded
+        body, motion, filtered(noise, np.where(measured, 0.0, np.nan) + nothing, nothing), commanded
     )
     rows = replace(rows, tau=motion.tau - _left_out(body, whole, motion))
     if simulated is None or commanded is None:

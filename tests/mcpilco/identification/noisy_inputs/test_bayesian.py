@@ -169,7 +169,7 @@ def test_the_reliability_of_inputs_is_where_the_search_starts():
     moments = Moments.of(*noisy_inputs(np.random.default_rng(3), 20000, 10, 100.0)[:2])
     found = []
     for start in (0.3, 0.9):
-        with pytest.warns(UnidentifiedWarning, match="is not told by the data"):
+        with pytest.warns(UnidentifiedWarning, match="is not determined by the data"):
             found.append(fit_noisy_inputs(moments, jfa(start)))
     low, high = found
     assert abs(low.b_true[0] - 1.0) > 0.2
