@@ -1,4 +1,4 @@
-"""What the runs share: seeds are trained, results kept as JSON, and tables written into a README.
+"""The parts that runs share: seeds are trained, results kept as JSON, and tables put into READMEs.
 
 A run is one claim: `python runs/<claim>/run.py` takes seeds, keeps a file of results for each, and
 rewrites the README of its folder between two marked lines from all results that are there.

@@ -137,7 +137,7 @@ class Identify:
 
 
 def lines(found: Identified) -> Iterator[str]:
-    """What was found, as it is printed."""
+    """The results as printed lines."""
     base, body = found.base, found.body
     fitted, tested = found.rows
     yield f"{fitted} rows a joint fitted, {tested} held out; cutoff {found.cutoff:.3g} Hz."

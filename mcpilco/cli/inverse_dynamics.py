@@ -102,7 +102,7 @@ class InverseDynamics:
         return chain_of(model)
 
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
-        """What to learn from and what to test on."""
+        """Samples to learn from, and samples to test on."""
         from mcpilco.recordings import (
             JointData,
             check_joint_data,

@@ -91,7 +91,7 @@ class View:
             print(screenshot(recording, self.screenshot, at))
 
     def _show_film(self, film: Path) -> None:
-        """What another command has recorded; a picture is of the end of its first window."""
+        """Show the film of another command; a picture is of the end of its first window."""
         if self.other is not None or self.live or self.trial is not None:
             raise InputError(f"{film} is no run: it takes no RUN_B, --trial or --live.")
         self._show(film, lambda: _FIRST_WINDOW_S)

@@ -1,4 +1,4 @@
-"""What became of policies: in the simulations that they were trained in, and on the system."""
+"""Returns and success of policies in the simulation of their training, and on the system."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a policy in one place."""
+    """Return, success and one episode of a policy in one place."""
 
     episodes: int
     """fresh ones, by which it was judged"""
@@ -45,7 +45,7 @@ class Outcome:
 
     @property
     def worth(self) -> tuple[float, float]:
-        """What orders policies: success first, then return."""
+        """The key by which policies are ordered: success first, then return."""
         return (-math.inf if self.success is None else self.success), self.returns
 
 
@@ -109,7 +109,7 @@ def cross(
 def judged(
     begin: Callable[[], Act], place: Place, horizon: int, seed: Sequence[int], episodes: int
 ) -> Outcome:
-    """What becomes of a policy in a place, over fresh episodes.
+    """The outcome of a policy in a place, over fresh episodes.
 
     Args:
         begin: makes what acts for one episode, or for a batch that begins together.
@@ -168,7 +168,7 @@ def write_crossing(path: Path, crossing: Crossing) -> None:
 
 
 def read_crossing(path: Path) -> Crossing:
-    """What `write_crossing` has written.
+    """The crossing in a file of `write_crossing`.
 
     Raises:
         RunFolderError: the file is missing or damaged.

@@ -30,7 +30,7 @@ _SOLVED = 0.9
 
 @dataclass(frozen=True)
 class Protocol:
-    """What must be equal for two runs to be judged alike."""
+    """Env and lengths of episodes, which must be equal for two runs to be judged alike."""
 
     env: str
     """Gymnasium id"""
@@ -117,7 +117,7 @@ class Run:
         return np.array([np.median(self._of_trial(k)) for k in range(trials)])
 
     def at(self, amount: float, measure: str) -> dict[int, float]:
-        """What the seeds reached after an amount of experience that is one of `amounts`."""
+        """A measure of each seed after an amount of experience that is one of `amounts`."""
         k = int(np.argmin(np.abs(self.amounts - amount)))
         reached = {s: c.values[measure] for s, c in self.courses.items() if measure in c.values}
         told = {s: float(v[k]) for s, v in reached.items() if k < len(v)}
@@ -252,7 +252,7 @@ class LineUp:
 
     @property
     def cautions(self) -> list[str]:
-        """What a reader of the tables must know."""
+        """Sentences on what limits the comparison."""
         found = [problem for run in self.runs for problem in run.problems]
         fresh = sorted({run.fresh for run in self.runs if run.fresh})
         if len(fresh) > 1:

@@ -30,7 +30,7 @@ _PATIENCE_S = 10.0  # for a process that has delivered, or was told to stop, to 
 
 @dataclass(frozen=True)
 class Failure:
-    """What a job left instead of a result."""
+    """The reason why a job has no result."""
 
     reason: str
     """in one line"""
@@ -175,7 +175,7 @@ def attempt(job: Job) -> Any:
 
 
 def failure_of(error: Exception) -> Failure:
-    """What an exception leaves instead of a result; call it where the exception is handled."""
+    """The failure that an exception means; call it where the exception is handled."""
     reason = " ".join(f"{type(error).__name__}: {error}".split())
     return Failure(reason, traceback.format_exc())
 
@@ -205,7 +205,7 @@ def _end_with_parent() -> None:
 
 
 def _outcome(receiver: Connection, process: BaseProcess) -> Any:
-    """What the process has delivered, once it has ended."""
+    """The result or failure of a process that ends."""
     delivered: list[Any] = []
     with receiver, suppress(EOFError, OSError):  # it died before, or while, it delivered
         delivered.append(receiver.recv())

@@ -98,7 +98,7 @@ class SweepFolder:
 
 
 def _completed(there: dict[str, Any]) -> dict[str, Any]:
-    """What an earlier version wrote, with the entries that came since at their defaults."""
+    """Settings of an earlier version, with the entries that came since at their defaults."""
     try:
         settings = from_dict(Settings, {k: v for k, v in there.items() if k != "format"})
         kind = find(settings.algo)

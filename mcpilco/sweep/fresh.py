@@ -57,7 +57,7 @@ class FreshEpisodes:
             self._vector.close()
 
     def outcomes(self, begin: Callable[[], Act], seed: int, trial: int) -> Outcomes:
-        """What becomes of a policy.
+        """Returns and outcomes of a policy over the episodes.
 
         Args:
             begin: makes what acts for one episode, or for a batch that begins together.

@@ -26,7 +26,7 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Settings:
-    """What all seeds of a sweep have in common."""
+    """Env, algorithm and numbers that all seeds of a sweep have in common."""
 
     env: str
     """Gymnasium id of the env; `module:Id` imports the module first"""
