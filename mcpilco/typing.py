@@ -8,11 +8,11 @@ Axis letters in jaxtyping annotations, in the order time, particles, features, b
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 if TYPE_CHECKING:
     import torch
-    from jaxtyping import Float
+    from jaxtyping import Bool, Float
     from torch import Tensor
 
     from mcpilco.policies import Dropout
@@ -82,31 +82,38 @@ class UncertainDynamics(Protocol):
 
 
 @runtime_checkable
-class Observer(Protocol):
-    """What a rollout needs of a sensor, and of what estimates or predicts behind it."""
+class Estimator(Protocol):
+    """State estimates from the measurements of an episode, which a policy acts on.
 
-    @property
-    def noise_dim(self) -> int:
-        """How many standard normal numbers one measurement consumes."""
-        ...
+    The same object works on the system and in the particles of a rollout. In each step:
 
-    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
-        """What is remembered before the first measurement of an episode that starts there."""
+        estimate, memory = estimator.observe(measured, memory)
+        inputs = policy(estimate)
+        memory = estimator.after(memory, inputs)
+    """
+
+    def begin(self, states: Float[Tensor, "*b n"]) -> Any:
+        """The memory before the first measurement of an episode.
+
+        Args:
+            states: where the episode begins, as far as it is known; a batch begins together.
+        """
         ...
 
     def observe(
-        self,
-        states: Float[Tensor, "*b X"],
-        noise: Float[Tensor, "*b Y"],
-        memory: Float[Tensor, "*b M"],
-    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
-        """What a policy is told of the states, and what to remember for the next step."""
+        self, measured: Float[Tensor, "*b Y"], memory: Any, begun: Bool[Tensor, "*b"] | None = None
+    ) -> tuple[Float[Tensor, "*b X"], Any]:
+        """The estimate that the policy acts on, and the memory with this measurement.
+
+        Args:
+            measured: now.
+            memory: of `begin`, or of the step before.
+            begun: which of a batch begin an episode now, whatever the memory holds; None: none.
+        """
         ...
 
-    def after(
-        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b M"]:
-        """What to remember once the inputs of the step are known."""
+    def after(self, memory: Any, inputs: Float[Tensor, "*b U"]) -> Any:
+        """The memory once the inputs of the step are known."""
         ...
 
 

@@ -18,9 +18,9 @@ from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
 from mcpilco.search import PolicySearch, Problem, SearchResult, follow, rollout_of
-from mcpilco.sensing import Foresight, Perception
+from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, Observer, UncertainDynamics
+from mcpilco.typing import Dynamics, UncertainDynamics
 
 
 class MCPILCO(ModelBasedAgent):
@@ -112,12 +112,14 @@ class MCPILCO(ModelBasedAgent):
         )
 
     def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
-        """What policies act behind: a state measured in part is estimated, a late one foreseen."""
-        if self.tracker is not None:
-            return Foresight(dynamics, self.model.delay, self.tracker.noise_std)
-        if perception is None or not self.config.estimator.modelled:
+        """Measures particles as the system will be: in part, and too early for a late actuator."""
+        late = None if self.tracker is None else DelayModel(dynamics, self.model.delay)
+        if perception is not None and self.config.estimator.modelled:
+            return perception.observer(late)
+        if late is None:
             return None
-        return perception.observer
+        assert self.tracker is not None, "the actuator is late"
+        return Observer(late, self.tracker.noise_std)
 
     def _easier(
         self, dynamics: Any, trial: int
@@ -139,5 +141,4 @@ class MCPILCO(ModelBasedAgent):
         start = torch.tensor(self._searched.start_mean, dtype=torch.float64)
         if self.tracker is None:
             return start
-        inputs = start.new_zeros(self.model.memory, len(self.task.input_names))
-        return self.tracker.ahead(None, start, inputs)
+        return self.tracker.start(start)

@@ -29,7 +29,6 @@ from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.plant import Program, Rows, features_of
 from mcpilco.sensing import StatePredictor, StateTracker, sensor_noise
 from mcpilco.task import TaskSpec
-from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.dynamics import PhysicsMean
@@ -131,10 +130,6 @@ class Model:
         self.task = task
         U, memory = len(task.input_names), config.memory
         self.delay = Delay.of(config.delay, task.dt)
-        if self.delay.memory and task.measured is not None:
-            raise InputError(
-                f"model.delay must be 0 where states are measured in part, got {config.delay:g} s."
-            )
         width = len(task.state_names) + U * memory
         self.width = width + U * self.delay.memory
         """of a state in the rows, with the past inputs that it holds"""
@@ -301,22 +296,32 @@ class Model:
             return dynamics
         return PathwisePosterior(dynamics, self.config.path_features)
 
-    def tracker(self, transitions: Transitions | None) -> StateTracker | None:
-        """What tells policies of a late actuator the state to act on; None where it is prompt.
+    def tracker(
+        self,
+        transitions: Transitions | None,
+        estimate_std: Float[np.ndarray, " X"] | None = None,
+    ) -> StateTracker | None:
+        """The estimator of the state in which a late command acts; None where none is late.
 
         Args:
             transitions: all data that the model was fitted to; None: there are none yet.
+            estimate_std: error of the state estimates that it is given, in each state's unit, where
+                states are measured in part; None: it is given measurements of all states.
         """
         if not self.delay.memory:
             return None
+        inputs = len(self.task.input_names)
         if transitions is None:
-            return StateTracker(StatePredictor(self.delay, None))
+            return StateTracker(StatePredictor(self.delay, None), inputs)
         known = self.dynamics(transitions)
         assert isinstance(known, GPDynamics), "the configuration has made sure"
         states, commands = self._commands(transitions)
         following = torch.from_numpy(transitions.next_states)[:, : states.shape[1]]
         predictor = StatePredictor(self.delay, known)
-        return StateTracker(predictor, sensor_noise(predictor, states, commands, following))
+        noise = sensor_noise(predictor, states, commands, following)
+        if estimate_std is not None:
+            noise = noise.maximum(torch.from_numpy(estimate_std))
+        return StateTracker(predictor, inputs, noise)
 
     def _bounds(self, transitions: Transitions) -> Float[np.ndarray, " E"]:
         """Largest plausible magnitude of each predicted state; none for one that never moved."""

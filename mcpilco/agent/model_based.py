@@ -20,9 +20,9 @@ from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Prediction, Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, RewardCost, costs_of, held, with_cost
-from mcpilco.sensing import Perception, state_of, state_view
+from mcpilco.sensing import PastInputs, Perception, chained, state_of, state_view
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Cost, InputError, NotPositiveDefiniteError
+from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +88,7 @@ class ModelBasedAgent(TrialAgent):
         self.fitted_rows = 0
         """how many rows the model was fitted to: those of the last trial are not among them"""
         self.tracker = self.model.tracker(None)
-        """of the states that policies act on, where the actuator is late"""
+        """estimator of the states in which late commands act; None where none is late"""
 
     @staticmethod
     @abstractmethod
@@ -206,17 +206,21 @@ class ModelBasedAgent(TrialAgent):
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
         """Fit the model to all data, search a policy in it, try it on the system."""
         watch, experience = Stopwatch(), len(self._data)
-        known = self.perception and self.perception.adapted(self._data)
-        found, no_policy = self._improve(trial, known, events)
-        controller, prediction = self._controller(self.policy, self.perception), None
-        if found is not None and no_policy is None:
-            controller = self._controller(found.best.policy, known)
+        perception = self.perception and self.perception.adapted(self._data)
+        found, no_policy = self._improve(trial, perception, events)
+        policy, prediction = self.policy, None
+        if found is None or no_policy is not None:
+            perception = self.perception
+        else:
+            policy = found.best.policy
             shown = found.best.prediction(SHOWN_PARTICLES)
             prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
-        act = remembering(controller.answer)
-        record, broken = self._run_episode(act, trial, controller.perception, self.horizon)
+        act = remembering(Controller(policy, self._estimator(perception)).answer)
+        record, broken = self._run_episode(act, trial, perception, self.horizon)
         self._take(record)
-        self.policy, self.perception = controller.policy, controller.perception
+        self.policy, self.perception = policy, perception
+        if perception is not None:
+            self.look_ahead()  # the episode has shown how large the errors of its estimates are
         failures = [failure for failure in (no_policy, broken) if failure]
         success, spent = record.outcome.get("is_success"), watch.read()
         return TrialResult(
@@ -276,16 +280,26 @@ class ModelBasedAgent(TrialAgent):
         rows = record.transitions().after_inputs(self.model.memory)
         self.transitions = rows if self.transitions is None else self.transitions + rows
 
-    def _controller(self, policy: Any, perception: Perception | None) -> Controller:
-        return Controller(policy, perception, self.model.memory, self.tracker)
+    @property
+    def estimator(self) -> Estimator | None:
+        """Makes the states that the policy acts on of measurements; None where it sees them."""
+        return self._estimator(self.perception)
+
+    def _estimator(self, perception: Perception | None) -> Estimator | None:
+        measured = None if perception is None else perception.estimator
+        past = None
+        if self.tracker is None and self.model.memory:
+            past = PastInputs(len(self.task.input_names), self.model.memory)
+        return chained(measured, self.tracker, past)
 
     def on_states(self) -> Act:
-        return remembering(self._controller(self.policy, self.perception).answer)
+        return remembering(Controller(self.policy, self.estimator).answer)
 
     def look_ahead(self) -> None:
         """Predict states by the model and the data it was fitted to, where the actuator is late."""
         known = self._data[: self.fitted_rows] if self.fitted_rows else None
-        self.tracker = self.model.tracker(known)
+        error = None if self.perception is None else self.perception.estimate_std
+        self.tracker = self.model.tracker(known, error)
 
     def _failed(self, trial: int, reason: str) -> str:
         """The reason on one line, which is also logged."""
@@ -319,10 +333,10 @@ class ModelBasedAgent(TrialAgent):
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
         """The action for one observation or a batch.
 
-        Where states are measured in part, the agent estimates them from the measurements so far:
-        pass the state that the last call returned, as with recurrent policies. Else there is no
-        memory, and the state is returned as it came. With `model.memory` it holds the last inputs,
-        with `model.delay` the steps of the episode too, and is to be passed likewise.
+        Where states are measured in part, the actuator is late (`model.delay`) or the policy sees
+        past inputs (`model.memory`), the agent estimates the state to act on from the episode so
+        far: pass the state that the last call returned, as with recurrent policies. Else there is
+        no memory, and the state is returned as it came.
 
         Args:
             observation: in the env's units.
@@ -334,7 +348,7 @@ class ModelBasedAgent(TrialAgent):
             InputError: the observation has another width, or is not finite; or the state belongs to
                 other observations.
         """
-        controller = self._controller(self.policy, self.perception)
-        known = state_of(self.task, self._observation(observation))
-        action, state = controller.answer(known, state, episode_start)
+        controller = Controller(self.policy, self.estimator)
+        measured = state_of(self.task, self._observation(observation))
+        action, state = controller.answer(measured, state, episode_start)
         return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state

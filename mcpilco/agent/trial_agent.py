@@ -229,7 +229,7 @@ class TrialAgent(ABC):
 
     def on_states(self) -> Act:
         """The same from states, or from what is measured of them, whatever the env observes."""
-        return remembering(Controller(self.policy, self.perception).answer)
+        return remembering(Controller(self.policy).answer)
 
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.

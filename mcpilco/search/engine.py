@@ -8,7 +8,8 @@ from types import ModuleType
 
 from mcpilco.config import Config
 from mcpilco.search.particles import RolloutFunction, rollout
-from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
+from mcpilco.sensing import Observer
+from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)
 
@@ -28,7 +29,7 @@ def rollout_of(
         config: its engine `eager` asks for the plain rollout always, which knows one precision.
         dynamics: the model.
         policy: the policy.
-        observer: makes the state estimates that the policy acts on; None: it sees the states.
+        observer: measures the particles for the policy; None: it sees their states.
     """
     single = config.precision == "float32"
     if config.engine == "eager":

@@ -17,7 +17,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.policies import Dropout
-from mcpilco.typing import Cost, Dynamics, Observer, Policy, UncertainDynamics, WidenableCost
+from mcpilco.sensing import Observer
+from mcpilco.typing import Cost, Dynamics, Policy, UncertainDynamics, WidenableCost
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,10 @@ class Particles:
 
 @dataclass(frozen=True)
 class Sensing:
-    """How the particles of a rollout are seen, where policies do not see their states."""
+    """The measurements of a rollout, where the policy does not see the particles' states."""
 
     observer: Observer
-    """a sensor, and what estimates or predicts behind it"""
+    """a sensor, and the estimator behind it"""
     noise: Float[Tensor, "T P Y"]
     """standard normal numbers of the measurements"""
 
@@ -50,10 +51,9 @@ def rollout(
 ) -> Particles:
     """The particles' trajectories; gradients flow to the policy's parameters.
 
-    The policy sees the particles' states without measurement noise. With `sensing` it sees what an
-    estimator or a prediction makes of noisy measurements, as it will on the system: each particle
-    is measured, and carries what is remembered of it. So a policy learns to live with noise and
-    delay.
+    The policy sees the particles' states without measurement noise. With `sensing` it acts on state
+    estimates, as it will on the system: each particle is measured with noise, and carries the
+    estimator's memory with its state. So a policy learns to live with noise and delay.
 
     Args:
         dynamics: the model.
@@ -61,20 +61,22 @@ def rollout(
         start: states at time 0.
         noise: standard normal numbers, one row a step: its length is the horizon.
         dropout: mask of the policy's bases; None keeps them all.
-        sensing: what the policy acts behind; None: it sees the states.
+        sensing: how the particles are measured; None: the policy sees their states.
 
     Reference: thesis section 5.4.1; with `sensing`, Amadio et al., IEEE Transactions on Robotics
     38 (6), 2022 (MC-PILCO4PMS).
     """
     states, inputs = [start], []
-    memory = start[:, :0] if sensing is None else sensing.observer.begin(start)
+    observer = None if sensing is None else sensing.observer
+    memory = None if observer is None else observer.estimator.begin(start)
     for step, normal in enumerate(noise):
         seen = states[-1]
-        if sensing is not None:
-            seen, memory = sensing.observer.observe(seen, sensing.noise[step], memory)
+        if observer is not None and sensing is not None:
+            measured = observer.measured(seen, sensing.noise[step])
+            seen, memory = observer.estimator.observe(measured, memory)
         inputs.append(policy(seen, dropout, step))
-        if sensing is not None:
-            memory = sensing.observer.after(memory, inputs[-1])
+        if observer is not None:
+            memory = observer.estimator.after(memory, inputs[-1])
         states.append(dynamics.step(states[-1], inputs[-1], normal))
     return Particles(torch.stack(states), torch.stack(inputs))
 
@@ -112,7 +114,7 @@ class Problem:
     rollout: RolloutFunction
     """how particles are rolled out"""
     observer: Observer | None = None
-    """what the policy acts behind; None: it sees the states"""
+    """measures the particles for the policy; None: it sees their states"""
     correlation: float = 0.0
     """of a particle's noise in successive steps, in [0, 1) [-]"""
     judged: int | None = None

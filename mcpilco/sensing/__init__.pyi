@@ -1,19 +1,21 @@
-from .estimator import LinearObserver
-from .foresight import Foresight
-from .noise import sensor_noise
+from .delay import DelayModel, StateTracker, Track, sensor_noise
+from .estimator import Chain, LinearEstimator, Observer, PastInputs, chained
 from .observing import TURN, state_of, state_view
-from .perception import Perception, foreign_state
+from .perception import Perception
 from .state_predictor import StatePredictor
-from .tracking import StateTracker
 
 __all__ = [
     "TURN",
-    "Foresight",
-    "LinearObserver",
+    "Chain",
+    "DelayModel",
+    "LinearEstimator",
+    "Observer",
+    "PastInputs",
     "Perception",
     "StatePredictor",
     "StateTracker",
-    "foreign_state",
+    "Track",
+    "chained",
     "sensor_noise",
     "state_of",
     "state_view",

@@ -1,16 +1,23 @@
-"""States from the measurements so far: what a policy acts on where a state is measured in part."""
+"""State estimates that a policy acts on: of states measured in part, and with past inputs.
+
+An estimator follows the protocol `mcpilco.typing.Estimator`: `begin`, then in each step `observe`
+and `after`. `mcpilco.sensing.delay` has those for actuators that answer late; `Chain` joins two.
+"""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mcpilco.sensing.motion import Motion
 from mcpilco.task import TaskSpec
+from mcpilco.typing import Estimator
 
 
 @dataclass(frozen=True)
@@ -19,7 +26,7 @@ class LinearEstimator:
 
         x^ = x- + K_t (y - C x-),    x- of the next step = A x^
 
-    It remembers x- and the number t of measurements so far, in one row [x-, t]. All is
+    Its memory is x- and the number t of measurements so far, in one row [x-, t]. All is
     differentiable, and works on any leading axes: a particle carries such a row with its state.
 
     A Kalman filter and filtered differences both have this form: `kalman` and `differences`.
@@ -34,19 +41,30 @@ class LinearEstimator:
     start: Float[Tensor, " X"]
     """what is expected before any measurement, in each state's unit"""
 
-    def begin(self, *batch: int) -> Float[Tensor, "*b M"]:
-        """What is remembered before the first measurement of an episode."""
+    def begin(self, states: Float[Tensor, "*b n"]) -> Float[Tensor, "*b M"]:
+        """The memory before the first measurement of an episode, wherever it starts."""
         memory = torch.cat([self.start, self.start.new_zeros(1)])
-        return memory.expand(*batch, len(memory))
+        return memory.expand(*states.shape[:-1], len(memory))
 
-    def update(
-        self, memory: Float[Tensor, "*b M"], measured: Float[Tensor, "*b Y"]
+    def observe(
+        self,
+        measured: Float[Tensor, "*b Y"],
+        memory: Float[Tensor, "*b M"],
+        begun: Bool[Tensor, "*b"] | None = None,
     ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
-        """The estimate of the state, and what to remember for the next measurement."""
+        """The estimate of the state, and the memory for the next measurement."""
+        if begun is not None:
+            memory = torch.where(begun[..., None], self.begin(measured), memory)
         expected, count = memory[..., :-1], memory[..., -1:]
         K = self.gains[count[..., 0].long().clamp_max(len(self.gains) - 1)]
         estimate = expected + _product(K, measured - _product(self.C, expected))
         return estimate, torch.cat([_product(self.A, estimate), count + 1], -1)
+
+    def after(
+        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
+    ) -> Float[Tensor, "*b M"]:
+        """The same memory: the motion knows no inputs."""
+        return memory
 
 
 def _product(
@@ -94,40 +112,92 @@ def differences(task: TaskSpec, low_pass: float = 0.0) -> LinearEstimator:
 
 
 @dataclass(frozen=True)
-class LinearObserver:
-    """A sensor and the estimator behind it: from true states to what a policy is told of them."""
+class PastInputs:
+    """Appends the last inputs to the state, newest first; before an episode they were 0."""
 
-    estimator: LinearEstimator
+    inputs: int
+    """U"""
+    count: int
+    """of steps that are kept"""
+
+    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
+        """The inputs before an episode: zeros."""
+        return states.new_zeros(*states.shape[:-1], self.inputs * self.count)
+
+    def observe(
+        self,
+        measured: Float[Tensor, "*b X"],
+        memory: Float[Tensor, "*b M"],
+        begun: Bool[Tensor, "*b"] | None = None,
+    ) -> tuple[Float[Tensor, "*b X_plus_M"], Float[Tensor, "*b M"]]:
+        """The state with the last inputs behind it."""
+        if begun is not None:
+            memory = torch.where(begun[..., None], 0.0, memory)
+        return torch.cat([measured, memory], -1), memory
+
+    def after(
+        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
+    ) -> Float[Tensor, "*b M"]:
+        """The last inputs, of which the oldest gives way to a new one."""
+        return torch.cat([inputs, memory], -1)[..., : memory.shape[-1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Two estimators in a row: the second one takes the first one's estimates as measurements."""
+
+    first: Estimator
+    second: Estimator
+
+    def begin(self, states: Float[Tensor, "*b n"]) -> tuple[Any, Any]:
+        """The memories of both."""
+        return self.first.begin(states), self.second.begin(states)
+
+    def observe(
+        self,
+        measured: Float[Tensor, "*b Y"],
+        memory: tuple[Any, Any],
+        begun: Bool[Tensor, "*b"] | None = None,
+    ) -> tuple[Float[Tensor, "*b X"], tuple[Any, Any]]:
+        """The second one's estimate, and both memories."""
+        estimate, first = self.first.observe(measured, memory[0], begun)
+        estimate, second = self.second.observe(estimate, memory[1], begun)
+        return estimate, (first, second)
+
+    def after(self, memory: tuple[Any, Any], inputs: Float[Tensor, "*b U"]) -> tuple[Any, Any]:
+        """The memories of both."""
+        return self.first.after(memory[0], inputs), self.second.after(memory[1], inputs)
+
+
+def chained(*estimators: Estimator | None) -> Estimator | None:
+    """One estimator for those that are there, in their order; None where none is."""
+    present = [one for one in estimators if one is not None]
+    return functools.reduce(Chain, present) if present else None
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """A noisy sensor and the estimator behind it, for the particles of a rollout."""
+
+    estimator: Estimator
     noise_std: Float[Tensor, " Y"]
     """of each measurement, in its unit"""
+    C: Float[Tensor, "Y X"] | None = None
+    """from a state to its measurement; None: all states are measured"""
 
     @property
     def noise_dim(self) -> int:
         """Y: one standard normal number for each measurement."""
         return len(self.noise_std)
 
-    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
-        """What is remembered before the first measurement of an episode, wherever it starts."""
-        return self.estimator.begin(*states.shape[:-1])
-
-    def observe(
-        self,
-        states: Float[Tensor, "*b X"],
-        noise: Float[Tensor, "*b Y"],
-        memory: Float[Tensor, "*b M"],
-    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
-        """Estimates of the states from their noisy measurements, and what to remember.
+    def measured(
+        self, states: Float[Tensor, "*b X"], noise: Float[Tensor, "*b Y"]
+    ) -> Float[Tensor, "*b Y"]:
+        """Noisy measurements of the states.
 
         Args:
             states: the true ones.
             noise: standard normal numbers.
-            memory: of `begin`, or of the step before.
         """
-        measured = states @ self.estimator.C.T + self.noise_std * noise
-        return self.estimator.update(memory, measured)
-
-    def after(
-        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b M"]:
-        """The same: the estimator knows no inputs."""
-        return memory
+        seen = states if self.C is None else states @ self.C.T
+        return seen + self.noise_std * noise

@@ -1,4 +1,4 @@
-"""How a state moves while its forces are not known, and what a Kalman filter knows of it."""
+"""The motion of a state whose forces are not known: its Kalman filter, and its smoother."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SMALLEST_NOISE = 1e-4  # of a measurement's spread, where its noise is estimate
 
 @dataclass(frozen=True)
 class Filtered:
-    """What a Kalman filter knows at each step, before and after it has seen the measurement."""
+    """Means and covariances of a Kalman filter at each step, before and after the measurement."""
 
     expected: Float[np.ndarray, "T X"]
     """mean of the state given all measurements before, in each state's unit"""
@@ -102,7 +102,7 @@ class Motion:
         return np.array(gains[1:])
 
     def filter(self, measured: Float[np.ndarray, "T Y"]) -> Filtered:
-        """What is known of the state at each step from the measurements up to it."""
+        """Filter a recording: the state at each step, given the measurements up to it."""
         mean, covariance = self.start_mean, np.diag(self.start_std**2)
         steps, log_likelihood = [], 0.0
         for y in measured:
@@ -180,6 +180,25 @@ def fit_motion(
         options={"maxiter": 50},
     )
     return motion(found.x)
+
+
+def smooth(motion: Motion, measured: Float[np.ndarray, "T Y"]) -> Float[np.ndarray, "T X"]:
+    """The mean of each state given all measurements: without delay, so for recordings only.
+
+    Args:
+        motion: how the state moves, and how it is measured.
+        measured: of each step, in the unit of the measured states.
+
+    Reference: Rauch, Tung, Striebel, Maximum likelihood estimates of linear dynamic systems, AIAA
+    Journal 3 (8), 1965.
+    """
+    known = motion.filter(measured)
+    states = known.means.copy()
+    for t in reversed(range(len(states) - 1)):
+        # G = P A^T P'^-1 with P of this step after its measurement, P' of the next before its own
+        ahead = np.linalg.solve(known.expected_covariance[t + 1], motion.A @ known.covariances[t])
+        states[t] += ahead.T @ (states[t + 1] - known.expected[t + 1])
+    return states
 
 
 def _rough_changes(task: TaskSpec, measured: Float[np.ndarray, "T Y"]) -> Float[np.ndarray, " E"]:

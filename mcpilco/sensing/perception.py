@@ -1,4 +1,4 @@
-"""What an agent makes of a state measured in part: smoothed to learn from, estimated to act on."""
+"""States that are measured in part: smoothed to learn from, estimated to act on."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from mcpilco.config import EstimatorConfig
 from mcpilco.data import Rollout, Transitions
 from mcpilco.dynamics import speed_integration
-from mcpilco.sensing.estimator import LinearEstimator, LinearObserver, differences, kalman
-from mcpilco.sensing.motion import Motion, fit_motion
-from mcpilco.sensing.smoother import smooth
+from mcpilco.sensing.estimator import Chain, LinearEstimator, Observer, differences, kalman
+from mcpilco.sensing.motion import Motion, fit_motion, smooth
 from mcpilco.task import TaskSpec
-from mcpilco.typing import InputError
+from mcpilco.typing import Estimator
 
 
 class Perception:
@@ -43,6 +42,9 @@ class Perception:
         stds = task.measurement_std
         self.noise_std = None if stds is None else np.array(stds)
         """of each measurement, in its unit; None: not known before the first recording"""
+        self.estimate_std: Float[np.ndarray, " X"] | None = None
+        """root mean square difference of the last episode's estimates from its smoothed states, in
+        each state's unit; None: there was none"""
 
     def digest(self, record: Rollout) -> Rollout:
         """The record of an episode with its states as estimated in it and as smoothed now.
@@ -53,11 +55,10 @@ class Perception:
         motion = fit_motion(self.task, record.observations, self.noise_std)
         if self.noise_std is None:
             self.noise_std = motion.noise_std
-        return dataclasses.replace(
-            record,
-            estimates=self._estimates(record.observations),
-            smoothed=smooth(motion, record.observations),
-        )
+        estimates = self._estimates(record.observations)
+        smoothed = smooth(motion, record.observations)
+        self.estimate_std = np.sqrt(((estimates - smoothed) ** 2).mean(0))
+        return dataclasses.replace(record, estimates=estimates, smoothed=smoothed)
 
     def adapted(self, rows: Transitions) -> Perception:
         """The same with the estimator fitted to all that was learned.
@@ -72,57 +73,37 @@ class Perception:
             adapted.estimator = kalman(Motion.of(self.task, change_std, self._known_noise))
         return adapted
 
-    @property
-    def observer(self) -> LinearObserver:
-        """The sensor and the estimator behind it, for particles."""
-        return LinearObserver(self.estimator, torch.from_numpy(self._known_noise))
+    def observer(self, behind: Estimator | None = None) -> Observer:
+        """The sensor and the estimator behind it, for particles.
+
+        Args:
+            behind: an estimator that takes this one's estimates as measurements; None: none.
+        """
+        estimator = self.estimator if behind is None else Chain(self.estimator, behind)
+        return Observer(estimator, torch.from_numpy(self._known_noise), self.estimator.C)
 
     @property
     def _known_noise(self) -> Float[np.ndarray, " Y"]:
         assert self.noise_std is not None, "an episode has been digested"
         return self.noise_std
 
-    def see(
-        self,
-        measured: Float[np.ndarray, "*b Y"],
-        memory: Float[np.ndarray, "*b M"] | None = None,
-        restart: Bool[np.ndarray, "*b"] | None = None,
-    ) -> tuple[Float[np.ndarray, "*b X"], Float[np.ndarray, "*b M"]]:
-        """Estimates of the states, and what to remember for the next measurements.
-
-        Args:
-            measured: now, in the units of the measured states.
-            memory: of the step before; None: these are the first measurements.
-            restart: where these are the first measurements of an episode, whatever is remembered.
-
-        Raises:
-            InputError: the memory does not belong to these measurements.
-        """
-        first = self.estimator.begin(*measured.shape[:-1])
-        known = first if memory is None else torch.as_tensor(memory, dtype=torch.float64)
-        if known.shape != first.shape:
-            raise foreign_state(f"shape {tuple(first.shape)}", tuple(known.shape))
-        if restart is not None:
-            again = np.broadcast_to(np.asarray(restart, dtype=bool), measured.shape[:-1])
-            known = torch.where(torch.tensor(again)[..., None], first, known)
-        estimate, known = self.estimator.update(known, torch.as_tensor(measured))
-        return estimate.numpy(), known.numpy()
-
     def _estimates(self, measured: Float[np.ndarray, "T Y"]) -> Float[np.ndarray, "T X"]:
-        """What was known at each step of an episode."""
-        estimates, memory = [], None
-        for now in measured:
-            estimate, memory = self.see(now, memory)
-            estimates.append(estimate)
+        """The estimate at each step of an episode."""
+        series = torch.from_numpy(measured)
+        estimates, memory = [], self.estimator.begin(series[0])
+        for now in series:
+            estimate, memory = self.estimator.observe(now, memory)
+            estimates.append(estimate.numpy())
         return np.array(estimates)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """What was learned, for a file."""
+        """The estimator and the noise it was made for, as named arrays for a file."""
         arrays = {name: value.numpy() for name, value in vars(self.estimator).items()}
-        return arrays if self.noise_std is None else arrays | {"noise_std": self.noise_std}
+        known = {"noise_std": self.noise_std, "estimate_std": self.estimate_std}
+        return arrays | {name: value for name, value in known.items() if value is not None}
 
     def load_arrays(self, arrays: Mapping[str, Any]) -> None:
-        """What `to_arrays` gave.
+        """Take the arrays that `to_arrays` gave.
 
         Raises:
             ValueError: an array is missing, of another shape, or not finite.
@@ -137,16 +118,11 @@ class Perception:
         fits = fits and loaded["gains"].shape[1:] == here["gains"].shape[1:]
         noise = arrays.get("noise_std")
         fits = fits and (noise is None or noise.shape == (len(self.task.measured_states),))
-        values = [*loaded.values(), *([] if noise is None else [torch.from_numpy(noise)])]
+        std = arrays.get("estimate_std")  # files of before lack it
+        fits = fits and (std is None or std.shape == (len(self.task.state_names),))
+        values = [*loaded.values(), *(torch.from_numpy(a) for a in (noise, std) if a is not None)]
         if not fits or not all(bool(value.isfinite().all()) for value in values):
             raise ValueError("its estimator does not fit the measured states")
         self.estimator = LinearEstimator(**loaded)
         self.noise_std = self.noise_std if noise is None else noise
-
-
-def foreign_state(expected: str, got: object) -> InputError:
-    """The error of a state that `predict` did not return."""
-    return InputError(
-        f"predict expects the state that it returned before, of {expected}, got {got}; "
-        "pass None to begin an episode."
-    )
+        self.estimate_std = std

@@ -6,8 +6,8 @@ They follow the model from the state now, under the commands that are on their w
 has seen little it errs alike from step to step, and a policy that acts on such predictions does not
 balance: the model therefore learns of each step of the episode as soon as it is over.
 
-The state now is what `mcpilco.sensing.tracking` makes of the measurements; how policies are
-searched that live with such predictions is told in `mcpilco.sensing.foresight`.
+The estimate of the state now, and how policies are searched that live with such predictions, are
+in `mcpilco.sensing.delay`.
 
 Reference: O. J. M. Smith, Chemical Engineering Progress 53 (5), 1957; for learned models T. J.
 Walsh et al., Autonomous Agents and Multi-Agent Systems 18 (1), 2009.
@@ -25,7 +25,7 @@ from mcpilco.gp import Further, Samples
 
 
 class StatePredictor:
-    """What a model expects of states when commands act late."""
+    """Predicts, by a model, the states in which late commands will act."""
 
     def __init__(
         self, delay: Delay, dynamics: GPDynamics | None, learned: Further | None = None
@@ -39,7 +39,8 @@ class StatePredictor:
                 stays where it is.
             learned: the posterior that has learned of further steps; None: of none.
         """
-        self._delay = delay
+        self.delay = delay
+        """of the commands"""
         self._dynamics = dynamics
         self._learned = learned
 
@@ -56,7 +57,7 @@ class StatePredictor:
 
     def after(self, steps: Samples) -> StatePredictor:
         """The predictor that has learned of the steps of an episode so far."""
-        return StatePredictor(self._delay, self._dynamics, self.dynamics.posterior.after(steps))
+        return StatePredictor(self.delay, self._dynamics, self.dynamics.posterior.after(steps))
 
     def no_steps(self, *batch: int) -> Samples:
         """Those of an episode that begins."""
@@ -71,15 +72,15 @@ class StatePredictor:
         commands: Float[Tensor, "*b M_plus_1 U"],
         following: Float[Tensor, "*b X"],
     ) -> tuple[Float[Tensor, "*b D"], Float[Tensor, "*b E"]]:
-        """What a model learns of a step: regressors and changes.
+        """Regressors and changes of a measured step, for a model to learn.
 
         Args:
             states: when it began.
             commands: that of the step, and those before it, newest first.
             following: measured at its end.
         """
-        acting, turned = self._delay.acting(commands)
-        asked = self._asked(states, acting, turned if self._delay.part else None)
+        acting, turned = self.delay.acting(commands)
+        asked = self._asked(states, acting, turned if self.delay.part else None)
         return asked, (following - states)[..., self.dynamics.predicted]
 
     @torch.no_grad()
@@ -94,7 +95,7 @@ class StatePredictor:
         """
         if not self.knows:
             return states
-        part, whole = self._delay.part, self._delay.whole
+        part, whole = self.delay.part, self.delay.whole
         states = states[..., None, :]
         for ahead in range(whole):
             acting = past[..., whole - 1 - ahead :, :]  # newest first
@@ -111,7 +112,7 @@ class StatePredictor:
             states: at the beginning.
             commands: that of the step, and those before it, newest first.
         """
-        return self._stepped(states, commands[..., self._delay.whole :, :])
+        return self._stepped(states, commands[..., self.delay.whole :, :])
 
     def along(
         self,
@@ -148,8 +149,8 @@ class StatePredictor:
             commands: that of the step, and those before it, newest first.
             following: expected at the end.
         """
-        known, (acting, turned) = self.dynamics, self._delay.acting(commands)
-        asked = self._asked(states, acting, turned if self._delay.part else None)
+        known, (acting, turned) = self.dynamics, self.delay.acting(commands)
+        asked = self._asked(states, acting, turned if self.delay.part else None)
         _, variance = known.posterior.mean_and_variance(asked[..., None, :])
         unknown = known.B @ torch.diag_embed(variance[..., 0, :]) @ known.B.T
         left_out = self._left_out(states, commands, following)
@@ -166,7 +167,7 @@ class StatePredictor:
         With accelerations a at the beginning and b at the end of a step, by (a - b) dt^2 / 12: the
         model tells (b - a) dt by the changes from here and from there.
         """
-        acting, _ = self._delay.acting(commands)
+        acting, _ = self.delay.acting(commands)
         both = torch.stack([states, following], -2)
         before, after = self._change(both, acting).unbind(-2)
         return (before - after) / 6 @ _integrated(self.dynamics.increment).T
@@ -175,7 +176,7 @@ class StatePredictor:
         self, states: Float[Tensor, "*b N X"], acting: Float[Tensor, "*b M U"]
     ) -> Float[Tensor, "*b N X"]:
         """After a step, of the commands that act in it, newest first."""
-        if self._delay.part == 0.0:
+        if self.delay.part == 0.0:
             return self._held(states, acting[..., 0, :])
         return self._switched(states, acting[..., 0, :], acting[..., 1, :])
 
@@ -198,7 +199,7 @@ class StatePredictor:
         integrated at constant acceleration are further ahead where the greater acceleration came
         first: with accelerations a and then b, by p (1 - p) (a - b) dt^2 / 2.
         """
-        p, known = self._delay.part, self.dynamics
+        p, known = self.delay.part, self.dynamics
         delta = self._change(states, (1 - p) * new + p * old, new - old)
         sooner = self._change(states, old) - self._change(states, new)
         following = known.advance(states, for_each(states, new), delta)
@@ -212,7 +213,7 @@ class StatePredictor:
         A GP's change is that of a whole step, whose middle is later than that of the part: it is
         asked as much further back on the way.
         """
-        p, known = self._delay.part, self.dynamics
+        p, known = self.delay.part, self.dynamics
         back = states - (1 - p) / 2 * (self._held(states, inputs) - states)
         delta, identity = self._change(back, inputs), torch.eye(states.shape[-1])
         drift = states + p * states @ (known.A - identity).T

@@ -15,7 +15,8 @@ from mcpilco.config import Config, ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.files import read_groups, write_groups
 from mcpilco.logbook import RunFolder, read_transitions
-from mcpilco.sensing import Foresight, StateTracker
+from mcpilco.search import rollout
+from mcpilco.sensing import Chain, DelayModel, LinearEstimator, StateTracker
 from mcpilco.show.recorder import Recorder
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.logbook.test_run_folder import CONFIG
@@ -116,7 +117,7 @@ def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on(m
     """As the model predicts it that has learned of the episode's own steps."""
     agent = make_agent("delay").learn(2 * STEPS)
     certain = torch.eye(4).expand(2, 4, 4)  # states are taken as they are measured
-    monkeypatch.setattr(StateTracker, "_corrected", lambda self, *of: (of[-1], certain))
+    monkeypatch.setattr(StateTracker, "_estimated", lambda self, *of: (of[-1], certain))
     seen = []
     agent.policy.forward = lambda states, *rest: seen.append(states) or states[..., :1]
     act = agent.controller()
@@ -141,8 +142,8 @@ def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on(m
 def test_policies_of_a_late_actuator_are_searched_behind_what_they_will_act_behind(name):
     agent = make_agent(name).learn(2 * STEPS)
     observer = agent._problem(2, None).observer
-    assert isinstance(observer, Foresight)
-    assert observer.delay == agent.model.delay
+    assert isinstance(observer.estimator, DelayModel)
+    assert observer.estimator.delay == agent.model.delay
     assert torch.equal(observer.noise_std, agent.tracker.noise_std)
     assert (observer.noise_std > 0).all()
 
@@ -156,7 +157,7 @@ def test_what_an_episode_has_taught_ends_with_it():
     one_begins, _ = agent.predict(x, state, episode_start=np.array([True, False]))
     np.testing.assert_allclose(one_begins, [first[0], going_on[1]], rtol=1e-6)
     assert not np.isclose(first[1], going_on[1])
-    for foreign in ((np.zeros(2),), (state[0],)):
+    for foreign in ((np.zeros(2),), (state[0].states,), (), state[0]):
         with pytest.raises(InputError, match="pass None to begin"):
             agent.predict(x, foreign)
 
@@ -179,11 +180,58 @@ def test_a_run_folder_holds_the_rows_that_were_learned_from(tmp_path):
         np.testing.assert_array_equal(getattr(rows, name), array)
 
 
+def positions() -> gymnasium.Env:
+    return gymnasium.make("mcpilco/CartPoleSwingUpPositions-v0", max_episode_steps=STEPS)
+
+
 def test_states_that_are_measured_in_part_hold_no_inputs():
-    positions = gymnasium.make("mcpilco/CartPoleSwingUpPositions-v0")
-    for name in ("memory", "delay"):
-        with pytest.raises(InputError, match=f"{name} must be 0"):
-            MCPILCO("SumOfGaussians", positions, config=numbers(name))
+    with pytest.raises(InputError, match="memory must be 0"):
+        MCPILCO("SumOfGaussians", positions(), config=numbers("memory"))
+
+
+@pytest.mark.parametrize("name", ["delay", "part of a delay"])
+@pytest.mark.parametrize("engine", ["fused", "eager"])
+def test_a_state_measured_in_part_and_a_late_actuator_can_be_had_together(name, engine, tmp_path):
+    config = dataclasses.replace(numbers(name), engine=engine)
+    agent = MCPILCO("SumOfGaussians", positions(), config=config, seed=4).learn(3 * STEPS)
+    assert [result.failure for result in agent.results] == [None, None]
+    problem = agent._problem(3, agent.perception)
+    chain = problem.observer.estimator
+    assert isinstance(chain, Chain)
+    assert isinstance(chain.first, LinearEstimator)
+    assert isinstance(chain.second, DelayModel)
+    assert (problem.rollout is rollout) == (engine == "eager")
+
+    # on the system the policy acts on the prediction from the estimates, by the same protocol
+    record, seen = agent.results[-1].rollout, []
+    forward = agent.policy.forward
+    agent.policy.forward = lambda states, *rest: seen.append(states) or forward(states, *rest)
+    act = agent.controller()
+    for observation in record.observations[:-1]:
+        act(observation)
+    tracker, memory = agent.tracker, agent.tracker.begin(seen[0])
+    measured, chained = agent.perception.estimator, agent.perception.estimator.begin(seen[0])
+    for t, observation in enumerate(record.observations[:-1]):
+        estimate, chained = measured.observe(torch.from_numpy(observation), chained)
+        ahead, memory = tracker.observe(estimate, memory)
+        torch.testing.assert_close(seen[t], ahead)
+        memory = tracker.after(memory, forward(ahead).detach())
+    assert not torch.allclose(seen[-1], estimate)
+
+    loaded = MCPILCO.load(agent.save(tmp_path / "agent.npz"), positions())
+    agent.policy.forward = forward
+    acts = agent.controller(), loaded.controller()
+    for observation in record.observations[:-1]:
+        np.testing.assert_array_equal(*(act(observation) for act in acts))
+
+
+def test_with_part_of_the_states_the_error_of_the_estimates_counts_as_noise():
+    agent = MCPILCO("SumOfGaussians", positions(), config=numbers("delay"), seed=4)
+    agent.learn(2 * STEPS)
+    std = torch.from_numpy(agent.perception.estimate_std)
+    agent.look_ahead()
+    assert (agent.tracker.noise_std >= std).all()
+    assert (std > 0).all()
 
 
 @pytest.mark.parametrize(

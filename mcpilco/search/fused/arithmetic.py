@@ -111,6 +111,30 @@ def mix(x):
 
 
 @njit(**PLAIN)
+def clear(rows):
+    """Zeros."""
+    for i in range(rows.shape[0]):
+        for p in range(rows.shape[1]):
+            rows[i, p] = 0.0
+
+
+@njit(**PLAIN)
+def copy(source, out):
+    """The same numbers: an assignment to a slice takes a second longer to compile."""
+    for i in range(out.shape[0]):
+        for p in range(out.shape[1]):
+            out[i, p] = source[i, p]
+
+
+@njit(**PLAIN)
+def add(more, out):
+    """out += more."""
+    for i in range(out.shape[0]):
+        for p in range(out.shape[1]):
+            out[i, p] += more[i, p]
+
+
+@njit(**PLAIN)
 def set_exponentials(exponents, scale):
     """Scale times e^exponent, in place; exponents are not positive but for rounding."""
     for j in range(exponents.size):

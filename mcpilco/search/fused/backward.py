@@ -5,27 +5,11 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.compiling import digest
-from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN
-from mcpilco.search.fused.foresight import through_foresight
-from mcpilco.search.fused.observer import clear, through_estimate
-from mcpilco.search.fused.policy import activate, augment
+from mcpilco.search.fused import sensing as seen
+from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN, copy
+from mcpilco.search.fused.policy import activate
 from mcpilco.search.fused.program import clear_adjoints, load, prepare, run, run_back
 from mcpilco.search.fused.tiles import add_product
-
-
-@njit(**PLAIN)
-def _copy(source, out):
-    # an assignment to a slice would say the same, and take a second longer to compile
-    for i in range(out.shape[0]):
-        for p in range(out.shape[1]):
-            out[i, p] = source[i, p]
-
-
-@njit(**PLAIN)
-def _add(more, out):
-    for i in range(out.shape[0]):
-        for p in range(out.shape[1]):
-            out[i, p] += more[i, p]
 
 
 @njit(**ONCE)
@@ -64,9 +48,13 @@ def _through_program(state, inputs, program, memory, adjoint):
             mu[j, p] += memory.adjoints[current.shape[0] + j, p]
 
 
-@njit(**ONCE)
-def _through_drift(state, inputs, frozen, drift, memory, adjoint):
-    """From the next state to the state and the inputs of a program, which are added to."""
+@njit(**PLAIN)
+def _through_motion(drift, memory, model, state, inputs, frozen, adjoint):
+    """From the next state to the state and the inputs, without the GPs' changes."""
+    if drift is None:
+        _through_flow(frozen, model, adjoint)
+        _through_memory(frozen, model.C, adjoint)
+        return
     following, current = adjoint.following, adjoint.current
     clear_adjoints(memory)
     for i in range(drift.outputs.size):
@@ -77,9 +65,11 @@ def _through_drift(state, inputs, frozen, drift, memory, adjoint):
     _through_program(state, inputs, drift, memory, adjoint)
 
 
-@njit(**ONCE)
-def _through_features(state, inputs, jacobian, frozen, features, memory, adjoint):
-    """From the changes through the further regressors to the state and the inputs."""
+@njit(**PLAIN)
+def _through_features(features, memory, state, inputs, jacobian, frozen, adjoint):
+    """From the changes through the further regressors, if any, to the state and the inputs."""
+    if features is None:
+        return
     delta, at = adjoint.delta, adjoint.z.shape[0] + adjoint.mu.shape[0]
     clear_adjoints(memory)
     for i in range(features.outputs.size):
@@ -132,20 +122,6 @@ def _through_policy(inputs, jacobian, policy, values, adjoint):
                 row[first + 1 + z.shape[0] + d] = pull * values[d, p] * values[d, p]
 
 
-@njit(**PLAIN)
-def _through_augmentation(policy, values, z, current):
-    """From z to the state, which is added to."""
-    plain, angles = policy.plain, policy.angles
-    for d in range(plain.size):
-        for p in range(z.shape[1]):
-            current[plain[d], p] += z[d, p]
-    for d in range(angles.size):
-        cosine, sine = plain.size + d, plain.size + angles.size + d
-        for p in range(z.shape[1]):
-            along = z[sine, p] * values[cosine, p]
-            current[angles[d], p] += along - z[cosine, p] * values[sine, p]
-
-
 def _compiled(sources: str):
     @njit(**OUTERMOST)
     def backward(
@@ -156,19 +132,13 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
-        drift,
-        features,
-        weights,
-        remembered,
-        observer,
-        foresight,
+        physics,
+        sensing,
         trace,
         memory,
         adjoint,
-        drift_memory,
-        features_memory,
-        observer_memory,
-        foresight_memory,
+        physics_memory,
+        sensing_memory,
         moments,
     ):
         """Adjoints of particles, last step first; adds up the policy's moments.
@@ -180,9 +150,8 @@ def _compiled(sources: str):
                        + (dz/dx)^T (J_z^T B^T lambda_{t+1} + (du/dz)^T mu_t)
             mu_t     = dc/du_t + J_u^T B^T lambda_{t+1}
 
-        Where the policy acts on estimates, (du/dz)^T mu_t goes through them instead: to the states
-        that were measured, and to the estimates of the step before. With foresight it goes to what
-        is expected of the states, which then has a lambda of its own.
+        Where the policy acts on estimates, (du/dz)^T mu_t goes through these instead, see
+        `mcpilco.search.fused.sensing`; each row of a particle then has a lambda of its own.
 
         The activations are computed anew, which takes less time than to store them.
 
@@ -192,74 +161,45 @@ def _compiled(sources: str):
         """
         sources  # noqa: B018
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], memory.slope.size
-        moved = trace.frozen.shape[1]
+        moved, told = trace.frozen.shape[1], trace.states.shape[1] - width_x
         for first in range(start, stop, width):
             last = first + width
-            _copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
-            if observer is not None:
-                clear(observer_memory.expected)
-            if foresight is not None:
-                clear(foresight_memory.current)
-            if drift is not None:
-                prepare(drift, first, drift_memory)
-            if features is not None:
-                prepare(features, first, features_memory)
+            copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
+            seen.begin_back(sensing, sensing_memory)
+            prepare(physics.drift, first, physics_memory.drift)
+            prepare(physics.features, first, physics_memory.features)
             for t in range(len(gradient_inputs) - 1, -1, -1):
-                _copy(adjoint.current, adjoint.following)
-                _copy(gradient_states[t, :, first:last], adjoint.current)
-                _copy(gradient_inputs[t, :, first:last], adjoint.mu)
-                activate(trace.seen[t, :, first:last], first, t, mask, policy, memory)
+                gradient = gradient_states[t, :, first:last]
+                copy(adjoint.current, adjoint.following)
+                copy(gradient, adjoint.current)
+                copy(gradient_inputs[t, :, first:last], adjoint.mu)
+                activate(trace.states[t, told:, first:last], first, t, mask, policy, memory)
                 u = trace.inputs[t, :, first:last]
-                if foresight is not None:
-                    _copy(foresight_memory.current, foresight_memory.following)
-                    _copy(adjoint.following, foresight_memory.following[:width_x])
-                    clear(foresight_memory.current)
+                seen.enter_step(sensing, sensing_memory, adjoint)
                 for k in range(moved - 1, -1, -1):
-                    at, to, row = k * width_x, (k + 1) * width_x if k > 0 else 0, k * outputs
-                    if foresight is not None:
-                        _copy(foresight_memory.following[to : to + width_x], adjoint.following)
-                        clear(adjoint.current)
+                    at, row = k * width_x, k * outputs
                     jacobian = trace.delta_jacobians[t, row : row + outputs, :, first:last]
                     state = trace.states[t, at : at + width_x, first:last]
                     frozen = trace.frozen[t, k, first:last]
+                    seen.enter_row(sensing, k, gradient, sensing_memory, adjoint)
                     _through_changes(jacobian, frozen, model, adjoint)
-                    if drift is not None:
-                        _through_drift(state, u, frozen, drift, drift_memory, adjoint)
-                    else:
-                        _through_flow(frozen, model, adjoint)
-                        if remembered is not None:
-                            _through_memory(frozen, remembered, adjoint)
-                    if features is not None:
-                        _through_features(
-                            state, u, jacobian, frozen, features, features_memory, adjoint
-                        )
-                    if foresight is not None:
-                        augment(state, policy, foresight_memory.z)
-                        z, current = adjoint.z, adjoint.current
-                        _through_augmentation(policy, foresight_memory.z, z, current)
-                        _copy(current, foresight_memory.current[at : at + width_x])
-                if foresight is not None:
-                    _add(gradient_states[t, :, first:last], adjoint.current)
-                    clear(adjoint.z)
-                if observer is not None:
-                    augment(trace.states[t, :, first:last], policy, observer_memory.z)
-                    z, current = adjoint.z, adjoint.current
-                    _through_augmentation(policy, observer_memory.z, z, current)
-                    clear(z)
-                inputs, jacobian = trace.inputs[t], trace.input_jacobians[t]
-                inputs, jacobian = inputs[:, first:last], jacobian[:, :, first:last]
-                _through_policy(inputs, jacobian, policy, memory.z, adjoint)
-                if observer is not None:
-                    clear(observer_memory.estimates)
-                    _through_augmentation(policy, memory.z, adjoint.z, observer_memory.estimates)
-                    through_estimate(observer, t, observer_memory, adjoint.current)
-                elif foresight is not None:
-                    rows = foresight_memory.current
-                    told = rows[rows.shape[0] - width_x :]
-                    _through_augmentation(policy, memory.z, adjoint.z, told)
-                    through_foresight(rows, adjoint.current)
-                else:
-                    _through_augmentation(policy, memory.z, adjoint.z, adjoint.current)
+                    _through_motion(
+                        physics.drift, physics_memory.drift, model, state, u, frozen, adjoint
+                    )
+                    _through_features(
+                        physics.features,
+                        physics_memory.features,
+                        state,
+                        u,
+                        jacobian,
+                        frozen,
+                        adjoint,
+                    )
+                    seen.leave_row(sensing, k, state, policy, sensing_memory, adjoint)
+                _through_policy(
+                    u, trace.input_jacobians[t, :, :, first:last], policy, memory.z, adjoint
+                )
+                seen.leave_step(sensing, t, policy, memory.z, sensing_memory, adjoint)
                 add_product(memory.phi, adjoint.columns, moments)
 
     return backward

@@ -15,10 +15,9 @@ from mcpilco.search.fused import layout
 from mcpilco.search.fused.backward import backward
 from mcpilco.search.fused.forward import forward
 from mcpilco.search.fused.policy import differentiate, prepare
-from mcpilco.search.fused.seeing import SeeingArrays, seeing_arrays, seeing_memory
+from mcpilco.search.fused.sensing import sensing_arrays, sensing_memory
 from mcpilco.search.fused.support import canonical_features
 from mcpilco.search.particles import Particles, Sensing
-from mcpilco.sensing import Foresight, LinearObserver
 
 
 def rollout(
@@ -38,7 +37,7 @@ def rollout(
         start: states at time 0.
         noise: standard normal numbers.
         dropout: mask of the policy's bases; None keeps them all.
-        sensing: what the policy acts behind, of a linear estimator; None: it sees the states.
+        sensing: how the particles are measured; None: the policy sees their states.
         single: compute in float32; states, inputs and gradients are float64 all the same.
     """
     dtype = np.float32 if single else np.float64
@@ -54,18 +53,16 @@ _features = functools.lru_cache(maxsize=4)(canonical_features)
 def _physics(
     dynamics: GPDynamics | PhysicsDraw, dtype: np.dtype, padded: int
 ) -> layout.PhysicsArrays:
-    """What physics adds to a model, for particles that are padded with copies of the first."""
+    """The arrays of a model's physics, for particles that are padded with copies of the first."""
     model = dynamics.model if isinstance(dynamics, PhysicsDraw) else dynamics
     program = _features(model)
     features = None if program is None else layout.program_arrays(program, None, dtype)
     if not isinstance(dynamics, PhysicsDraw):
-        C = model.increment.C
-        remembered = np.ascontiguousarray(C, dtype=dtype) if bool((C != 0).any()) else None
         none: np.ndarray = np.zeros((len(model.predicted), 0, padded), dtype)
-        return layout.PhysicsArrays(None, features, none, remembered)
+        return layout.PhysicsArrays(None, features, none)
     numbers, weights = (_padded(a.numpy(), padded) for a in (dynamics.numbers.mT, dynamics.weights))
     drift = layout.program_arrays(dynamics.program, numbers, dtype)
-    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype), None)
+    return layout.PhysicsArrays(drift, features, np.ascontiguousarray(weights, dtype))
 
 
 def _padded(array: np.ndarray, padded: int) -> np.ndarray:
@@ -79,15 +76,6 @@ def _mask(dropout: Dropout | None, steps: int, dtype: type[np.floating]) -> layo
         return layout.Mask(np.zeros(steps, dtype=np.uint32), 0, np.ones(1, dtype=dtype))
     scale = np.array([dropout.scale], dtype=dtype)
     return layout.Mask(dropout.keys(steps), dropout.threshold, scale)
-
-
-def _seeing(sensing: Sensing | None, padded: int, dtype: type[np.floating]) -> SeeingArrays:
-    if sensing is None:
-        return seeing_arrays(None, None)
-    assert isinstance(sensing.observer, LinearObserver | Foresight), (
-        "mcpilco.search.engine has made sure"
-    )
-    return seeing_arrays(sensing.observer, _particles_last(sensing.noise, padded, dtype))
 
 
 def _particles_last(
@@ -114,31 +102,32 @@ class _Rollout(torch.autograd.Function):
         _, count = weights.shape
         z_width = centres.shape[1]
         padded = layout.padded(particles, dtype)
-        seeing = _seeing(sensing, padded, dtype)
+        seen, ahead = None, -1
+        if sensing is not None:
+            seen = sensing_arrays(sensing.observer, _particles_last(sensing.noise, padded, dtype))
+            ahead = seen.ahead
         physics = _physics(dynamics, dtype, padded)
         regressors = len(model.middle)
-        moved, width_x = seeing.moved, start.shape[1]
-        path = np.empty((steps + 1, seeing.kept * width_x, padded), dtype)
+        rows, moved, width_x = ahead + 2, max(ahead, 0) + 1, start.shape[1]
         trace = layout.Trace(
-            states=path,
+            states=np.empty((steps + 1, rows * width_x, padded), dtype),
             inputs=np.empty((steps, count, padded), dtype),
             delta_jacobians=np.empty((steps, moved * outputs, regressors, padded), dtype),
             input_jacobians=np.empty((steps, count, z_width, padded), dtype),
             frozen=np.empty((steps, moved, padded), dtype=np.uint8),
-            seen=path if sensing is None else np.empty_like(path[1:, :width_x]),
         )
-        trace.states[0] = np.tile(_particles_last(start, padded, dtype), (seeing.kept, 1))
+        trace.states[0] = np.tile(_particles_last(start, padded, dtype), (rows, 1))
         noise = _particles_last(noise, padded, dtype, moved * outputs)
         mask = _mask(dropout, steps, dtype)
         for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
             memory = (
                 layout.policy_memory(controller, width),
                 layout.model_memory(model, width),
-                *layout.physics_memory(physics, width),
-                *seeing_memory(seeing, z_width, width),
+                layout.physics_memory(physics, width),
+                sensing_memory(seen, width_x, z_width, width),
             )
-            forward(first, last, noise, mask, controller, model, *physics, *seeing, trace, *memory)
-        ctx.arrays = mask, controller, model, physics, seeing, trace
+            forward(first, last, noise, mask, controller, model, physics, seen, trace, *memory)
+        ctx.arrays = mask, controller, model, physics, seen, trace
         ctx.particles = particles
         ctx.save_for_backward(centres, log_scale, weights)
         states, inputs = (
@@ -149,8 +138,7 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx, gradient_states, gradient_inputs):
-        mask, controller, model, physics, seeing, trace = ctx.arrays
-        arrays = mask, controller, model, *physics, *seeing, trace
+        _, controller, model, physics, seen, trace = ctx.arrays
         dtype, padded = trace.states.dtype, trace.states.shape[-1]
         count, z_width = trace.input_jacobians.shape[1:3]
         columns = layout.padded(count * (1 + 2 * z_width), dtype)
@@ -159,9 +147,11 @@ class _Rollout(torch.autograd.Function):
         for first, last, width in layout.blocks(ctx.particles, layout.BACKWARD_STRIPS, dtype):
             memory = layout.policy_memory(controller, width)
             adjoint = layout.adjoint_memory(model, controller, width)
-            further = layout.physics_memory(physics, width)
-            memories = memory, adjoint, *further, *seeing_memory(seeing, z_width, width)
-            backward(first, last, *gradients, *arrays, *memories, moments)
+            further = (
+                layout.physics_memory(physics, width),
+                sensing_memory(seen, len(model.A), z_width, width),
+            )
+            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, *further, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]
         differentiate(*learned, moments, *slopes)

@@ -9,31 +9,29 @@ from __future__ import annotations
 from numba import njit
 
 from mcpilco.compiling import digest
-from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST
-from mcpilco.search.fused.foresight import foresee
-from mcpilco.search.fused.observer import estimate, expect_start
-from mcpilco.search.fused.policy import act, activate, augment
+from mcpilco.search.fused import sensing as seen
+from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN
+from mcpilco.search.fused.policy import act, activate
 from mcpilco.search.fused.posterior import change
 from mcpilco.search.fused.program import load, prepare, run
 
 
 @njit(**ONCE)
-def _regress(inputs, z, ones, x):
-    """The rows z and u of x, and the one of ones."""
-    for d in range(z.shape[0]):
-        for p in range(z.shape[1]):
-            x[d, p] = z[d, p]
+def _regress(inputs, at, ones, x):
+    """The rows of the inputs in x, behind the augmented states, and the one of ones."""
     for i in range(inputs.shape[0]):
-        row = x[z.shape[0] + i]
-        for p in range(z.shape[1]):
+        row = x[at + i]
+        for p in range(row.size):
             row[p] = inputs[i, p]
-    for p in range(z.shape[1]):
+    for p in range(x.shape[1]):
         x[ones, p] = 1.0
 
 
-@njit(**ONCE)
+@njit(**PLAIN)
 def _regress_features(features, memory, state, inputs, end, x):
-    """The rows of the further regressors, which end before `end`."""
+    """The rows of the further regressors, if any, which end before `end`."""
+    if features is None:
+        return
     load(features, state, inputs, memory)
     run(features, memory)
     for i in range(features.outputs.size):
@@ -56,16 +54,20 @@ def _flow(model, state, following):
 
 @njit(**ONCE)
 def _remember(memory, inputs, following):
-    """Adds C u of a block: what is remembered of the inputs."""
+    """Adds C u of a block: the past inputs that its next states hold."""
     for i in range(memory.shape[0]):
         for j in range(memory.shape[1]):
             for p in range(inputs.shape[1]):
                 following[i, p] += memory[i, j] * inputs[j, p]
 
 
-@njit(**ONCE)
-def _drift(drift, memory, state, inputs, following):
-    """The next states of a block by the program."""
+@njit(**PLAIN)
+def _move(drift, memory, model, state, inputs, following):
+    """The next states of a block without the GPs' changes: A x + C u, or by a program."""
+    if drift is None:
+        _flow(model, state, following)
+        _remember(model.C, inputs, following)
+        return
     load(drift, state, inputs, memory)
     run(drift, memory)
     for i in range(drift.outputs.size):
@@ -101,71 +103,50 @@ def _compiled(sources: str):
         mask,
         policy,
         model,
-        drift,
-        features,
-        weights,
-        remembered,
-        observer,
-        foresight,
+        physics,
+        sensing,
         trace,
         policy_memory,
         model_memory,
-        drift_memory,
-        features_memory,
-        observer_memory,
-        foresight_memory,
+        physics_memory,
+        sensing_memory,
     ):
         """Roll particles out, block by block, and fill the trace behind its first states.
 
-        Particles are those from start to stop, in blocks as wide as the memory. With foresight
-        what is expected of them moves behind them, as they do; noise: (T, K E, P), zeros for it.
+        Particles are those from start to stop, in blocks as wide as the memory. Where a policy acts
+        on estimates, further rows of a particle move as its state does, see
+        `mcpilco.search.fused.sensing`; noise: (T, K E, P), zeros for these.
         """
         sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
         steps, moved, _ = trace.frozen.shape
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], policy_memory.slope.size
+        told = trace.states.shape[1] - width_x
         for first in range(start, stop, width):
             last = first + width
-            if observer is not None:
-                expect_start(observer, observer_memory)
-            if drift is not None:
-                prepare(drift, first, drift_memory)
-            if features is not None:
-                prepare(features, first, features_memory)
+            seen.begin(sensing, sensing_memory)
+            prepare(physics.drift, first, physics_memory.drift)
+            prepare(physics.features, first, physics_memory.features)
             for t in range(steps):
                 now, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
-                seen = trace.seen[t, :, first:last]
-                if observer is not None:
-                    errors = observer.errors[t, :, first:last]
-                    estimate(observer, t, errors, now, observer_memory, seen)
-                if foresight is not None:
-                    foresee(foresight.errors[t, :, first:last], now, seen)
-                activate(seen, first, t, mask, policy, policy_memory)
+                seen.observe(sensing, t, first, now, width_x, sensing_memory)
+                activate(now[told:], first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
                 for k in range(moved):
                     at, to = k * width_x, (k + 1) * width_x if k > 0 else 0
                     state = trace.states[t, at : at + width_x, first:last]
                     following = trace.states[t + 1, to : to + width_x, first:last]
                     x, ones = model_memory.x, model.middle.size
-                    if observer is not None:
-                        augment(state, policy, observer_memory.z)
-                        _regress(inputs, observer_memory.z, ones, x)
-                    elif foresight is not None:
-                        augment(state, policy, foresight_memory.z)
-                        _regress(inputs, foresight_memory.z, ones, x)
-                    else:
-                        _regress(inputs, policy_memory.z, ones, x)
-                    if features is not None:
-                        _regress_features(features, features_memory, state, inputs, ones, x)
+                    seen.set_augmented(sensing, state, policy, policy_memory.z, x)
+                    _regress(inputs, policy_memory.z.shape[0], ones, x)
+                    _regress_features(
+                        physics.features, physics_memory.features, state, inputs, ones, x
+                    )
                     for e in range(outputs):
                         jacobian = trace.delta_jacobians[t, k * outputs + e, :, first:last]
-                        eps, own = noise[t, k * outputs + e, first:last], weights[e, :, first:last]
+                        eps = noise[t, k * outputs + e, first:last]
+                        own = physics.weights[e, :, first:last]
                         change(e, eps, own, model, model_memory, jacobian)
-                    if drift is not None:
-                        _drift(drift, drift_memory, state, inputs, following)
-                    else:
-                        _flow(model, state, following)
-                        if remembered is not None:
-                            _remember(remembered, inputs, following)
+                    _move(physics.drift, physics_memory.drift, model, state, inputs, following)
                     frozen = trace.frozen[t, k, first:last]
                     _advance(model, model_memory.delta, state, following, frozen)
 

@@ -75,6 +75,8 @@ class ModelArrays(NamedTuple):
     """(E,), smallest variance"""
     A: np.ndarray
     """(X, X), from the state to the next one"""
+    C: np.ndarray
+    """(X, U), from the inputs to the next state; (0, U) where it holds none"""
     B: np.ndarray
     """(X, E), from the changes to the next state"""
     predicted: np.ndarray
@@ -113,8 +115,6 @@ class PhysicsArrays(NamedTuple):
     """further regressors"""
     weights: np.ndarray
     """(E, N, P), of the samples in each particle's posterior beyond alpha; N is 0 where equal"""
-    remembered: np.ndarray | None
-    """C (X, U), from the inputs to the next state: what is remembered of them"""
 
 
 class PolicyArrays(NamedTuple):
@@ -149,17 +149,15 @@ class Trace(NamedTuple):
     """What the forward sweep writes and the backward sweep reads; P is padded to whole strips."""
 
     states: np.ndarray
-    """(T + 1, X, P), the first row given; behind them what a foresight expects of them"""
+    """(T + 1, X, P), the first row given; behind them those of `mcpilco.search.fused.sensing`"""
     inputs: np.ndarray
     """(T, U, P)"""
     delta_jacobians: np.ndarray
-    """(T, E, D, P), d delta / d [z, u]; with foresight (T, K E, D, P)"""
+    """(T, K E, D, P), d delta / d [z, u] of the K rows of a particle that move"""
     input_jacobians: np.ndarray
     """(T, U, Z, P), du / dz"""
     frozen: np.ndarray
-    """(T, K, P), 1 where the particle stayed, or what is expected of it; else K is 1"""
-    seen: np.ndarray
-    """(T, X, P), what the policy acts on: estimates, or the states themselves"""
+    """(T, K, P), 1 where the row stayed where it was"""
 
 
 class PolicyMemory(NamedTuple):
@@ -264,7 +262,7 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
     Raises:
         NoCanonicalFormError: its kernel is no sum of canonical terms.
     """
-    posterior = dynamics.posterior
+    posterior, C = dynamics.posterior, dynamics.increment.C
     form = posterior.kernel.canonical()
     X, terms = form.regressors(posterior.X), form.terms
     middle = X.mean(0)
@@ -291,6 +289,7 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
         ends=np.cumsum([0, *(term.c.shape[-1] for term in terms)]),
         floor=real(posterior.smallest_variance),
         A=real(dynamics.increment.A),
+        C=real(C if C.any() else C[:0]),
         B=real(dynamics.increment.B),
         predicted=np.array(dynamics.predicted, dtype=np.int64),
         bounds=real(dynamics.bounds),

@@ -70,6 +70,20 @@ def augment(state, policy, z):
             sine[p] = np.sin(state[angles[i], p])
 
 
+@njit(**PLAIN)
+def through_augmentation(policy, values, z, current):
+    """From z to the state, which is added to."""
+    plain, angles = policy.plain, policy.angles
+    for d in range(plain.size):
+        for p in range(z.shape[1]):
+            current[plain[d], p] += z[d, p]
+    for d in range(angles.size):
+        cosine, sine = plain.size + d, plain.size + angles.size + d
+        for p in range(z.shape[1]):
+            along = z[sine, p] * values[cosine, p]
+            current[angles[d], p] += along - z[cosine, p] * values[sine, p]
+
+
 @njit(**ONCE)
 def _scale(policy, memory):
     """[z / l, 1, -|z / l|^2]."""

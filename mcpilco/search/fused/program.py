@@ -43,7 +43,9 @@ def load(program, state, inputs, memory):
 
 @njit(**PLAIN)
 def prepare(program, first, memory):
-    """Fills what is constant for a block of particles: their own numbers, and everybody's."""
+    """Fills the constants of a block of particles: their own numbers, and everybody's."""
+    if program is None:
+        return
     registers, numbers, constants = memory.registers, program.numbers, program.constants
     at = program.given - numbers.shape[0]
     for k in range(numbers.shape[0]):

@@ -10,8 +10,9 @@ from mcpilco.dynamics import GPDynamics, PhysicsDraw, PhysicsDynamics
 from mcpilco.kernels import NoCanonicalFormError
 from mcpilco.plant import Program, Real, cos, features_of, sin
 from mcpilco.policies import SumOfGaussians
-from mcpilco.sensing import Foresight, LinearObserver
-from mcpilco.typing import Dynamics, Observer, Policy, UncertainDynamics
+from mcpilco.search.fused.sensing import parts
+from mcpilco.sensing import Observer
+from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
 
 def unknown(
@@ -30,8 +31,9 @@ def unknown(
     seen, acted = model.augmentation, policy.augmentation
     if (seen.state_dim, seen.angles) != (acted.state_dim, acted.angles):
         return "a policy that sees other states or angles than the model"
-    if observer is not None and type(observer) not in (LinearObserver, Foresight):
-        return f"the observer {type(observer).__name__} (they know LinearObserver and Foresight)"
+    if observer is not None and parts(observer) is None:
+        name = type(observer.estimator).__name__
+        return f"the estimator {name} (they know LinearEstimator, DelayModel and a Chain of both)"
     try:
         model.posterior.kernel.canonical()
     except NoCanonicalFormError as error:

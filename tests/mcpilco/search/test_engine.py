@@ -6,7 +6,6 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from mcpilco.dynamics import PathwisePosterior
 from mcpilco.search import engine, fused
 from mcpilco.search.engine import rollout_of
 from mcpilco.search.particles import rollout
-from mcpilco.sensing import LinearObserver
+from mcpilco.sensing import Observer, PastInputs
 from mcpilco.sensing.estimator import differences
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
@@ -81,13 +80,14 @@ def said(caplog: pytest.LogCaptureFixture) -> pytest.LogCaptureFixture:
 
 def test_a_fall_back_to_plain_torch_is_warned_of_once_by_name(task: TaskSpec, said) -> None:
     dynamics, policy = make_dynamics(task), make_policy(task)
+    zeros = torch.zeros(4, dtype=torch.float64)
     strange = lambda states, dropout=None, step=0: states  # noqa: E731
     assert rollout_of(Config(), dynamics, policy) is not rollout
     assert not said.messages
     for dynamics_, policy_, observer, word in (
         (dynamics, strange, None, "the policy function"),
         (PathwisePosterior(dynamics), policy, None, "the model PathwisePosterior"),
-        (dynamics, policy, SimpleNamespace(), "the observer SimpleNamespace"),
+        (dynamics, policy, Observer(PastInputs(1, 2), zeros), "the estimator PastInputs"),
     ):
         for _ in range(2):
             assert rollout_of(Config(), dynamics_, policy_, observer) is rollout
@@ -116,5 +116,5 @@ def test_without_compiled_loops_all_is_rolled_out_in_torch(
 def test_linear_observers_are_known_to_the_compiled_loops(task: TaskSpec) -> None:
     dynamics, policy = make_dynamics(task), make_policy(task)
     estimator = differences(dataclasses.replace(task, measured=(0, 2)))
-    observer = LinearObserver(estimator, torch.tensor([0.01, 0.01]).double())
+    observer = Observer(estimator, torch.tensor([0.01, 0.01]).double(), estimator.C)
     assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=False)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from mcpilco.policies import Dropout, QuadraticCost, SaturatingCost
 from mcpilco.search.particles import Particles, Problem, Sensing, rollout
-from mcpilco.sensing import LinearObserver
+from mcpilco.sensing import Observer
 from mcpilco.sensing.estimator import LinearEstimator
 from tests.mcpilco.linear import A, B, K, LinearDynamics, LinearPolicy
 
@@ -156,11 +156,11 @@ def test_a_problem_is_widened_where_its_cost_can_be() -> None:
     assert other.widened(3.0) is other  # a quadratic cost is felt everywhere
 
 
-def exact_observer() -> LinearObserver:
+def exact_observer() -> Observer:
     """Measures all without noise, and takes the measurement as the estimate."""
     eye = torch.eye(2, dtype=torch.float64)
     estimator = LinearEstimator(A=A, C=eye, gains=eye[None], start=zeros(2))
-    return LinearObserver(estimator, noise_std=zeros(2))
+    return Observer(estimator, noise_std=zeros(2), C=eye)
 
 
 def test_with_an_exact_estimator_the_rollout_is_the_plain_one() -> None:
@@ -177,7 +177,7 @@ def test_with_an_exact_estimator_the_rollout_is_the_plain_one() -> None:
 
 
 def test_measurement_noise_reaches_the_inputs_and_not_the_states_before() -> None:
-    observer = LinearObserver(exact_observer().estimator, noise_std=zeros(2) + 0.5)
+    observer = dataclasses.replace(exact_observer(), noise_std=zeros(2) + 0.5)
     errors = zeros(T, 1, 2)
     errors[3, 0, 0] = 1.0
     arguments = LinearDynamics(), LinearPolicy(), START[None], zeros(T, 1, 2)

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.sensing.estimator import LinearEstimator, LinearObserver, differences, kalman
+from mcpilco.sensing.estimator import (
+    Chain,
+    LinearEstimator,
+    Observer,
+    PastInputs,
+    differences,
+    kalman,
+)
 from mcpilco.sensing.motion import Motion
 from mcpilco.task import TaskSpec
 from tests.mcpilco.sensing.test_motion import CHANGES, NOISE, simulate
@@ -28,9 +35,9 @@ def make_estimator(task: TaskSpec, kind: str = "kalman") -> LinearEstimator:
 
 def along(estimator: LinearEstimator, measured: torch.Tensor) -> torch.Tensor:
     """The estimates from a series of measurements."""
-    memory, estimates = estimator.begin(*measured.shape[1:-1]), []
+    memory, estimates = estimator.begin(measured[0]), []
     for now in measured:
-        estimate, memory = estimator.update(memory, now)
+        estimate, memory = estimator.observe(now, memory)
         estimates.append(estimate)
     return torch.stack(estimates)
 
@@ -80,13 +87,14 @@ def test_one_of_a_batch_is_estimated_as_if_alone_to_the_last_digit(task: TaskSpe
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_gradients_flow_through_sensor_and_estimator(task: TaskSpec, kind: str) -> None:
-    observer = LinearObserver(make_estimator(task, kind), torch.tensor([0.01, 0.02]).double())
+    estimator = make_estimator(task, kind)
+    observer = Observer(estimator, torch.tensor([0.01, 0.02]).double(), estimator.C)
     noise = torch.randn(4, 3, 2, dtype=torch.float64)
 
     def last(states: torch.Tensor) -> torch.Tensor:
-        memory = observer.begin(states[0])
+        memory = estimator.begin(states[0])
         for now, errors in zip(states, noise, strict=True):
-            estimate, memory = observer.observe(now, errors, memory)
+            estimate, memory = estimator.observe(observer.measured(now, errors), memory)
         return estimate
 
     states = torch.randn(4, 3, 4, dtype=torch.float64, requires_grad=True)
@@ -94,10 +102,38 @@ def test_gradients_flow_through_sensor_and_estimator(task: TaskSpec, kind: str) 
 
 
 def test_observer_measures_with_its_noise(task: TaskSpec) -> None:
-    observer = LinearObserver(
-        make_estimator(task, "differences"), torch.tensor([0.1, 0.5]).double()
-    )
+    estimator = make_estimator(task, "differences")
+    observer = Observer(estimator, torch.tensor([0.1, 0.5]).double(), estimator.C)
     states = torch.tensor([[1.0, 2.0, 3.0, 4.0]], dtype=torch.float64)
     noise = torch.tensor([[1.0, -2.0]], dtype=torch.float64)
-    estimate, _ = observer.observe(states, noise, observer.begin(states))
-    torch.testing.assert_close(estimate, torch.tensor([[1.1, 0.0, 2.0, 0.0]]).double())
+    measured = observer.measured(states, noise)
+    torch.testing.assert_close(measured, torch.tensor([[1.1, 2.0]]).double())
+    every = Observer(estimator, torch.ones(4).double())
+    torch.testing.assert_close(every.measured(states, torch.ones(1, 4).double()), states + 1.0)
+
+
+def test_past_inputs_stand_behind_the_state_newest_first() -> None:
+    estimator, states = PastInputs(inputs=2, count=2), torch.ones(3, 1).double()
+    memory = estimator.begin(states)
+    for number in (1.0, 2.0, 3.0):
+        seen, memory = estimator.observe(states, memory)
+        memory = estimator.after(memory, torch.full((3, 2), number).double())
+    torch.testing.assert_close(seen[0], torch.tensor([1.0, 2, 2, 1, 1]).double())
+    seen, _ = estimator.observe(states, memory, torch.tensor([True, False, False]))
+    torch.testing.assert_close(seen[0], torch.tensor([1.0, 0, 0, 0, 0]).double())
+    torch.testing.assert_close(seen[1], torch.tensor([1.0, 3, 3, 2, 2]).double())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_chain_hands_the_estimates_of_the_first_to_the_second(task: TaskSpec, kind: str) -> None:
+    first, second = make_estimator(task, kind), PastInputs(1, 3)
+    chain, series = Chain(first, second), torch.randn(5, 7, 2, dtype=torch.float64)
+    memory, apart = chain.begin(series[0]), (first.begin(series[0]), second.begin(series[0]))
+    begun = torch.arange(7) == 3
+    for now in series:
+        seen, memory = chain.observe(now, memory, begun)
+        estimate, one = first.observe(now, apart[0], begun)
+        expected, two = second.observe(estimate, apart[1], begun)
+        assert torch.equal(seen, expected)
+        memory = chain.after(memory, estimate[:, :1])
+        apart = first.after(one, estimate[:, :1]), second.after(two, estimate[:, :1])

@@ -48,11 +48,11 @@ def agent() -> MCPILCO:
 def test_the_policy_acts_on_what_the_rollouts_estimate_to_the_last_digit(agent: MCPILCO) -> None:
     """The recorded measurements, fed to the observer of the particles, give the inputs applied."""
     record = agent.results[-1].rollout
-    observer = agent.perception.adapted(agent.transitions[: -len(record)]).observer
-    memory = observer.begin(torch.from_numpy(record.states[:1]))
+    observer = agent.perception.adapted(agent.transitions[: -len(record)]).observer()
+    memory = observer.estimator.begin(torch.from_numpy(record.observations[:1]))
     for t, applied in enumerate(record.inputs):
-        estimate, memory = observer.estimator.update(
-            memory, torch.from_numpy(record.observations[t : t + 1])
+        estimate, memory = observer.estimator.observe(
+            torch.from_numpy(record.observations[t : t + 1]), memory
         )
         np.testing.assert_array_equal(estimate[0].numpy(), record.estimates[t])
         with torch.no_grad():

@@ -14,7 +14,7 @@ from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
 from mcpilco.policies import Dropout, QuadraticCost, SumOfGaussians, cart_pole_cost
 from mcpilco.search import fused
 from mcpilco.search.particles import Sensing, rollout
-from mcpilco.sensing import Foresight, LinearObserver
+from mcpilco.sensing import Chain, DelayModel, Observer
 from mcpilco.sensing.estimator import differences, kalman
 from mcpilco.sensing.motion import Motion
 from mcpilco.task import TaskSpec
@@ -95,36 +95,39 @@ def test_equals_plain_rollout_for_any_number_of_particles(task: TaskSpec, partic
     assert_equal(make_dynamics(task), make_policy(task), task.cost, dropout, particles)
 
 
-def seen(observer: LinearObserver | Foresight, particles: int) -> Sensing:
-    """What the policy acts behind, with noise of its own."""
+def seen(observer: Observer, particles: int) -> Sensing:
+    """The measurements of a rollout, with noise of their own."""
     generator = torch.Generator().manual_seed(2)
     shape = STEPS, particles, observer.noise_dim
     return Sensing(observer, torch.randn(*shape, generator=generator, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("kind", ["kalman", "differences"])
+@pytest.mark.parametrize("delay", [None, Delay(1), Delay(1, 0.5)])
 @pytest.mark.parametrize("particles", [1, 37, 130])
 def test_equals_plain_rollout_behind_an_estimator(
-    task: TaskSpec, kind: str, particles: int
+    task: TaskSpec, kind: str, delay: Delay | None, particles: int
 ) -> None:
+    """Also where the actuator is late as well."""
     positions = dataclasses.replace(task, measured=(2, 0))
     noise_std = np.array([0.05, 0.1])
     estimator = differences(positions, 0.3)
     if kind == "kalman":
         estimator = kalman(Motion.of(positions, np.array([0.5, 1.0]), noise_std))
-    sensing = seen(LinearObserver(estimator, torch.from_numpy(noise_std)), particles)
     dynamics, policy = make_dynamics(task, bounds=4.0), make_policy(task)
+    whole = estimator if delay is None else Chain(estimator, DelayModel(dynamics, delay))
+    sensing = seen(Observer(whole, torch.from_numpy(noise_std), estimator.C), particles)
     assert_equal(dynamics, policy, task.cost, Dropout(0.25, 5), particles, sensing)
 
 
 @pytest.mark.parametrize("delay", [Delay(0, 0.5), Delay(1), Delay(1, 0.5), Delay(3)])
 @pytest.mark.parametrize("particles", [1, 37, 130])
-def test_equals_plain_rollout_behind_a_foresight(
+def test_equals_plain_rollout_behind_a_delay_model(
     task: TaskSpec, delay: Delay, particles: int
 ) -> None:
     dynamics = make_dynamics(task, bounds=4.0)
     noise_std = torch.tensor([0.05, 0.1, 0.02, 0.2], dtype=torch.float64)
-    sensing = seen(Foresight(dynamics, delay, noise_std), particles)
+    sensing = seen(Observer(DelayModel(dynamics, delay), noise_std), particles)
     assert_equal(dynamics, make_policy(task), task.cost, Dropout(0.25, 5), particles, sensing)
 
 
