@@ -10,6 +10,7 @@ from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
 from .model_based_file import load_policy
+from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
 from .presets import preset_numbers, suitable_preset, with_model
 from .stored import (
@@ -36,6 +37,7 @@ __all__ = [
     "Groups",
     "Model",
     "ModelBasedAgent",
+    "NumpyPolicy",
     "SavedAgent",
     "Streams",
     "TrialAgent",

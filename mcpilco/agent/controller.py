@@ -84,8 +84,8 @@ def _shape(memory: Any) -> Any:
         return f"shape {tuple(memory.shape)}"
     if isinstance(memory, tuple):
         return tuple(map(_shape, memory))
-    arrays = (value for value in vars(memory).values() if isinstance(value, Tensor))
-    return type(memory).__name__, *map(_shape, arrays)
+    arrays = getattr(memory, "__dict__", {}).values()
+    return type(memory).__name__, *(_shape(a) for a in arrays if isinstance(a, Tensor))
 
 
 def remembering(answer: Callable[[np.ndarray, Any], tuple[np.ndarray, Any]]) -> Act:

@@ -5,25 +5,32 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import torch
+from torch import Tensor
 
+from mcpilco.dynamics import GPDynamics
 from mcpilco.files import write_arrays
+from mcpilco.gp import RECENT
 from mcpilco.policies import SumOfGaussians
-from mcpilco.sensing import Perception
+from mcpilco.sensing import Chain, LinearEstimator, PastInputs, StateTracker
 from mcpilco.task import TaskSpec
+from mcpilco.typing import Estimator, InputError
 
 
 def write_policy(
     path: str | Path,
     policy: SumOfGaussians,
     task: TaskSpec,
-    perception: Perception | None = None,
+    estimator: Estimator | None = None,
 ) -> Path:
-    """Write what a policy computes with, and what its numbers mean; returns the path.
+    """Write the numbers that a policy computes with, and their meaning; returns the path.
 
     Of states x with angles q and other components p the policy answers, within its bounds,
 
         u = middle + half_range tanh(sum_b w_b exp(-|(z - c_b) / l|^2) / squash),
         z = [p, cos q, sin q]
+
+    `mcpilco.agent.numpy_policy` acts from the file, and imports nothing of this package.
 
     Args:
         path: of the `.npz` file: `angles` (which states are angles), `centres` (B, Z),
@@ -32,11 +39,17 @@ def write_policy(
             an input is held [s].
         policy: what is written.
         task: of the env in which it was learned.
-        perception: what the policy acts behind, where states are measured in part; its estimator
-            is written as `estimator.A` (X, X), `estimator.C` (Y, X), `estimator.gains` (G, X, Y)
-            and `estimator.start` (X), see `mcpilco.sensing.estimator.LinearEstimator`.
+        estimator: makes the states that the policy acts on; None: it acts on measured states.
+            A linear one is written as `estimator.A` (X, X), `.C` (Y, X), `.gains` (G, X, Y) and
+            `.start` (X), see `mcpilco.sensing.estimator.LinearEstimator`; the number of steps whose
+            inputs stand behind the state as `past_inputs`; that of a late actuator as `delay.whole`
+            and `.part` [steps], `.noise_std` (X), `.recent` [steps], with its model: `motion.A`,
+            `.B`, `.C`, `.predicted`, `.bounds` as in `mcpilco.dynamics.Increment`, and the
+            posterior `model.X` (N, D), `.L_inv`, `.alpha`, `.noise_std` with the kernel's terms
+            `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (factors of term k: from ends[k] to ends[k + 1]).
 
     Raises:
+        InputError: the estimator is of another class, or its model has regressors of its own.
         RunFolderError: the file cannot be written.
 
     Reference: thesis section 5.5.1.
@@ -58,7 +71,67 @@ def write_policy(
         "dt": np.array(task.dt),
     }
     arrays = {name: value.detach().numpy() for name, value in numbers.items()}
-    if perception is not None:
-        estimator = vars(perception.estimator).items()
-        arrays |= {f"estimator.{name}": value.numpy() for name, value in estimator}
-    return write_arrays(Path(path), arrays | about)
+    return write_arrays(Path(path), arrays | _estimator_arrays(estimator) | about)
+
+
+def _estimator_arrays(estimator: Estimator | None) -> dict[str, np.ndarray]:
+    """The arrays of an estimator."""
+    if estimator is None:
+        return {}
+    if isinstance(estimator, Chain):
+        return _estimator_arrays(estimator.first) | _estimator_arrays(estimator.second)
+    if isinstance(estimator, LinearEstimator):
+        return {f"estimator.{name}": value.numpy() for name, value in vars(estimator).items()}
+    if isinstance(estimator, PastInputs):
+        return {"past_inputs": np.array(estimator.count)}
+    if isinstance(estimator, StateTracker):
+        return _tracker_arrays(estimator)
+    raise InputError(
+        "A policy is exported with a LinearEstimator, PastInputs or a StateTracker, got "
+        f"{type(estimator).__name__}; act with `agent.predict`."
+    )
+
+
+def _tracker_arrays(tracker: StateTracker) -> dict[str, np.ndarray]:
+    predictor = tracker.predictor
+    delay, known = predictor.delay, predictor.dynamics
+    arrays = {"whole": delay.whole, "part": delay.part, "recent": RECENT}
+    numbers = {"noise_std": tracker.noise_std} | {k: torch.tensor(v) for k, v in arrays.items()}
+    motion = {"A": known.A, "B": known.B, "C": known.C, "bounds": known.bounds}
+    motion["predicted"] = torch.tensor(known.predicted)
+    groups = {"delay": numbers, "motion": motion, "model": _model_tensors(known, delay.part > 0)}
+    return {
+        f"{group}.{name}": value.detach().numpy()
+        for group, tensors in groups.items()
+        for name, value in tensors.items()
+    }
+
+
+def _model_tensors(dynamics: GPDynamics, part: bool) -> dict[str, Tensor]:
+    """A posterior, its kernel as canonical terms.
+
+    Raises:
+        InputError: the kernel has no such terms, or sees regressors beside [z, u, change of u].
+    """
+    posterior, U = dynamics.posterior, dynamics.C.shape[1]
+    width = dynamics.augmentation.width + U * (2 if part else 1)
+    if posterior.X.shape[-1] != width:
+        raise InputError(
+            "The policy of a late actuator is exported with a model of state and command alone, "
+            f"got one with {posterior.X.shape[-1] - width} further regressors (features, friction); "
+            "train with another kernel, or act with `agent.predict`."
+        )
+    form = posterior.kernel.canonical()
+    factors = [term.c.shape[-1] for term in form.terms]
+    return {
+        "X": posterior.X,
+        "L_inv": posterior.L_inv,
+        "alpha": posterior.alpha,
+        "noise_std": posterior.noise_std,
+        "W": form.W,
+        "v": torch.stack([term.v for term in form.terms], -1),
+        "w": torch.stack([term.w for term in form.terms], -2),
+        "c": torch.cat([term.c for term in form.terms], -1),
+        "s": torch.cat([term.s for term in form.terms], -2),
+        "ends": torch.tensor([0, *np.cumsum(factors).tolist()]),
+    }

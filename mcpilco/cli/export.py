@@ -31,7 +31,7 @@ class Export:
             McPilcoError: a wrong input; the sentence says which.
         """
         register()
-        from mcpilco.agent import agent_of, finished_trial, write_policy
+        from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder
         from mcpilco.policies import SumOfGaussians
 
@@ -43,11 +43,7 @@ class Export:
                 f"export writes policies of the class SumOfGaussians, got {self.run} with a "
                 f"{type(agent.policy).__name__} of the algorithm {agent.algo}."
             )
-        if agent.model is not None and agent.model.memory:
-            raise InputError(
-                f"export writes policies that see the state alone, that of {self.run} needs the "
-                f"last {agent.model.memory} inputs too; use `agent.predict` with its state."
-            )
-        path = write_policy(self.file, agent.policy, agent.task, agent.perception)
+        assert isinstance(agent, ModelBasedAgent), "only they have such policies"
+        path = write_policy(self.file, agent.policy, agent.task, agent.estimator)
         print(f"Policy of trial {trial}: {path}")
         return 0

@@ -1,11 +1,12 @@
 from .evidence import JITTERS, add_to_diagonal, cholesky
-from .gp import GP, FitReport, Further, Posterior, Samples
+from .gp import GP, RECENT, FitReport, Further, Posterior, Samples
 from .sparse import subset_of_data
 from .weight_space import WeightPosterior, WeightSpaceGP
 
 __all__ = [
     "GP",
     "JITTERS",
+    "RECENT",
     "FitReport",
     "Further",
     "Posterior",

@@ -7,14 +7,19 @@ import re
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 
+import envs  # noqa: F401  registers the cart-pole
+from mcpilco.agent.agent import MCPILCO
+from mcpilco.agent.numpy_policy import NumpyPolicy
 from mcpilco.agent.policy_file import write_policy
 from mcpilco.cli import main
-from mcpilco.config import PRESETS
+from mcpilco.config import PRESETS, ModelConfig
 from mcpilco.policies import SumOfGaussians
+from mcpilco.typing import InputError
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.conftest import make_policy
 from tests.mcpilco.point import STEPS, TASK, TINY, PointEnv
@@ -53,8 +58,6 @@ def test_numpy_and_torch_agree(task, tmp_path: Path, monkeypatch, inputs: int) -
 
 
 def test_a_state_without_angles_is_acted_on_too(tmp_path: Path, monkeypatch) -> None:
-    from mcpilco.agent.agent import MCPILCO
-
     agent = MCPILCO("SumOfGaussians", PointEnv(), config=TINY).learn(2 * STEPS)
     write_policy(tmp_path / "policy.npz", agent.policy, agent.task)
     predict = predict_of_the_page(tmp_path, monkeypatch)
@@ -89,3 +92,58 @@ def test_the_command_writes_the_trial_asked_for(
     assert "--trial must be one of 1, 2, got 3" in sentence
     sentence = refused(capsys, "export", str(run), str(tmp_path / "no" / "policy.npz"))
     assert "Cannot write" in sentence
+
+
+# --- with an estimator ----------------------------------------------------------------------------
+
+ALL, POSITIONS = "mcpilco/CartPoleSwingUp-v0", "mcpilco/CartPoleSwingUpPositions-v0"
+
+
+def learned(env: str, **model) -> MCPILCO:
+    config = dataclasses.replace(TINY, model=ModelConfig(**model), horizon=9)
+    agent = MCPILCO("SumOfGaussians", gym.make(env, max_episode_steps=9), config=config, seed=4)
+    return agent.learn(2 * 9)
+
+
+@pytest.mark.parametrize(
+    ("env", "model"),
+    [
+        (ALL, {"kernel": "rbf"}),
+        (ALL, {"kernel": "sed-mpk+rbf", "memory": 2}),
+        (POSITIONS, {"kernel": "rbf+mpk"}),
+        (ALL, {"kernel": "rbf+mpk", "delay": 0.2}),
+        (ALL, {"kernel": "rbf", "delay": 0.13}),
+        (POSITIONS, {"kernel": "rbf", "delay": 0.1}),
+    ],
+)
+def test_numpy_alone_acts_as_the_agent_with_its_estimator(env: str, model, tmp_path: Path) -> None:
+    """Episodes of states measured in part, of past inputs, and of late actuators."""
+    agent = learned(env, **model)
+    path = write_policy(tmp_path / "policy.npz", agent.policy, agent.task, agent.estimator)
+    policy = NumpyPolicy(path)
+    source = Path(__file__).parents[3] / "mcpilco" / "agent" / "numpy_policy.py"
+    imports = re.findall(r"^(?:from|import) (\w+)", source.read_text(), re.M)
+    assert set(imports) == {"__future__", "pathlib", "typing", "numpy"}
+    width = agent.env.observation_space.shape[0]
+    for seed in range(2):  # the second episode knows nothing of the first
+        act, remembers = agent.on_states(), []
+        policy.reset()
+        for x in 0.3 * np.random.default_rng(seed).normal(size=(7, width)).cumsum(0):
+            expected = act(x)
+            np.testing.assert_allclose(policy(x), expected, rtol=1e-6, atol=1e-7)
+            remembers.append(np.abs(expected - answer(agent.policy, _as_first(agent, x))).max())
+        assert (max(remembers) > 1e-3) == (agent.estimator is not None)
+
+
+def _as_first(agent: MCPILCO, x: np.ndarray) -> np.ndarray:
+    """The state that the policy acts on where a measurement is the first of an episode."""
+    if agent.estimator is None:
+        return x
+    measured = torch.from_numpy(x)
+    return agent.estimator.observe(measured, agent.estimator.begin(measured))[0].numpy()
+
+
+def test_a_late_actuators_model_with_features_is_not_exported(tmp_path: Path) -> None:
+    agent = learned(ALL, kernel="friction+rbf", delay=0.1)
+    with pytest.raises(InputError, match=r"further regressors .*act with `agent.predict`"):
+        write_policy(tmp_path / "policy.npz", agent.policy, agent.task, agent.estimator)
