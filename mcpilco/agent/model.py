@@ -29,6 +29,7 @@ from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.plant import Program, Rows, features_of
 from mcpilco.sensing import StatePredictor, StateTracker, sensor_noise
 from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.dynamics import PhysicsMean

@@ -215,10 +215,10 @@ class _LateActuator:
     def _asked(self, states: Array, inputs: Array, turned: Array | None = None) -> Array:
         """Regressors [z, u, change of u where the delay has a part] of states (N, X)."""
         each = np.broadcast_to(inputs, (len(states), self._U))
-        further = (
-            [] if self._part == 0 else [np.zeros_like(each) + (0 if turned is None else turned)]
-        )
-        return np.concatenate([augmented(states, self._angles), each, *further], -1)
+        parts = [augmented(states, self._angles), each]
+        if self._part > 0:
+            parts.append(np.zeros_like(each) if turned is None else np.zeros_like(each) + turned)
+        return np.concatenate(parts, -1)
 
     def _change(self, states: Array, inputs: Array, turned: Array | None = None) -> Array:
         return self._model.mean(self._asked(states, inputs, turned))

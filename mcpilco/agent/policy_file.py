@@ -46,7 +46,7 @@ def write_policy(
             and `.part` [steps], `.noise_std` (X), `.recent` [steps], with its model: `motion.A`,
             `.B`, `.C`, `.predicted`, `.bounds` as in `mcpilco.dynamics.Increment`, and the
             posterior `model.X` (N, D), `.L_inv`, `.alpha`, `.noise_std` with the kernel's terms
-            `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (factors of term k: from ends[k] to ends[k + 1]).
+            `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (of the factors of each term).
 
     Raises:
         InputError: the estimator is of another class, or its model has regressors of its own.
@@ -118,8 +118,8 @@ def _model_tensors(dynamics: GPDynamics, part: bool) -> dict[str, Tensor]:
     if posterior.X.shape[-1] != width:
         raise InputError(
             "The policy of a late actuator is exported with a model of state and command alone, "
-            f"got one with {posterior.X.shape[-1] - width} further regressors (features, friction); "
-            "train with another kernel, or act with `agent.predict`."
+            f"got one with {posterior.X.shape[-1] - width} further regressors, such as those of "
+            "friction; train with another kernel, or act with `agent.predict`."
         )
     form = posterior.kernel.canonical()
     factors = [term.c.shape[-1] for term in form.terms]
