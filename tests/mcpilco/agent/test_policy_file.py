@@ -145,5 +145,5 @@ def _as_first(agent: MCPILCO, x: np.ndarray) -> np.ndarray:
 
 def test_a_late_actuators_model_with_features_is_not_exported(tmp_path: Path) -> None:
     agent = learned(ALL, kernel="friction+rbf", delay=0.1)
-    with pytest.raises(InputError, match=r"further regressors .*act with `agent.predict`"):
+    with pytest.raises(InputError, match="further regressors.*act with `agent.predict`"):
         write_policy(tmp_path / "policy.npz", agent.policy, agent.task, agent.estimator)
