@@ -1,15 +1,14 @@
 from . import algorithms
 from .agent import MCPILCO
-from .agent_file import Groups, SavedAgent, difference
+from .agent_file import Groups, SavedAgent, difference, load_policy
 from .algorithms import Agent, find, find_after_import, with_package
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .controller import Act, remembering
-from .episode import BrokenEpisodeError, reported, run_episode
+from .episode import BrokenEpisodeError, Streams, reported, run_episode
 from .guess import guess_task
 from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
-from .model_based_file import load_policy
 from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
 from .presets import preset_numbers, suitable_preset, with_model
@@ -24,7 +23,6 @@ from .stored import (
     open_run_env,
     reopened,
 )
-from .streams import Streams
 from .task_file import load_task
 from .trial_agent import TrialAgent
 

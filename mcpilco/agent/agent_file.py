@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,14 +13,20 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
 import numpy as np
+import torch
+from torch import nn
 
 from mcpilco.agent.contract import AbsentEnv
+from mcpilco.agent.guess import guess_task
 from mcpilco.config import from_dict
+from mcpilco.data import Transitions
 from mcpilco.files import read_groups, write_groups
-from mcpilco.task import TaskSpec
-from mcpilco.typing import EnvError, RunFolderError
+from mcpilco.policies import RewardCost
+from mcpilco.task import TaskSpec, unknown_cost
+from mcpilco.typing import Cost, EnvError, RunFolderError
 
 if TYPE_CHECKING:
+    from mcpilco.agent.model_based import ModelBasedAgent
     from mcpilco.agent.trial_agent import TrialAgent
 
 STRUCTURE = ("state_names", "input_names", "angles", "velocities", "dt", "observed", "measured")
@@ -38,7 +45,7 @@ class MissingObjectError(RunFolderError):
 
 @dataclass(frozen=True)
 class SavedAgent(ABC, Generic[A]):
-    """What an agent's file holds; reading it checks nothing yet."""
+    """The content of an agent's file; reading it checks nothing yet."""
 
     about: Mapping[str, Any]
     """numbers and names"""
@@ -51,7 +58,7 @@ class SavedAgent(ABC, Generic[A]):
     @classmethod
     @abstractmethod
     def learned(cls, agent: A) -> tuple[dict[str, Any], Groups]:
-        """What the agent has learned: numbers and names, and arrays."""
+        """All that the agent has learned: numbers and names, and arrays."""
 
     @abstractmethod
     def restore(self, agent: A) -> None:
@@ -90,7 +97,7 @@ class SavedAgent(ABC, Generic[A]):
 
     @property
     def task(self) -> TaskSpec:
-        """What the agent knew of its env, but for a cost that was given as a function."""
+        """The task that the agent knew, but for a cost that was given as a function."""
         return TaskSpec.from_json(self.about["task"])
 
     def task_for(self, env: gym.Env) -> TaskSpec:
@@ -98,7 +105,7 @@ class SavedAgent(ABC, Generic[A]):
         return self.task
 
     def absent_env(self) -> AbsentEnv:
-        """What stands for the env where there is none."""
+        """A stand-in for the env where there is none."""
         width, horizon = self.about.get("observations"), self.about["horizon"]
         return AbsentEnv(self.task, **self.arrays["bounds"], horizon=horizon, width=width)
 
@@ -117,7 +124,7 @@ def difference(task: TaskSpec, other: TaskSpec) -> tuple[str, Any, Any] | None:
 
 @contextlib.contextmanager
 def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
-    """What a file holds, for the time in which an agent is made of it.
+    """Read a file, for the time in which an agent is made of it.
 
     Args:
         path: of the file.
@@ -151,3 +158,119 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
 
 def _npz(path: Path) -> Path:
     return path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")
+
+
+def _own_kernel(agent: ModelBasedAgent) -> str | None:
+    """The name of the kernel's class where the agent was given one; None: its configuration's."""
+    if getattr(agent, "kernel", None) is None:
+        return None
+    return type(agent.model.gp.kernel).__name__
+
+
+class SavedModelBased(SavedAgent["ModelBasedAgent"]):
+    """The content of the file of an agent that learns a model.
+
+    policy, gp; transitions, where there are any; perception, where states are measured in part;
+    cost, where it was learned from rewards.
+    """
+
+    formats = (1, 2)
+    """1 also held the state of random generators, which is no longer needed"""
+
+    @classmethod
+    def learned(cls, agent: ModelBasedAgent) -> tuple[dict[str, Any], Groups]:
+        about = {
+            "cost": _cost_name(agent.task.cost),
+            "reference_cost": agent.reference_cost,
+            "fitted_rows": agent.fitted_rows,
+            **({} if (name := _own_kernel(agent)) is None else {"kernel": name}),
+        }
+        groups = {
+            "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
+            "gp": agent.model.to_arrays(),
+            "cost": agent.task.cost.to_arrays() if isinstance(agent.task.cost, RewardCost) else {},
+            "transitions": {} if agent.transitions is None else vars(agent.transitions),
+        }
+        if agent.perception is not None:
+            groups["perception"] = agent.perception.to_arrays()
+        return about, groups
+
+    @property
+    def task(self) -> TaskSpec:
+        """The task that the agent knew, but for the cost."""
+        task = super().task
+        return dataclasses.replace(task, cost=None) if "cost" in self.arrays else task
+
+    def task_for(self, env: gym.Env) -> TaskSpec:
+        """The same with the cost that was guessed of this env, where it was."""
+        task, guess = self.task, guess_task(env) if self.task.cost is unknown_cost else None
+        if guess is None or _cost_name(guess.task.cost) != self.about.get("cost"):
+            return task
+        return dataclasses.replace(task, cost=guess.task.cost)
+
+    def restore(self, agent: ModelBasedAgent) -> None:
+        self.require_structure(agent)
+        self._require_kernel(agent)
+        trials, reference_cost = self.about["trials"], float(self.about["reference_cost"])
+        if type(trials) is not int or trials < 0 or (trials and "transitions" not in self.arrays):
+            raise ValueError(f"its trials are {trials!r}")
+        if not math.isfinite(reference_cost):
+            raise ValueError(f"its reference_cost is {reference_cost}")
+        load_policy(agent.policy, self.arrays["policy"])
+        agent.model.load_arrays(self.arrays["gp"])
+        if agent.perception is not None:
+            agent.perception.load_arrays(self.arrays["perception"])
+        if isinstance(agent.task.cost, RewardCost) and "cost" in self.arrays:
+            agent.task.cost.load_arrays(self.arrays["cost"])
+        agent.trials, agent.reference_cost = trials, reference_cost
+        if "transitions" in self.arrays:
+            rows = Transitions(**self.arrays["transitions"])
+            widths = agent.model.width, len(agent.task.input_names)
+            if (rows.states.shape[1], rows.inputs.shape[1]) != widths:
+                raise ValueError(f"its transitions have shapes {rows.states.shape}")
+            agent.transitions = rows
+            agent.fitted_rows = self._fitted_rows(len(rows))
+            agent.look_ahead()
+
+    def _require_kernel(self, agent: ModelBasedAgent) -> None:
+        """Raises MissingObjectError where the agent's kernel is not that of the saved one."""
+        saved, given = self.about.get("kernel"), _own_kernel(agent)
+        if saved == given:
+            return
+        if saved is None:
+            raise MissingObjectError(
+                f"The saved agent has the kernel {agent.config.model.kernel} of its configuration, "
+                f"got the kernel {given}; load it without `kernel`."
+            )
+        raise MissingObjectError(
+            f"The saved agent has a kernel of its own, {saved!s:.80}, got "
+            f"{given or 'none'}; give `load` the same one: kernel={saved!s:.80}."
+        )
+
+    def _fitted_rows(self, most: int) -> int:
+        """How many of the rows the model was fitted to; files of before are of prompt actuators."""
+        rows = self.about.get("fitted_rows", 0)
+        if type(rows) is not int or not 0 <= rows <= most:
+            raise ValueError(f"its fitted_rows are {rows!r}")
+        return rows
+
+
+def load_policy(policy: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
+    """Give a policy the parameters of a saved one.
+
+    Raises:
+        ValueError: they are not those of a policy like this, or not finite.
+    """
+    if not all(array.dtype.kind == "f" and np.isfinite(array).all() for array in arrays.values()):
+        raise ValueError("its policy is not made of finite numbers")
+    try:
+        policy.load_state_dict({name: torch.from_numpy(a) for name, a in arrays.items()})
+    except RuntimeError as error:
+        raise ValueError(f"its policy is another one: {error}") from error
+
+
+def _cost_name(cost: Cost | None) -> str:
+    """A cost in words that are equal for equal ones: without addresses in memory."""
+    if dataclasses.is_dataclass(cost):
+        return str(cost)
+    return getattr(cost, "__qualname__", type(cost).__qualname__)

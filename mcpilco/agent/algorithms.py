@@ -36,7 +36,7 @@ _HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
 
 
 class Agent(base.Agent, Protocol):
-    """What training, resuming, judging and sweeping need of an agent, beside what callbacks do."""
+    """The face of an agent for training, resuming and judging, beside that for callbacks."""
 
     seed: int
     horizon: int
@@ -62,7 +62,7 @@ class Agent(base.Agent, Protocol):
         ...
 
     def controller(self) -> Act:
-        """What acts for one episode."""
+        """A function from observation to action, for one episode."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What an agent demands of an env, and the sentences that say what is missing."""
+"""The demands of an agent on an env, and the sentences that say which are not met."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import torch
 from jaxtyping import Float
 
 from mcpilco.data import Rollout, is_measure
@@ -69,7 +70,7 @@ def run_episode(
 
 
 def reported(info: Mapping[str, Any], shape: tuple[int, ...] = ()) -> dict[str, Any]:
-    """What an env reports of an episode in `info`: `is_success` and its measures.
+    """The measures of an episode that an env reports in `info`: `is_success` and its measures.
 
     Args:
         info: of a step.
@@ -168,3 +169,38 @@ def _checked(
             "check its equations, its sensor, or the action it was given."
         )
     return array
+
+
+_INPUTS, _RESET, _SEARCH = range(3)
+
+
+class Streams:
+    """Independent sources of random numbers for each trial; trial 0 is the exploration.
+
+    Each is a function of the training's seed, the trial and its use. No generator's state goes from
+    one trial to the next, so that a training that begins again at any trial, from a file, draws the
+    numbers that it would have drawn.
+
+    Reference: numpy's SeedSequence; streams of different spawn keys are independent.
+    """
+
+    def __init__(self, seed: int) -> None:
+        """Streams of one seed, which is not negative."""
+        self.seed = seed
+
+    def inputs(self, trial: int) -> np.random.Generator:
+        """Source of the random inputs of an exploration."""
+        return np.random.default_rng(self._sequence(trial, _INPUTS))
+
+    def reset(self, trial: int, episode: int = 0) -> int:
+        """The seed with which the env begins an episode of the trial, below 2^32."""
+        later = (episode,) if episode else ()
+        return int(self._sequence(trial, _RESET, *later).generate_state(1)[0])
+
+    def search(self, trial: int) -> torch.Generator:
+        """Source of the starts, particles and masks of a trial's policy search."""
+        state = self._sequence(trial, _SEARCH).generate_state(1)
+        return torch.Generator().manual_seed(int(state[0]))
+
+    def _sequence(self, trial: int, *use: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=(trial, *use))

@@ -1,4 +1,4 @@
-"""What can be told of an env that shows no task: by its class, its MuJoCo model, or its names."""
+"""Guesses the task of an env that shows none: by its class, its MuJoCo model, or its names."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ RESETS = 50
 
 @dataclass(frozen=True)
 class Guess:
-    """A task that nobody has written, and what it was told by."""
+    """A guessed task, and the evidence for it."""
 
     task: TaskSpec
     """with the start measured; its cost is None where it must be learned"""
     source: str
-    """what it was told by, for a sentence"""
+    """the evidence, for a sentence"""
 
     def __str__(self) -> str:
         task = self.task
@@ -43,15 +43,15 @@ class Guess:
 
 
 def guess_task(env: gym.Env) -> Guess | None:
-    """The task of an env, as far as it can be told; None where it cannot.
+    """The task of an env, as far as it can be guessed; None where it cannot.
 
     The env is reset, from seeds of its own, to see where episodes start.
 
     Args:
         env: with one-dimensional Box spaces.
     """
-    for source, told in SOURCES:
-        task = told(env)
+    for source, guessed in SOURCES:
+        task = guessed(env)
         if task is not None:
             return Guess(with_measured_start(env, task), source)
     return None

@@ -28,7 +28,7 @@ SURE = 2.0
 SHARE = 0.05
 """an error below this share of a change's spread is small [-]"""
 LEARNABLE = 0.5
-"""rewards of whose variance less is told by state and input cannot be learned [-]"""
+"""rewards of whose variance state and input explain less cannot be learned [-]"""
 SCALES = 1e4
 """spreads of states that differ by more are hard on the models"""
 
@@ -51,7 +51,7 @@ def inspect_env(
     steps: int = 400,
     seed: int = 0,
 ) -> Iterator[Finding]:
-    """What fits and what does not, as it is found; stops where nothing further can be looked at.
+    """Findings, one by one: which demands an env meets; stops where none further can be checked.
 
     Args:
         env: it is reset and stepped with random inputs.
@@ -61,10 +61,10 @@ def inspect_env(
         seed: of inputs and of the env.
     """
     try:
-        told, finding = _task(env, task)
+        known, finding = _task(env, task)
     except EnvError as error:
         yield Finding("fault", str(error))
-        told = None
+        known = None
         if not all(isinstance(s, Box) for s in (env.observation_space, env.action_space)):
             return
     else:
@@ -84,28 +84,28 @@ def inspect_env(
         yield Finding("fault", str(error))
         return
     yield from _ends(raw, horizon)
-    yield from _circles(raw, told)
-    if told is None:
+    yield from _circles(raw, known)
+    if known is None:
         return
-    if told.measured is not None:
-        yield _hidden(told)
+    if known.measured is not None:
+        yield _hidden(known)
         return
-    seen = [_as_states(told, episode) for episode in raw]
-    yield from _start(env, told)
-    yield from _scales(told, seen)
-    yield from _velocities(told, seen)
-    yield _memory(told, state_gains(told, seen, rng))
-    if told.cost is None:
-        yield _rewards(reward_share(told, seen, rng))
+    seen = [_as_states(known, episode) for episode in raw]
+    yield from _start(env, known)
+    yield from _scales(known, seen)
+    yield from _velocities(known, seen)
+    yield _memory(known, state_gains(known, seen, rng))
+    if known.cost is None:
+        yield _rewards(reward_share(known, seen, rng))
 
 
 def _task(env: gym.Env, task: TaskSpec | None) -> tuple[TaskSpec, Finding]:
     shown = task is not None or getattr(env.unwrapped, "task", None) is not None
-    told = task_of(env, task, quiet=True)
+    known = task_of(env, task, quiet=True)
     if shown:
-        names = ", ".join(told.state_names)
-        return told, Finding("fits", f"The task is known: states {names}; dt {told.dt:g} s.")
-    return told, Finding("note", str(guess_task(env)))
+        names = ", ".join(known.state_names)
+        return known, Finding("fits", f"The task is known: states {names}; dt {known.dt:g} s.")
+    return known, Finding("note", str(guess_task(env)))
 
 
 def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
@@ -316,9 +316,9 @@ def _memory(task: TaskSpec, gains: Sequence[Gain]) -> Finding:
     if gain.unexplained > SHARE and gain.low > SURE:
         return Finding(
             "fault",
-            f"The state is not whole: the change of {name} is told {gain.factor:.1f} times better "
-            f"(95 % interval {gain.low:.1f} to {gain.high:.1f}) when the observation before is "
-            "known too. Something that moves it is not observed, such as a velocity, or acts with "
+            f"The state is not whole: the change of {name} is predicted {gain.factor:.1f} times "
+            f"better (95 % interval {gain.low:.1f} to {gain.high:.1f}) when the observation before "
+            "is known too. What moves it is not observed, such as a velocity, or acts with "
             "delay: observe it, or name what is measured in measured, so that velocities are "
             "estimated; for an actuator that is late, train with --delay or --memory.",
         )

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from mcpilco.agent.agent_file import SavedModelBased
 from mcpilco.agent.controller import Act, Controller, remembering
 from mcpilco.agent.episode import BrokenEpisodeError, run_episode
 from mcpilco.agent.model import Model
-from mcpilco.agent.model_based_file import SavedModelBased
 from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Prediction, Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
@@ -60,7 +60,7 @@ class Found(Protocol):
 
 
 class ModelBasedAgent(TrialAgent):
-    """What agents that learn a model have in common; a subclass says model, policy and search.
+    """Learns by trials with a model; a subclass says which model, policy and search.
 
     It is used like a stable-baselines3 algorithm:
 

@@ -25,7 +25,7 @@ NOISE_FLOOR = 0.01
 
 @dataclass(frozen=True)
 class Gain:
-    """What the observation before tells beyond the present one of a state's next change."""
+    """How much better a state's next change is predicted with the observation before as well."""
 
     unexplained: float
     """error from the present observation and input, in parts of the change's spread [-]"""
@@ -81,7 +81,7 @@ def reward_share(task: TaskSpec, episodes: Sequence[Rollout], rng: np.random.Gen
         rng: chooses the samples.
 
     Returns:
-        1 where all is told, 0 or less where nothing is, not a number where all rewards are equal.
+        1 where all is predicted, 0 or less where nothing is, NaN where all rewards are equal.
     """
     after = np.concatenate([episode.observations[1:] for episode in episodes])
     inputs = np.concatenate([episode.inputs for episode in episodes])

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcpilco.agent.agent_file import load_policy
 from mcpilco.agent.algorithms import find_after_import
 from mcpilco.agent.contract import make_env
-from mcpilco.agent.model_based_file import load_policy
 from mcpilco.agent.task_file import load_task
 from mcpilco.config import from_dict
 from mcpilco.logbook import READABLE, RunFolder, as_callback, versions

@@ -1,4 +1,4 @@
-"""An agent that learns by trials: what it is made with, what it answers, its file.
+"""An agent that learns by trials: its making, its loop, its answers, its file.
 
 What a trial does is a subclass's: `mcpilco.agent.model_based.ModelBasedAgent` fits a model and
 searches a policy in it.
@@ -19,8 +19,8 @@ from torch import nn
 from mcpilco.agent.agent_file import SavedAgent, reading
 from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from mcpilco.agent.controller import Act, Controller, remembering
+from mcpilco.agent.episode import Streams
 from mcpilco.agent.model import Model
-from mcpilco.agent.streams import Streams
 from mcpilco.config import Preset
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.logbook import Callback, Progress, as_callback
@@ -30,7 +30,7 @@ from mcpilco.typing import InputError
 
 
 class TrialAgent(ABC):
-    """What agents that learn by trials have in common."""
+    """An agent that learns by trials; a subclass says what it does in a trial."""
 
     algo: ClassVar[str]
     """what the command line and files call the algorithm, see `mcpilco.agent.algorithms`"""
@@ -147,7 +147,7 @@ class TrialAgent(ABC):
         Args:
             trial: 1, 2, ..., of all calls of `learn`.
             steps: of the env, that are left to this call.
-            events: told of the progress.
+            events: called as it goes on.
         """
 
     def learn(
@@ -221,7 +221,7 @@ class TrialAgent(ABC):
         return observation
 
     def controller(self) -> Act:
-        """What acts for one episode, or a batch that begins together: from observation to action.
+        """A function from observation to action, for one episode or a batch that begins together.
 
         It remembers what `predict` returns as its state; each episode needs a new one.
         """

@@ -1,10 +1,9 @@
 from . import fused
-from .continuation import follow
 from .engine import rollout_of, warn_without_numba
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
 from .particles import Particles, Problem, RolloutFunction, rollout
-from .search import Candidate, Descent, PolicySearch, SearchResult, Starts, adam
+from .search import Candidate, Descent, PolicySearch, SearchResult, Starts, adam, follow
 
 __all__ = [
     "OUTERMOST",

@@ -97,7 +97,7 @@ class RolloutFunction(Protocol):
 
 @dataclass(frozen=True)
 class Problem:
-    """What is minimised: the expected cost over the horizon, of particles in a model."""
+    """The expected cost over the horizon of particles in a model, as a function of the policy."""
 
     dynamics: Dynamics | UncertainDynamics
     """the model, or the distribution that a model is drawn from for each rollout"""
@@ -121,7 +121,7 @@ class Problem:
     """how many entries of a particle's state are the system's; past inputs are behind them"""
     easier: Callable[[float], Dynamics | UncertainDynamics] | None = None
     """dynamics on the way to these, of the share of the way, where there are some that are easier;
-    see `mcpilco.search.continuation`"""
+    see `mcpilco.search.search`"""
 
     def particles(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import logging
 import math
 import statistics
@@ -10,6 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -139,7 +141,7 @@ class Starts:
 
     @property
     def bar(self) -> float:
-        """What half of the starts cost where they are screened, which the next must not exceed."""
+        """Median cost of the starts where they are screened, which the next must not exceed [-]."""
         return statistics.median_low(self._marks) if self._marks else math.inf
 
     @property
@@ -159,7 +161,7 @@ class Starts:
 
 
 class Descent:
-    """One start on its way: what its next step is told, and whether there is one."""
+    """One start on its way: the settings of its next step, and whether there is one."""
 
     def __init__(self, search: PolicySearch, trial: int, starts: Starts) -> None:
         """A descent before its first step.
@@ -229,7 +231,7 @@ class Descent:
 
 
 def adam(policy: SumOfGaussians, learning_rate: float = 1e-3) -> torch.optim.Adam:
-    """What takes the steps of a search."""
+    """The optimiser of a policy search."""
     return torch.optim.Adam(policy.parameters(), learning_rate, fused=True)
 
 
@@ -306,22 +308,110 @@ class PolicySearch:
         if dropout > 0:
             mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
         particles = problem.particles(policy, self.config.particles, self.generator, mask)
-        felt = problem.widened(widening).costs(particles).mean(1).sum()
+        annealed = problem.widened(widening).costs(particles).mean(1).sum()
         learned = list(policy.parameters())
-        slopes = torch.autograd.grad(felt, learned)
+        slopes = torch.autograd.grad(annealed, learned)
         for parameter, slope in zip(learned, slopes, strict=True):
             parameter.grad = slope.contiguous()  # the fused Adam reads memory, not strides
         norm = torch.nn.utils.get_total_norm(slopes)
         if self.config.clip_norm is not None:
             torch.nn.utils.clip_grads_with_norm_(learned, self.config.clip_norm, norm)
         with torch.no_grad():
-            value = float(felt if widening == 1.0 else problem.costs(particles).mean(1).sum())
+            value = float(annealed if widening == 1.0 else problem.costs(particles).mean(1).sum())
         if math.isfinite(value) and norm.isfinite():
             optimiser.step()
         return value, float(norm)
 
     def _judge(self, problem: Problem, policy: SumOfGaussians, steps: int) -> Candidate:
-        """What the model says of a policy, without dropout."""
+        """Predicted particles and costs of a policy, without dropout."""
         with torch.no_grad():
             particles = problem.particles(policy, self.config.evaluation_particles, self.generator)
             return Candidate(policy, particles, problem.costs(particles), steps)
+
+
+# --- continuation ---------------------------------------------------------------------------------
+#
+# A plant with friction and an actuator that answers late has few policies that swing up a pole, and
+# a search from a random one seldom finds them. Without these effects it is easy; and a good policy
+# there becomes, by small steps of the effects, one of the plant as it is.
+
+FIRST_STRIDE = 0.2
+"""share of the way of the first step [-]"""
+SHORTEST_STRIDE = 0.025
+"""least one [-]"""
+STRIDE_GROWTH = 1.5
+"""factor of a step behind one that went well [-]"""
+HOPELESS_SHARE = 0.25
+"""a policy that costs more than this share of a random one at the end of an episode in the easiest
+model is not followed [-]"""
+LOST_FACTOR = 1.25
+"""a step is taken back and halved where the cost rises by more than this factor [-]"""
+
+
+def follow(
+    search: PolicySearch,
+    problem: Problem,
+    policy: SumOfGaussians,
+    fresh: Callable[[], SumOfGaussians],
+    trial: int,
+) -> SearchResult:
+    """Search in the easiest model first, and follow the policy from there to the model itself.
+
+    At the end of the way the search goes on as any other, from the policy that was followed.
+
+    Reference: numerical continuation, Allgower and Georg (1990), applied to policies.
+
+    Args:
+        search: how policies are sought in each model on the way.
+        problem: what is minimised; it has easier dynamics.
+        policy: the first start in the easiest of them.
+        fresh: makes a random policy.
+        trial: 1, 2, ..., for the schedules.
+    """
+    way = _Way(search, problem, fresh, trial)
+    best = _arrived(way, policy, search.config.continuation)
+    return SearchResult(best, way.starts, way.steps)
+
+
+def _arrived(way: _Way, policy: SumOfGaussians, most: int) -> Candidate:
+    """Follow a policy all the way, in so many steps at most; the candidate at its end."""
+    share, stride = 0.0, FIRST_STRIDE
+    best = way.search_at(share, policy)
+    if best.final_cost > HOPELESS_SHARE * way.problem.reference_cost:
+        return way.search_at(1.0, policy)
+    for _ in range(most):
+        if share == 1.0:
+            break
+        ahead = min(share + stride, 1.0)
+        there = way.search_at(ahead, best.policy, restarts=(0,))
+        if there.rank > LOST_FACTOR * best.rank and stride > SHORTEST_STRIDE:
+            stride = max(stride / 2, SHORTEST_STRIDE)
+        else:
+            share, best, stride = ahead, there, STRIDE_GROWTH * stride
+    return way.search_at(1.0, best.policy)
+
+
+class _Way:
+    """The models between the easiest and the model itself, and what was spent in them."""
+
+    def __init__(
+        self,
+        search: PolicySearch,
+        problem: Problem,
+        fresh: Callable[[], SumOfGaussians],
+        trial: int,
+    ) -> None:
+        self.starts = self.steps = 0
+        self._search, self.problem = search, problem
+        self._fresh, self._trial = fresh, trial
+
+    def search_at(self, share: float, policy: SumOfGaussians, **changed: Any) -> Candidate:
+        """The best that comes of a policy in one of the models."""
+        config = dataclasses.replace(self._search.config, **changed)
+        part = PolicySearch(config, self._search.generator, self._report)
+        found = part.run(self.problem.on_the_way(share), policy, self._fresh, self._trial)
+        self.starts, self.steps = self.starts + found.starts, self.steps + found.steps
+        return found.best
+
+    def _report(self, step: int, steps: int, values: dict[str, float]) -> None:
+        self._search.report(self.steps + step, self.steps + steps, values)

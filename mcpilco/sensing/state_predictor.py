@@ -243,7 +243,7 @@ class StatePredictor:
         inputs: Float[Tensor, "*b U"],
         turned: Float[Tensor, "*b U"] | None,
     ) -> Float[Tensor, "*b D"]:
-        """What the GPs regress on; arguments as those of `_change`."""
+        """The regressors of the GPs; arguments as those of `_change`."""
         known = self.dynamics
         if turned is None:
             return known.regressors(states, inputs)

@@ -37,7 +37,7 @@ OUTERMOST = {
 
 
 class _Format(NamedTuple):
-    """What the exponential must know of a floating-point format."""
+    """Properties of a floating-point format that the exponential uses."""
 
     bits: int
     mantissa: int

@@ -161,7 +161,7 @@ def _compiled(sources: str):
         """
         sources  # noqa: B018
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], memory.slope.size
-        moved, told = trace.frozen.shape[1], trace.states.shape[1] - width_x
+        moved, acted_on = trace.frozen.shape[1], trace.states.shape[1] - width_x
         for first in range(start, stop, width):
             last = first + width
             copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
@@ -173,7 +173,7 @@ def _compiled(sources: str):
                 copy(adjoint.current, adjoint.following)
                 copy(gradient, adjoint.current)
                 copy(gradient_inputs[t, :, first:last], adjoint.mu)
-                activate(trace.states[t, told:, first:last], first, t, mask, policy, memory)
+                activate(trace.states[t, acted_on:, first:last], first, t, mask, policy, memory)
                 u = trace.inputs[t, :, first:last]
                 seen.enter_step(sensing, sensing_memory, adjoint)
                 for k in range(moved - 1, -1, -1):

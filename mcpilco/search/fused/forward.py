@@ -120,7 +120,7 @@ def _compiled(sources: str):
         sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
         steps, moved, _ = trace.frozen.shape
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], policy_memory.slope.size
-        told = trace.states.shape[1] - width_x
+        acted_on = trace.states.shape[1] - width_x
         for first in range(start, stop, width):
             last = first + width
             seen.begin(sensing, sensing_memory)
@@ -129,7 +129,7 @@ def _compiled(sources: str):
             for t in range(steps):
                 now, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen.observe(sensing, t, first, now, width_x, sensing_memory)
-                activate(now[told:], first, t, mask, policy, policy_memory)
+                activate(now[acted_on:], first, t, mask, policy, policy_memory)
                 act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
                 for k in range(moved):
                     at, to = k * width_x, (k + 1) * width_x if k > 0 else 0

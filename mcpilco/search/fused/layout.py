@@ -107,7 +107,7 @@ class ProgramArrays(NamedTuple):
 
 
 class PhysicsArrays(NamedTuple):
-    """What physics adds to a model; what is None is not even compiled."""
+    """Arrays that physics adds to a model; what is None is not even compiled."""
 
     drift: ProgramArrays | None
     """the next state without the GPs' changes, in place of A x + C u"""
@@ -146,7 +146,7 @@ class Mask(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What the forward sweep writes and the backward sweep reads; P is padded to whole strips."""
+    """Written by the forward sweep, read by the backward sweep; P is padded to whole strips."""
 
     states: np.ndarray
     """(T + 1, X, P), the first row given; behind them those of `mcpilco.search.fused.sensing`"""
@@ -161,7 +161,7 @@ class Trace(NamedTuple):
 
 
 class PolicyMemory(NamedTuple):
-    """What the policy needs for one block of particles, the last axis of everything."""
+    """Memory of the policy for one block of particles, the last axis of everything."""
 
     z: np.ndarray
     """(Z, P), the augmented states"""
@@ -180,7 +180,7 @@ class PolicyMemory(NamedTuple):
 
 
 class ModelMemory(NamedTuple):
-    """What the posterior needs for one block of particles, the last axis of everything."""
+    """Memory of the posterior for one block of particles, the last axis of everything."""
 
     x: np.ndarray
     """(D + 1 + exponents, P): z, u, 1, shifts"""
@@ -220,7 +220,7 @@ class ModelMemory(NamedTuple):
 
 
 class ProgramMemory(NamedTuple):
-    """What a program needs for one block of particles."""
+    """Memory of a program for one block of particles."""
 
     registers: np.ndarray
     """(registers, P)"""
@@ -229,7 +229,7 @@ class ProgramMemory(NamedTuple):
 
 
 class PhysicsMemory(NamedTuple):
-    """What physics needs for one block of particles."""
+    """Memory of physics for one block of particles."""
 
     drift: ProgramMemory | None
     features: ProgramMemory | None

@@ -85,7 +85,7 @@ def sensing_arrays(observer: Observer, noise: np.ndarray) -> SensingArrays:
         noise: standard normal numbers of its measurements, (T, Y, P).
     """
     known = parts(observer)
-    assert known is not None, "mcpilco.search.fused.support has made sure"
+    assert known is not None, "mcpilco.search.fused.engine has made sure"
     estimator, ahead = known
     errors = observer.noise_std.numpy().astype(noise.dtype)[:, None] * noise
     if estimator is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mcpilco.agent.streams import Streams
+from mcpilco.agent.episode import Streams
 
 
 def draws(seed: int, trial: int) -> list[float]:

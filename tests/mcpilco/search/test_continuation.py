@@ -10,12 +10,11 @@ import pytest
 import torch
 
 import envs  # noqa: F401  registers its ids
-import mcpilco.search.continuation
+import mcpilco.search.search
 from mcpilco.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig, SearchConfig
-from mcpilco.search.continuation import SHORTEST, follow
 from mcpilco.search.particles import Particles, Problem
-from mcpilco.search.search import Candidate, PolicySearch, SearchResult
+from mcpilco.search.search import SHORTEST_STRIDE, Candidate, PolicySearch, SearchResult, follow
 from tests.mcpilco.search.test_search import Line, line_policy, line_problem
 
 
@@ -54,9 +53,7 @@ def visited(
 ) -> list[tuple[float, tuple[int, ...]]]:
     """The share of the way and the further starts of each search."""
     record = Record(reach, cost)
-    monkeypatch.setattr(
-        mcpilco.search.continuation.PolicySearch, "run", functools.partialmethod(record)
-    )
+    monkeypatch.setattr(mcpilco.search.search.PolicySearch, "run", functools.partialmethod(record))
     config = SearchConfig(restarts=(3,), continuation=most)
     search = PolicySearch(config, torch.Generator())
     found = follow(search, problem(), line_policy(), line_policy, trial=1)
@@ -76,7 +73,7 @@ def test_further_starts_are_tried_at_both_ends_alone(monkeypatch):
     assert set(way) == {(0,)}
 
 
-@pytest.mark.parametrize("reach", [0.15, 0.06, SHORTEST])
+@pytest.mark.parametrize("reach", [0.15, 0.06, SHORTEST_STRIDE])
 def test_a_step_that_loses_the_policy_is_taken_back_and_halved(monkeypatch, reach):
     shares = [share for share, _ in visited(monkeypatch, reach)]
     kept = [0.0]
