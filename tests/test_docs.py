@@ -147,6 +147,8 @@ def test_commands_and_then_python_run_from_top_to_bottom(
     for title, block in python_blocks(page):
         if "InvertedPendulum" in block and find_spec("imageio") is None:
             continue  # Gymnasium's own extra, which nothing else here needs
+        if title.endswith(".py"):
+            Path(title).write_text(block, encoding="utf-8")
         if title not in WITH_MY_ENV:
             exec(compile(block, f"{page.name}: {block.splitlines()[0]}", "exec"), namespace)
 

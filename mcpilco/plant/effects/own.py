@@ -55,7 +55,10 @@ def _effects_of(given: Own) -> list[Effect]:
         if kind not in map(type, CATALOGUE.values())
     ]
     if not kinds:
-        raise InputError(f"{path} must have a class of an effect, got none; see extend-effect.md.")
+        raise InputError(
+            f"{path} must have a class of an effect, got none: a subclass of "
+            "mcpilco.plant.JointForce with a `name`."
+        )
     return [kind() for kind in kinds]
 
 
