@@ -19,8 +19,8 @@ from mcpilco.plant import (
     Layout,
     Parameter,
     Plant,
-    known_plants,
     plant_of,
+    register_plant,
 )
 from mcpilco.typing import InputError
 
@@ -264,7 +264,7 @@ def register(
             f"The plant must be named {name!r}, as it is registered, got {plant().name!r}."
         )
     PLANTS[name] = plant
-    known_plants.register(name, plant)
+    register_plant(name, plant)
     if env is not None:
         register_env(name, env, steps=steps)
 

@@ -1,9 +1,14 @@
 from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, stack
-from .compiled import INLINED, factorise, linearise, scratch, solve
+from .compiled import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from .differentiable import torch_regressor
-from .motion import accelerations, generalised_forces, mass_matrix
-from .planar import linearise_in_plane
-from .regressors import INERTIAL, inertial_parameters, regressor
+from .motion import (
+    INERTIAL,
+    accelerations,
+    generalised_forces,
+    inertial_parameters,
+    mass_matrix,
+    regressor,
+)
 
 __all__ = [
     "HINGE",

@@ -10,7 +10,7 @@ from mcpilco.bodies.chain import SLIDE, Body, Chain
 
 
 def torch_regressor(chain: Chain, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J J 10"]:
-    """What `mcpilco.bodies.regressors` finds, for motions [q, q', q''] of any batch shape.
+    """The regressor of `mcpilco.bodies.motion`, for motions [q, q', q''] of any batch shape.
 
     Each body's force and moment are found in its own frame, by unit parameters, and handed down
     from parent to parent, each of which feels them along the axis of its joint.

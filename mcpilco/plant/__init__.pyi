@@ -1,4 +1,3 @@
-from . import known_plants
 from .arithmetic import (
     ABS,
     ADD,
@@ -27,6 +26,7 @@ from .corrected_mjcf import (
     SUDDEN,
     CorrectedModel,
     move_assets,
+    passive_forces,
     put,
     write_corrected_mjcf,
 )
@@ -36,7 +36,9 @@ from .correction import (
     corrected,
     correction_from,
     correction_of,
+    plant_for,
     read_correction,
+    register_plant,
     write_correction,
 )
 from .effects import CATALOGUE
@@ -57,7 +59,6 @@ from .equations.step import (
     system_of,
     true_state,
 )
-from .known_plants import plant_for
 from .mjcf import chain_of, plant_of
 from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
@@ -123,19 +124,20 @@ __all__ = [
     "features_of",
     "free_parameters",
     "friction_features",
-    "known_plants",
     "larger",
     "mass_matrix",
     "move_assets",
     "numbers_of",
     "order_of",
     "own_effects",
+    "passive_forces",
     "past_inputs",
     "physics_features",
     "plant_for",
     "plant_of",
     "put",
     "read_correction",
+    "register_plant",
     "simulate",
     "sin",
     "sizes",

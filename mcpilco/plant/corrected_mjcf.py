@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from mcpilco.files import write_bytes
 from mcpilco.plant.correction import Addition, Correction, corrected
 from mcpilco.plant.effects.base import OUTSIDE
 from mcpilco.plant.effects.joint import FASTEST
+from mcpilco.plant.effects.learned import LearnedForce
 from mcpilco.plant.mjcf import plant_of
 from mcpilco.plant.mjcf_inertials import Inertials
 from mcpilco.plant.simulation.layout import Layout
@@ -29,9 +30,7 @@ RIGID = (0.999, 0.9999, 0.001, 0.5, 2.0)
 SUDDEN = (1e-4, 1.0)
 """its solreffriction: MuJoCo's own lets go of a joint over 10 ms as it stops; two timesteps are the
 least that MuJoCo takes [s, -]"""
-LEARNED = (
-    "let mcpilco.plant.learned_mjcf.passive_forces add it in MuJoCo's callback of passive forces"
-)
+LEARNED = "let mcpilco.plant.passive_forces add it in MuJoCo's callback of passive forces"
 """what to do about a learned force"""
 
 
@@ -311,3 +310,56 @@ def _limited(actuator: Any) -> bool:
     low, high = actuator.ctrlrange
     auto = actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_AUTO
     return bool(low < high if auto else actuator.ctrllimited)
+
+
+def passive_forces(
+    model: mujoco.MjModel, forces: Sequence[LearnedForce]
+) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
+    """A callback that adds learned forces to `data.qfrc_passive`, at every stage of a step.
+
+    MuJoCo calls it after `mujoco.set_mjcb_passive(callback)`, for all models of the process; those
+    with other names are not for it. `mujoco.set_mjcb_passive(None)` takes it away.
+
+    Args:
+        model: whose joints are pushed; its motors have constant gains.
+        forces: learned on a plant of this model, `Correction.learned`.
+
+    Raises:
+        InputError: a force at a joint, or over a state or input, that the model does not have.
+    """
+    joints = [model.joint(j).name or f"joint{j}" for j in range(model.njnt)]
+    inputs = [model.actuator(u).name or f"actuator{u}" for u in range(model.nu)]
+    states = [f"{joint}_{what}" for joint in joints for what in ("position", "velocity")]
+    for force in forces:
+        unknown = {force.joint} - {*joints} or {a.of for a in force.axes} - {*states, *inputs}
+        if unknown:
+            raise InputError(
+                f"the model has no joint, state or input {unknown.pop()!r}; it has "
+                f"{', '.join((*joints, *states, *inputs))}."
+            )
+
+    def value(data: mujoco.MjData, name: str) -> float:
+        if name in inputs:
+            return _drive(model, data, inputs.index(name))
+        j = states.index(name) // 2
+        if name.endswith("_position"):
+            return float(data.qpos[model.jnt_qposadr[j]])
+        return float(data.qvel[model.jnt_dofadr[j]])
+
+    def push(called: mujoco.MjModel, data: mujoco.MjData) -> None:
+        for force in forces:
+            at = (np.array([value(data, axis.of)]) for axis in force.axes)
+            data.qfrc_passive[model.jnt_dofadr[joints.index(force.joint)]] += force.at(*at)[0]
+
+    return push
+
+
+def _drive(model: mujoco.MjModel, data: mujoco.MjData, u: int) -> float:
+    """Force of a motor at its joint, of its command now."""
+    command = float(data.ctrl[u])
+    if model.actuator_ctrllimited[u]:
+        command = float(np.clip(command, *model.actuator_ctrlrange[u]))
+    force = float(model.actuator_gainprm[u, 0]) * command
+    if model.actuator_forcelimited[u]:
+        force = float(np.clip(force, *model.actuator_forcerange[u]))
+    return float(model.actuator_gear[u, 0]) * force

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.effects.learned import Axis, LearnedForce
 from mcpilco.plant.effects.own import Own, own_effects
 from mcpilco.plant.plant import EffectInstance, Plant
+from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
 FORMAT = 1
@@ -272,3 +273,58 @@ def _short(value: Any) -> str:
     """A value for a sentence."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+_KNOWN: dict[str, Callable[[], Plant]] = {}
+
+
+def register_plant(name: str, make: Callable[[], Plant]) -> None:
+    """Makes a plant known by name, so that files can name it without holding code.
+
+    Another package does so when it is imported, as `envs` does.
+
+    Args:
+        name: that of the plant, which corrections name too.
+        make: returns the nominal plant.
+    """
+    _KNOWN[name] = make
+
+
+def plant_for(task: TaskSpec, described: Mapping[str, Any] | None) -> Plant:
+    """The plant that a model is to know.
+
+    Args:
+        task: names states and inputs.
+        described: what a file of `mcpilco.plant.correction` holds: the plant's name, and
+        parameters and
+            effects that it has beside the nominal ones. None: the one registered plant that has the
+            task's states and inputs, as it is.
+
+    Raises:
+        InputError: there is no such plant, or the description does not fit it.
+    """
+    if described is not None:
+        correction = correction_from(dict(described))
+        if correction.plant not in _KNOWN:
+            raise InputError(
+                f"There is no plant {correction.plant!r}; there are {_names()}. Register yours "
+                "with mcpilco.plant.register_plant."
+            )
+        return corrected(_KNOWN[correction.plant](), correction)
+    wanted = set(task.state_names), set(task.input_names)
+    fitting = [
+        plant
+        for plant in (make() for make in _KNOWN.values())
+        if (set(plant.layout.states), set(plant.layout.inputs)) == wanted
+    ]
+    if len(fitting) != 1:
+        raise InputError(
+            f"Physics needs a plant with the states {', '.join(task.state_names)} and the inputs "
+            f"{', '.join(task.input_names)}, {len(fitting)} of {_names()} have them; register one "
+            "with mcpilco.plant.register_plant, or name one in model.plant."
+        )
+    return fitting[0]
+
+
+def _names() -> str:
+    return ", ".join(sorted(_KNOWN)) or "none"

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from mcpilco.bodies import Chains
 
 if TYPE_CHECKING:
-    from mcpilco.plant.simulation.learned import Learned
+    from mcpilco.plant.effects.learned import Learned
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from numba import njit
 
 from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from mcpilco.compiling import digest
+from mcpilco.plant.effects.learned import learned_force, place_on
 from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, shaped
 from mcpilco.plant.simulation.layout import (
     DELAY,
@@ -29,7 +30,6 @@ from mcpilco.plant.simulation.layout import (
     SCALE,
     Tables,
 )
-from mcpilco.plant.simulation.learned import learned_force, place_on
 
 SOURCES = "bodies", "plant/simulation", "plant/effects"
 """folders of the code that is compiled here"""

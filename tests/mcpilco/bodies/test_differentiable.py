@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from mcpilco.bodies.differentiable import torch_regressor
-from mcpilco.bodies.regressors import regressor
+from mcpilco.bodies.motion import regressor
 from mcpilco.plant import chain_of
 from tests.mcpilco.random_chains import random_mjcf
 
