@@ -1,4 +1,4 @@
-"""What an open chain of rigid bodies is made of."""
+"""An open chain of rigid bodies: joints, frames, masses and inertias."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Body:
     inertia: Matrix = ((0.0, 0.0, 0.0),) * 3
     """about the center of mass, along the axes of the body's frame [kg m^2]"""
     armature: float = 0.0
-    """inertia of the motor, felt at the joint [kg m^2, or kg at a slide]"""
+    """inertia of the motor, reflected to the joint [kg m^2, or kg at a slide]"""
 
 
 @dataclass(frozen=True)

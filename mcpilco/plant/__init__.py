@@ -1,4 +1,13 @@
-"""Plants: what a machine is made of, the effects that may act on it, and its simulation."""
+"""Plants: a machine as bodies on joints behind actuators and in front of sensors, and its effects.
+
+A `Plant` has named states, inputs and parameters with units, and `simulate`. An effect is a class
+with one formula (`effects/joint.py` first); `Plant.having` adds it, and `Correction` keeps effects
+and parameters in a JSON file. The formula is Python of numbers of any kind (`arithmetic`), which is
+compiled into simulations (`simulation/`), made the mean of a model (`equations/`) and written into
+MJCF (`corrected_mjcf`). `mjcf` makes a plant of a MuJoCo model.
+
+Read `plant`, `effects/base`, `effects/joint`, `simulation/motion`, `correction`, `equations/step`.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What must be changed in a plant so that it does what was measured; kept as a JSON file."""
+"""Corrections of a plant, so that it moves as measured: JSON files, and plants by name."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Correction:
 
 
 def correction_of(plant: Plant, nominal: Plant) -> Correction:
-    """What makes `plant` of the nominal plant: parameters that differ, and effects."""
+    """The correction that turns the nominal plant into `plant`: parameters and effects."""
     before = {parameter.name: parameter.value for parameter in nominal.parameters}
     changed = {p.name: p.value for p in plant.parameters if p.value != before[p.name]}
     effects = (

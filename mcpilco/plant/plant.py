@@ -259,7 +259,7 @@ class Plant:
         dt: float,
         parameters: Mapping[str, Float[np.ndarray, " B"]] | None = None,
     ) -> Float[np.ndarray, "B T_plus_1 X"]:
-        """What is measured of B motions, NaN from where one runs away.
+        """The measured states of B motions, NaN from where one runs away.
 
         Args:
             start: states, in the order of `layout.states`.
@@ -284,7 +284,7 @@ class Plant:
         Args:
             dt: time for which a command is held [s].
             batch: how many motions.
-            samples: how many states are told of one step.
+            samples: how many states are returned of one step.
         """
         return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
 

@@ -73,7 +73,7 @@ class ActuatorDeadZone(ActuatorEffect):
 
     @staticmethod
     def shape(x: Any, d: Any) -> Any:
-        """What of a force x is left [N or N m]."""
+        """The part of a force x that is left [N or N m]."""
         return larger(x - d, 0.0) + smaller(x + d, 0.0)
 
     def probes(self, scale: Scale) -> list[Probe]:

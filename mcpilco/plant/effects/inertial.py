@@ -98,7 +98,7 @@ class BodyInertia(Effect):
 
 
 class Armature(Effect):
-    """A motor's inertia I_a, felt at the joint."""
+    """A motor's inertia I_a, reflected to the joint."""
 
     name = "armature"
     place = "joint"

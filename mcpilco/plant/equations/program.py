@@ -1,4 +1,4 @@
-"""What is on a tape, as arrays: a list of operations that torch and compiled loops can follow."""
+"""The operations of a tape as arrays, which torch and compiled loops can follow."""
 
 from __future__ import annotations
 

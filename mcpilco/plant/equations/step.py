@@ -74,7 +74,7 @@ def free_parameters(plant: Plant) -> tuple[int, ...]:
 def numbers_of(
     plant: Plant, slots: Sequence[Slot], parameters: Float[np.ndarray, "S P"]
 ) -> Float[np.ndarray, "S K"]:
-    """What a program's slots hold, for values of the plant's parameters."""
+    """The values of a program's slots, for values of the plant's parameters."""
     tables = plant.tables(np.asarray(parameters, dtype=float))
     rows = slice(None)
     at: list[tuple[Any, ...]] = [(rows, *slot.index) for slot in slots]
@@ -278,7 +278,7 @@ class _Segment:
 
 
 def segments(system: Any, u: int, commands: Sequence[Real], dt: float) -> list[_Segment]:
-    """What an actuator does in the interval, by the commands of now, one step ago, ..."""
+    """The force of an actuator in the interval, by the commands of now, one step ago, ..."""
     actuator = system.actuators[u]
     goals = [_shaped(actuator, command, 0.0) for command in commands]
     lag = actuator[LAG]

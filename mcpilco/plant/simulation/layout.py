@@ -37,12 +37,12 @@ class Layout:
         return tuple(j for j, slide in zip(self.joints, self.slides, strict=True) if not slide)
 
     def actuator(self, number: int) -> str:
-        """What the actuator of an input is called: `actuator` where there is one only."""
+        """The name of the actuator of an input: `actuator` where there is one only."""
         return "actuator" if len(self.inputs) == 1 else self.inputs[number]
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """What the actuators are called."""
+        """The names of the actuators."""
         return tuple(map(self.actuator, range(len(self.inputs))))
 
     def joint_of(self, target: str) -> int:

@@ -131,8 +131,8 @@ def turning(tables, s, v, tv, kv, h):
         j = tables.joint[i]
         width = tables.turn[s, i]
         change = abs(tv[j] - v[j])
-        felt = h * abs(kv[6, j] - kv[0, j]) > VELOCITY_TOLERANCE
-        if width > 0.0 and v[j] * tv[j] < 0.0 and change > width and felt:
+        noticeable = h * abs(kv[6, j] - kv[0, j]) > VELOCITY_TOLERANCE
+        if width > 0.0 and v[j] * tv[j] < 0.0 and change > width and noticeable:
             part = min(part, max(abs(v[j]) - width, width) / change)
     return part
 
@@ -237,7 +237,7 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
 
 @njit(**INLINED)
 def switch(tables, s, forces, i, now, dt, actuated):
-    """What the actuators are driven to, `now` seconds after sample i."""
+    """Sets the forces that the actuators are driven to, `now` seconds after sample i."""
     for u in range(len(tables.drives)):
         delay = tables.actuators[s, u, DELAY]
         late = int(delay // dt)
@@ -254,7 +254,11 @@ def settle(tables, s, duration, actuated):
 
 
 def _compiled(source: str):
-    """`follow`, compiled anew when the digest of the source code changes."""
+    """The loop `follow` over motions, compiled.
+
+    Args:
+        source: digest of the source code; where it changes, numba compiles anew.
+    """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def follow(tables, system, start, window, commands, lead, dt, accuracy, y, w, taken):
@@ -328,7 +332,7 @@ def simulate(
     taken: Int[np.ndarray, " 1"] | None = None,
     accuracy: float = 1.0,
 ) -> Float[np.ndarray, "B X T"]:
-    """What is measured of B motions, at T samples; NaN from where a motion runs away.
+    """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
     Args:
         tables: of S systems.

@@ -20,7 +20,11 @@ is the truth that others are compared with"""
 
 
 def _compiled(source: str):
-    """`advance`, compiled anew when the digest of the source code changes."""
+    """The loop `advance` over motions, compiled.
+
+    Args:
+        source: digest of the source code; where it changes, numba compiles anew.
+    """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def advance(tables, commands, dt, states, forces, actuated, seen, path, w):
@@ -132,5 +136,5 @@ class Stepper:
 
     @property
     def measured(self) -> Float[np.ndarray, "B X"]:
-        """What the sensors say now."""
+        """The measured states now."""
         return self._seen[:, :, 0].copy()

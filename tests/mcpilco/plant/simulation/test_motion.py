@@ -8,9 +8,9 @@ import pytest
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation.motion import simulate
+from tests.mcpilco.plant.effects.test_catalogue import FORMULAS, ORDINARY
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
 from tests.reference.cartpole import CartPoleDynamics
 
@@ -43,32 +43,9 @@ def test_a_cart_pole_moves_as_the_env_integrates_it():
     np.testing.assert_allclose(found[:, 25], states, **CLOSE)
 
 
-LAWS = {
-    "viscous_friction": ([0.2], lambda q, v: -0.2 * v),
-    "coulomb_friction": ([0.3, 4e-3], lambda q, v: -0.3 * np.tanh(v / 4e-3)),
-    "stribeck_friction": (
-        [0.2, 0.15, 0.1, 5e-3],
-        lambda q, v: -(0.2 + 0.15 * np.exp(-((v / 0.1) ** 2))) * np.tanh(v / 5e-3),
-    ),
-    "quadratic_drag": ([0.05], lambda q, v: -0.05 * v * abs(v)),
-    "asymmetric_friction": (
-        [0.3, 0.1, 4e-3],
-        lambda q, v: -(0.3 if v > 0 else 0.1) * np.tanh(v / 4e-3),
-    ),
-    "spring": ([1.5], lambda q, v: -1.5 * q),
-    "hardening_spring": ([2.0], lambda q, v: -2.0 * q**3),
-    "constant_force": ([-0.5], lambda q, v: -0.5),
-    "position_ripple": ([0.3, 0.2, 7.0], lambda q, v: 0.3 * np.sin(7 * q) + 0.2 * np.cos(7 * q)),
-}
-
-
-def test_every_law_of_a_joint_is_tested():
-    assert set(LAWS) == {e.name for e in CATALOGUE.values() if isinstance(e, JointForce)}
-
-
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", FORMULAS)
 def test_a_joint_law_moves_a_pendulum_as_scipy_says(name):
-    values, law = LAWS[name]
+    values, law = ORDINARY[name], FORMULAS[name]
     truth = pendulum_motion(START, PULSES, DT, law=law)
     expected = [truth.at(k * DT) for k in range(T + 1)]
     np.testing.assert_allclose(followed(having((name, "pendulum", values))), expected, **CLOSE)
