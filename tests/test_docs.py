@@ -30,6 +30,7 @@ import mcpilco.cli
 from baselines import pilco
 from baselines.pilco import PilcoConfig
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
+from mcpilco.agent import algorithms
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
 from tests.baselines.sb3.small import TINY
 
@@ -68,10 +69,12 @@ NAMES = "|".join(
 """of all commands, as one pattern"""
 RUNNABLE = ("train", "evaluate", "export", "record")
 """commands that need no screen and no other process"""
-ELSEWHERE = re.compile(r"pendulum|balance|reaction_wheel|RUN|--help|CartPole-v9")
+ELSEWHERE = re.compile(
+    r"pendulum|balance|reaction_wheel|my_algorithm|random|RUN|--help|CartPole-v9"
+)
 """in commands with a test of their own, in patterns, and in the one that shows an error"""
 
-WITH_MY_ENV = ("my_env.py", "check.py", "reaction_wheel.py", "wheel.py")
+WITH_MY_ENV = ("my_env.py", "check.py", "reaction_wheel.py", "wheel.py", "my_algorithm.py")
 """titles of the blocks that have tests of their own"""
 
 
@@ -167,6 +170,23 @@ def test_the_page_on_own_envs_trains_and_evaluates(my_env: Any, small_presets: N
     for arguments in own:
         assert mcpilco.cli.main(arguments) == 0
     assert Path("pendulum/summary.json").exists()
+
+
+def test_the_page_on_own_algorithms_trains_and_evaluates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    page = ROOT / "docs" / "extend-algorithm.md"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(algorithms, "_HOMES", dict(algorithms._HOMES))
+    blocks = dict(python_blocks(page))
+    Path("my_algorithm.py").write_text(blocks["my_algorithm.py"], encoding="utf-8")
+    own = commands(page)
+    assert [arguments[0] for arguments in own] == ["train", "evaluate"]
+    for arguments in own:
+        assert mcpilco.cli.main(arguments) == 0
+    assert Path("random/summary.json").exists()
+    del sys.modules["my_algorithm"]
 
 
 def test_the_page_on_others_envs_is_followed_word_by_word(

@@ -12,10 +12,13 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _INCHES = (4.4, 2.8)
 _MARGINS = {"left": 0.15, "right": 0.97, "bottom": 0.17, "top": 0.96}
 """room for labels, in parts of the picture; matplotlib's own layouts draw each one several times"""
+_PAD = 0.03
+"""room around labels beside a colour bar [inch]"""
 _DPI = 110
 """of what a picture holds as pixels"""
 
@@ -54,6 +57,19 @@ class Section:
     """show the title only, until it is clicked"""
 
 
+def _keep_inside(figure: Figure) -> None:
+    """Narrow the axes of a figure until their labels, and those of a colour bar, are within it."""
+    width, height = figure.get_size_inches()
+    for _ in range(2):  # a bar that is narrower itself stands a little further out
+        drawn, margins = figure.get_tightbbox().padded(_PAD), figure.subplotpars
+        figure.subplots_adjust(
+            left=margins.left + max(0.0, -drawn.x0 / width),
+            right=margins.right - max(0.0, drawn.x1 / width - 1.0),
+            bottom=margins.bottom + max(0.0, -drawn.y0 / height),
+            top=margins.top - max(0.0, drawn.y1 / height - 1.0),
+        )
+
+
 def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture:
     """The picture that a function draws on new axes; equal drawings make equal pictures.
 
@@ -83,6 +99,8 @@ def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture
         content = io.BytesIO()
         try:
             plot(ax)
+            if len(figure.axes) > 1:
+                _keep_inside(figure)
             figure.savefig(content, format="svg", dpi=_DPI, metadata={"Date": None})
         except (ValueError, OverflowError) as error:
             raise InputError(f"{says}: the values cannot be drawn ({error}).") from error

@@ -103,6 +103,7 @@ def page(folder: Path) -> Iterator[Page]:
     to_browser, ours = os.pipe()
     theirs, from_browser = os.pipe()
     flags = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    flags += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
     quoted = " ".join([CHROMIUM, *flags, "--remote-debugging-pipe", f"--user-data-dir={folder}"])
     # Chromium reads commands from file descriptor 3 and answers on 4.
     command = f"exec {quoted} 3<&{to_browser} 4>&{from_browser}"
