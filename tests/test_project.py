@@ -201,7 +201,6 @@ ACROSS = {
     "mcpilco/cli/test_inverse_dynamics_command": "the command",
     "mcpilco/cli/test_kinematics_command": "the command",
     "mcpilco/cli/test_volterra_command": "the command",
-    "mcpilco/gap/test_compute_budget": "the budget of an investigation",
     "mcpilco/identification/inverse_dynamics/test_forward": "forward dynamics of all models",
     "mcpilco/kernels/test_kernels": "the laws of all kernels",
     "mcpilco/plant/effects/test_catalogue": "the laws of all effects",
