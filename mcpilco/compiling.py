@@ -1,4 +1,4 @@
-"""What compiled code was made of.
+"""A fingerprint of the source of compiled code.
 
 numba keeps compiled functions on disk and looks only at the file of the function it is asked for,
 not at the files of the functions that it calls. A digest of their folders, closed over by the

@@ -170,7 +170,7 @@ class Rollout:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model expected of a policy: P particles over T steps, as arrays."""
+    """The rollout that the model predicts for a policy: P particles over T steps, as arrays."""
 
     states: Float[np.ndarray, "T_plus_1 P X"]
     inputs: Float[np.ndarray, "T P U"]

@@ -52,7 +52,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def leftovers(folder: Path) -> list[Path]:
-    """What processes that were killed while they wrote have left in a folder, and below it."""
+    """Unfinished files of killed processes, in a folder and below it."""
     return [path for path in folder.rglob(f".*.[0-9]*{_SUFFIX}") if path.is_file()]
 
 
@@ -112,7 +112,7 @@ def _check_kind(path: Path) -> None:
 
 
 def damaged(path: Path, why: object) -> RunFolderError:
-    """What to raise where a file does not hold what it should."""
+    """The error of a file whose content is damaged."""
     return RunFolderError(f"{path} is damaged ({why}); restore it from a copy, or train again.")
 
 
@@ -205,7 +205,7 @@ def write_groups(
 
 
 def read_groups(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
-    """What `write_groups` wrote: the object, and the groups that are not empty.
+    """The content of a file of `write_groups`: the object, and the groups that are not empty.
 
     Raises:
         RunFolderError: the file is missing, damaged, or was written otherwise.

@@ -1,4 +1,4 @@
-"""What an agent must know of an environment beyond its spaces."""
+"""The description of an environment beyond its spaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Models of what comes next: Gaussian-process increments, physics as mean, memory, delay."""
+"""Models of the next state: Gaussian processes of its changes, physics as mean, memory, delay.
+
+`GPDynamics` adds the changes that the GPs predict to a state; an `Increment` says which entries
+they predict. `PhysicsDynamics` has a plant's equations as mean, `PathwisePosterior` draws whole
+functions, a `Delay` says which commands act in a step. Read `dynamics`, `features`, `physics`.
+"""
 
 import lazy_loader
 

@@ -75,7 +75,7 @@ def turning_regressors(
     acting: Float[Tensor, "*b U"],
     turned: Float[Tensor, "*b U"],
 ) -> Float[Tensor, "*b D"]:
-    """What GPs regress on in a step in which two commands act: [z, mean, change, features].
+    """Regressors of the GPs in a step in which two commands act: [z, mean, change, features].
 
     Args:
         augmentation: from the state to z.

@@ -18,7 +18,7 @@ from mcpilco.task import TaskSpec
 
 @dataclass(frozen=True)
 class Increment:
-    """What is predicted, and the law that makes a state of it: x' = A x + B delta + C u."""
+    """The predicted entries of the state, and the next state: x' = A x + B delta + C u."""
 
     predicted: tuple[int, ...]
     """states whose change a GP predicts: delta_e = x'[predicted[e]] - x[predicted[e]]"""
@@ -90,7 +90,7 @@ def regressors(
     states: Float[Tensor, "*b X"],
     inputs: Float[Tensor, "*b U"],
 ) -> Float[Tensor, "*b D"]:
-    """What the GPs regress on: [z, u], and features of both where there are any."""
+    """Regressors of the GPs: [z, u], and features of both where there are any."""
     plain = augmentation.regressors(states, inputs)
     if features is None:
         return plain
@@ -161,7 +161,7 @@ class GPDynamics:
     def regressors(
         self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
     ) -> Float[Tensor, "*b D"]:
-        """What the posterior is asked at."""
+        """The regressors at which the posterior is evaluated."""
         return regressors(self.augmentation, self.features, states, inputs)
 
     def advance(

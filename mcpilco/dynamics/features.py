@@ -1,4 +1,4 @@
-"""What models and policies see of a state."""
+"""The state as models and policies take it: angles as sine and cosine."""
 
 from __future__ import annotations
 
@@ -81,5 +81,5 @@ class AngleAugmentation:
     def regressors(
         self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
     ) -> Float[Tensor, "*b D"]:
-        """What the GPs regress on: [z, u]."""
+        """Regressors of the GPs: [z, u]."""
         return torch.cat([self(states), inputs], -1)

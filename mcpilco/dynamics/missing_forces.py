@@ -1,4 +1,4 @@
-"""What a plant's equations lack as forces: polynomials of the motion, with a prior of their own.
+"""Forces that a plant's equations lack: polynomials of the motion, with a prior of their own.
 
     M(q) q'' + n(q, q') + r(q, q', q'') = tau,    r_j ~ GP(0, k_GIP) for each joint j
 

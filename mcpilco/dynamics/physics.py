@@ -50,7 +50,7 @@ ROOTS, FASTEST = "physics.roots", "physics.fastest"
 
 @dataclass(frozen=True)
 class Parameters:
-    """What is believed of a plant's uncertain parameters, and of forces that it lacks."""
+    """The distribution of a plant's uncertain parameters, and of forces that it lacks."""
 
     mean: Float[np.ndarray, " K"]
     """log(theta / theta_0), then weights over their prior standard deviations [-]"""
@@ -98,7 +98,7 @@ class PhysicsMean:
 
     @property
     def prior(self) -> Parameters:
-        """What is believed before any data; of missing forces, given the sizes of their weights."""
+        """The prior distribution; of missing forces, given the sizes of their weights."""
         std = self._prior_stds
         return Parameters(np.zeros(len(std)), np.diag(std**2))
 
@@ -126,7 +126,7 @@ class PhysicsMean:
         return {self.plant.parameters[i].name: float(row[i]) for i in self.free}
 
     def numbers(self, values: Float[np.ndarray, "S K"]) -> Float[Tensor, "S L"]:
-        """What the program needs of parameters, given as in `Parameters.mean`."""
+        """The arguments of the program for parameters that are given as in `Parameters.mean`."""
         own = numbers_of(self.plant, self.step.slots, self._parameters(values))
         if self.missing is not None:
             own = np.concatenate([own, values[:, len(self.free) :] * self.missing.scales], 1)
@@ -141,7 +141,7 @@ class PhysicsMean:
     def changes(
         self, rows: Transitions, values: Float[np.ndarray, "S K"]
     ) -> Float[np.ndarray, "S N E"]:
-        """What F says of the predicted changes, for S sets of parameters."""
+        """The changes of the predicted states by the equations F, for S sets of parameters."""
         known = torch.from_numpy(np.concatenate([rows.states, rows.inputs], 1))
         own = self.numbers(values)
         S, N = len(own), len(known)
@@ -264,7 +264,7 @@ class PhysicsMean:
         return own | {ROOTS: self.missing.roots, FASTEST: self.missing.most}
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """What `to_arrays` gave.
+        """Restore the arrays of `to_arrays`.
 
         Raises:
             InputError: an array is missing, of another shape, or not finite.

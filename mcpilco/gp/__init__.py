@@ -1,4 +1,9 @@
-"""Gaussian-process regression: exact posteriors, evidence, sparse subsets, weight space."""
+"""Gaussian-process regression: exact posteriors, evidence, sparse subsets, weight space.
+
+A `GP` is a kernel with noise for E outputs at once: `fit` maximises the marginal likelihood, and
+`condition` returns the posterior given data. Read `gp` first, then `evidence` (the derivatives of
+the likelihood), `sparse` (fewer samples) and `weight_space` (kernels of few features).
+"""
 
 import lazy_loader
 

@@ -99,7 +99,7 @@ _FORBIDDEN = 1e20
 
 
 class Hyperparametric(Protocol):
-    """What an optimiser sees of a GP."""
+    """The marginal likelihood of a GP as a function that an optimiser minimises."""
 
     outputs: int
 

@@ -153,7 +153,7 @@ class Posterior:
 
     @property
     def smallest_variance(self) -> Float[Tensor, " E"]:
-        """What rounding cannot push a variance below, in the squared unit of each output."""
+        """The smallest variance that rounding leaves, in the squared unit of each output."""
         return _SMALLEST_VARIANCE * self.noise_std.square()
 
 

@@ -121,7 +121,7 @@ class Canonical:
     """of [x, x W]"""
 
     def regressors(self, X: Float[Tensor, "*b N D"]) -> Float[Tensor, "*b N D_plus_M"]:
-        """What the terms see."""
+        """The regressors of the terms: x and its combinations x W."""
         return torch.cat([X, X @ self.W], -1)
 
 

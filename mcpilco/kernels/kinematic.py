@@ -24,7 +24,7 @@ Linear = Callable[[Sequence[int]], Tensor]
 
 
 class _OfChain(Kernel):
-    """What both kernels know of a chain.
+    """The joints of a chain, and the hyperparameters that both kernels share.
 
     Args:
         kinds: `hinge` or `slide` for each joint, from the base to the tip.

@@ -140,7 +140,7 @@ class VolterraKernel(Kernel):
     def shares(
         self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]
     ) -> tuple[Float[Tensor, "*b"], list[Tensor]]:
-        """What k_0 must be, and what each v_i be multiplied by, to explain equal shares of Y."""
+        """k_0, and the factor of each v_i, with which all explain equal shares of Y."""
         share = mean_square(Y) / (self.degree + 1)
         present = [
             scale * reduce(mul, ((self.times(X, S) * X).sum(-1) for S in metrics)).mean(-1)
@@ -155,7 +155,7 @@ def degrees(degree: int) -> list[int]:
 
 
 def later(degree: int) -> Float[Tensor, "F F"]:
-    """What sums the steps of each map's factors backwards, all maps below one another (6.28)."""
+    """The matrix that sums each map's factors backwards, all maps below one another (6.28)."""
     return torch.block_diag(*(torch.ones(i, i).double().triu() for i in degrees(degree)))
 
 

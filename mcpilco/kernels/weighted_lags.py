@@ -80,7 +80,7 @@ class IPK(VolterraKernel):
 
     @property
     def offset(self) -> Float[Tensor, "*b"]:
-        """What stands beside the linear kernel."""
+        """The factor beside the linear kernel."""
         return self.learned_offset if self.learns_offset else self.fixed_offset
 
     def offset_variance(self) -> Float[Tensor, "*b"]:

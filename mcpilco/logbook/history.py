@@ -1,4 +1,4 @@
-"""What a run folder tells: the task, each rollout and its prediction, read back as data."""
+"""A run read back from its folder: the task, each rollout and its prediction."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PastTrial:
 
     @property
     def predicted_cost(self) -> float:
-        """What the model expected of an episode [-]."""
+        """Cost of an episode as the model predicted it [-]."""
         predicted = self.row.get("predicted_cost")
         return float("nan") if predicted is None else predicted
 
@@ -50,7 +50,7 @@ class PastTrial:
 
     @property
     def real_cost(self) -> float:
-        """What came [-]."""
+        """Cost of the episode on the system [-]."""
         return self.row.get("real_cost", float("nan"))
 
     @property
@@ -127,7 +127,7 @@ def _explorations(run: RunFolder, rows: Mapping[int, Mapping[str, Any]]) -> list
 
 
 def read_task(run: RunFolder) -> TaskSpec:
-    """What the agent knew of its env, but for the cost.
+    """The task as the agent knew it, without its cost.
 
     A folder that holds no task.json is of an earlier version: its agent tells.
 

@@ -1,4 +1,9 @@
-"""Policies, the costs that judge them, and costs that are learned from rewards."""
+"""Policies, the costs that judge them, and costs that are learned from rewards.
+
+`SumOfGaussians` is the policy of MC-PILCO, with `dropout` of its basis functions while it is
+searched; a cost is a number in [0, 1] for each state and input. Read `policies`, `costs`, and
+`reward_cost` where an env shows rewards only.
+"""
 
 import lazy_loader
 

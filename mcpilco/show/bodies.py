@@ -1,4 +1,4 @@
-"""What a chain of bodies looks like, where nobody has drawn it: a scene made of its joints."""
+"""A 3D scene of any chain of bodies, made of its joints."""
 
 from __future__ import annotations
 

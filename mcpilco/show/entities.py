@@ -1,4 +1,4 @@
-"""What a recording shows: the system, the particles and their curves, as entities of Rerun."""
+"""The system, the particles and their curves, as entities of Rerun."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def log_curves(
 
 
 def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> None:
-    """What the agent saw of one state, and what it made of that."""
+    """Measurements and estimates of one state."""
     colors, name = track.colors, task.state_names[i]
     if colors.observed is not None and i in task.measured_states:
         seen = rollout.observations[:, task.measured_states.index(i)]

@@ -133,7 +133,7 @@ class Film:
             self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
 
     def _log_cost(self, track: Track, name: str, color: RGB, cost: float, rollout: Rollout) -> None:
-        """What a trial cost, as a level throughout it."""
+        """The cost of a trial, as a level throughout it."""
         path = track.under(LEARNING, name)
         track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
         levels = np.append(np.full(len(rollout) + 1, cost), np.nan)

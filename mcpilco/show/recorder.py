@@ -119,7 +119,7 @@ class Recorder(Callback):
         self.run.write_summary({**last, **seconds})
 
     def _rows(self, rollout: Rollout) -> Transitions:
-        """What the model learns from, past inputs included where its states hold them."""
+        """The model's training data, past inputs included where its states hold them."""
         model = self._agent.model
         return rollout.transitions().after_inputs(0 if model is None else model.memory)
 

@@ -1,4 +1,4 @@
-"""What an environment looks like in 3D: shapes, and where they are in each state."""
+"""The picture of an environment in 3D: shapes, and where they are in each state."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Naming:
-    """What a recording calls its curves."""
+    """Names of the curves in a recording."""
 
     states: Mapping[str, str]
     """units, by name, in the order of the columns"""

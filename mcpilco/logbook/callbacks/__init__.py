@@ -1,4 +1,4 @@
-"""What happens beside the learning: nothing, a table on screen, numbers in a file.
+"""Callbacks that follow the learning: nothing, a table on screen, numbers in a file.
 
 An agent calls the methods of `Callback` while it learns, in this order (+ one or more times); a
 callback reads and must not change the agent:

@@ -1,4 +1,4 @@
-"""What an agent calls while it learns, and who may listen."""
+"""The events of a training, and the base class of callbacks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mcpilco.typing import InputError
 
 
 class Agent(Protocol):
-    """What a callback may read of the agent that calls it."""
+    """The attributes of an agent that callbacks may read."""
 
     env: Any
     task: TaskSpec

@@ -1,4 +1,4 @@
-"""What all plots share: colours, new axes, the band of the particles, shades by trial."""
+"""Style of all plots: colours, new axes, the band of the particles, shades by trial."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Judged(Protocol):
-    """What the learning curve needs of a trial; a `TrialResult` has it."""
+    """The numbers of a trial for the learning curve; a `TrialResult` has it."""
 
     @property
     def experience_s(self) -> float:
@@ -31,7 +31,7 @@ class Judged(Protocol):
 
     @property
     def predicted_cost(self) -> float:
-        """What the model expected of an episode [-]."""
+        """Cost of an episode as the model predicted it [-]."""
         ...
 
     @property
@@ -41,7 +41,7 @@ class Judged(Protocol):
 
     @property
     def real_cost(self) -> float:
-        """What came [-]."""
+        """Cost of the episode on the system [-]."""
         ...
 
     @property
@@ -106,7 +106,7 @@ def plot_times(
     cpu_s: Sequence[float],
     ax: Axes | None = None,
 ) -> Axes:
-    """What each trial took: time on the clock, and of the processor.
+    """Time of each trial: time on the clock, and of the processor.
 
     Args:
         trials: their numbers.

@@ -55,7 +55,7 @@ class OneStep:
 
 
 def one_step(history: History, trial: PastTrial) -> OneStep:
-    """What the models of a trial, fitted before it, say of each of its steps.
+    """Predictions of each step of a trial by the models that were fitted before it.
 
     Raises:
         RunFolderError: a file is missing or damaged.

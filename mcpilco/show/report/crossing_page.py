@@ -34,7 +34,7 @@ def write_crossing_report(
 
 
 def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) -> Document:
-    """What the page of a crossing holds."""
+    """The content of the page of a crossing."""
     sections = [
         made("What the simulation lacked", partial(_lacked, gap)),
         made("What was promised and what happened", partial(_outcomes, legs)),

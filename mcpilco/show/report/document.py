@@ -16,7 +16,7 @@ _TEMPLATE = Path(__file__).parent / "page.html.j2"
 
 @dataclass(frozen=True)
 class Document:
-    """What a page holds."""
+    """The content of a page."""
 
     title: str
     about: str

@@ -29,7 +29,7 @@ def write_gap_report(gap: Gap, path: Path) -> Path:
 
 
 def page_of(gap: Gap) -> Document:
-    """What the page of a gap holds."""
+    """The content of the page of a gap."""
     return Document(
         title=f"{gap.plant.name}: {verdict_sentence(gap).rstrip('.')}",
         about=f"simulation against {len({*gap.train, *gap.held_out})} recordings",

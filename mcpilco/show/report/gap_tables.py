@@ -1,4 +1,4 @@
-"""What an investigation found, as Markdown tables for the page of a claim."""
+"""The results of a gap analysis, as Markdown tables for the page of a claim."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def steps(gap: Gap) -> str:
 
 
 def events(gap: Gap) -> str:
-    """What was left out."""
+    """The events that were left out."""
     rows = [(e.recording, f"{e.start_s:.1f}", f"{e.end_s:.1f}") for e in gap.events]
     if not rows:
         return "Nothing was left out as an event."

@@ -31,7 +31,7 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
 
 
 def page_of(history: History) -> Document:
-    """What the page of a run holds."""
+    """The content of the page of a run."""
     config = history.run.config
     return Document(
         title=f"{config['env']}, {_setting(config)}, seed {config['seed']}",

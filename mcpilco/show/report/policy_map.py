@@ -1,4 +1,4 @@
-"""What a trial's policy answers where: maps of its inputs over two states each."""
+"""The inputs of a trial's policy over its states: maps of its inputs over two states each."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def _coverage_table(by_trial: Mapping[int, OneStep]) -> Table:
 
 
 def policy(history: History) -> Section:
-    """What the last policy answers where.
+    """The inputs of the last policy over the states.
 
     Raises:
         RunFolderError: the policy cannot be read.
@@ -227,7 +227,7 @@ def policy(history: History) -> Section:
 
 
 def timings(history: History) -> Section:
-    """What each trial took."""
+    """Time that each trial took."""
     rows = [trial.row for trial in history.learned]
     numbers = [trial.number for trial in history.learned]
     wall, cpu = ([row[key] for row in rows] for key in ("wall_s", "cpu_s"))
