@@ -11,8 +11,7 @@ from .base import (
     mean_square,
 )
 from .decaying_lags import SEDMPK
-from .geometric import GIP, Kind
-from .kinematic import Kinematic, NestedKinematic
+from .mechanical import GIP, Kind, Kinematic, NestedKinematic
 from .monomials import MonomialBasis, Monomials
 from .polynomial import MPK, Linear
 from .rescaled import Gate, HardGate, Rescaled, SmoothGate

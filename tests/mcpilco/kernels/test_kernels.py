@@ -21,7 +21,7 @@ from mcpilco.kernels import (
     Scaled,
     VolterraMPK,
 )
-from mcpilco.kernels.geometric import GIP
+from mcpilco.kernels.mechanical import GIP
 from mcpilco.typing import InputError
 
 WIDTH = 3
