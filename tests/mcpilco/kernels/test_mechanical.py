@@ -68,12 +68,12 @@ def test_unknown_joints_are_refused() -> None:
 KINDS = ("hinge", "slide", "hinge")
 
 
-def regressors(n: int, seed: int = 0) -> torch.Tensor:
+def joint_regressors(n: int, seed: int = 0) -> torch.Tensor:
     return JointPolynomials(KINDS)(points(n, 9, seed=seed))
 
 
 def test_gip_is_the_product_that_the_thesis_writes():
-    kernel, Z1, Z2 = shake(GIP(KINDS, (2,))), regressors(4), regressors(3, seed=1)
+    kernel, Z1, Z2 = shake(GIP(KINDS, (2,))), joint_regressors(4), joint_regressors(3, seed=1)
     c1, s1, p1, m1 = Z1.split([2, 2, 1, 9], -1)
     c2, s2, p2, m2 = Z2.split([2, 2, 1, 9], -1)
     pairs = [
@@ -91,7 +91,7 @@ def test_gip_is_the_product_that_the_thesis_writes():
 
 
 def test_start_gives_the_prior_the_mean_square_of_the_targets():
-    kernel, Z = GIP(KINDS, (2,)), regressors(50)
+    kernel, Z = GIP(KINDS, (2,)), joint_regressors(50)
     Y = points(50, 2, seed=2) * torch.tensor([0.3, 7.0]).double()
     kernel.start_from(Z, Y)
     torch.testing.assert_close(kernel.diag(Z).mean(-1), Y.square().mean(0))
