@@ -7,6 +7,7 @@ import importlib
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from importlib.util import find_spec
@@ -180,6 +181,31 @@ def test_no_imports_go_in_a_circle() -> None:
 def test_a_circle_would_be_found() -> None:
     edges = {"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": set()}
     assert [sorted(group) for group in _strongly_connected(edges)] == [["a", "b", "c"]]
+
+
+@pytest.mark.parametrize("package", packages())
+def test_no_public_name_is_that_of_a_submodule(package: str) -> None:
+    """Loading the module would put it in the place of what has its name."""
+    folder = ROOT.joinpath(*package.split("."))
+    modules = {path.stem for path in folder.iterdir() if path.suffix == ".py"}
+    named = {
+        name.asname or name.name
+        for node in tree(source_of(package)).body
+        if isinstance(node, ast.ImportFrom) and node.module
+        for name in node.names
+    }
+    assert not public_names(package) & named & modules
+
+
+def test_a_step_and_a_model_are_one_thing_each() -> None:
+    classes = Counter(
+        node.name
+        for path in sources(*TOPS)
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert classes["Step"] <= 1
+    assert classes["Model"] <= 1
 
 
 # --- tests mirror the tree ------------------------------------------------------------------------
