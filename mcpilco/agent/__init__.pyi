@@ -1,7 +1,7 @@
 from . import algorithms
 from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference, load_policy
-from .algorithms import Agent, find, find_after_import, with_package
+from .algorithms import find, find_after_import, with_package
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .controller import Act, remembering
 from .episode import BrokenEpisodeError, Streams, reported, run_episode
@@ -30,7 +30,6 @@ __all__ = [
     "MCPILCO",
     "AbsentEnv",
     "Act",
-    "Agent",
     "BrokenEpisodeError",
     "Groups",
     "Model",

@@ -11,59 +11,24 @@ and is chosen as `package:name`; or it is installed with an entry point, and cho
     [project.entry-points."mcpilco.algorithms"]
     pilco = "baselines.pilco:PILCO"
 
-Commands, sweeps and reports know of an agent what `Agent` says, and of its class the rest of
-`mcpilco.agent.trial_agent.TrialAgent`.
+Commands, sweeps and reports know of an agent and its class what
+`mcpilco.agent.trial_agent.TrialAgent` says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
-from mcpilco.logbook.callbacks import base
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.agent.controller import Act
     from mcpilco.agent.trial_agent import TrialAgent
-    from mcpilco.logbook import Callback
 
 ENTRY_POINTS = "mcpilco.algorithms"
 """group of the entry points by which installed packages register algorithms"""
 _HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
-
-
-class Agent(base.Agent, Protocol):
-    """The face of an agent for training, resuming and judging, beside that for callbacks."""
-
-    seed: int
-    horizon: int
-    trials: int
-
-    @property
-    def num_timesteps(self) -> int:
-        """Steps of the env that the agent has learned from."""
-        ...
-
-    def timesteps_of(self, trials: int) -> int:
-        """The steps that `learn` needs for so many trials."""
-        ...
-
-    def learn(
-        self, total_timesteps: int, callback: Callback | Sequence[Callback] | None = None
-    ) -> Any:
-        """Spend so many steps of the env."""
-        ...
-
-    def predict(self, observation: Any, state: Any = None) -> tuple[Any, Any]:
-        """The action for an observation, and the state to hand back with the next."""
-        ...
-
-    def controller(self) -> Act:
-        """A function from observation to action, for one episode."""
-        ...
 
 
 def register(name: str, home: str) -> None:

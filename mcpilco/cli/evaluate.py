@@ -12,7 +12,7 @@ from mcpilco.cli.options import RunPath, optional
 from mcpilco.cli.system import register, require_at_least, use_one_thread
 
 if TYPE_CHECKING:
-    from mcpilco.agent import Agent
+    from mcpilco.agent import TrialAgent
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Evaluate:
         limit = max(self.horizon, trained.get("max_episode_steps") or 0)
         return {**trained, "max_episode_steps": limit}
 
-    def _measure(self, agent: Agent, training_seed: int) -> Mapping[str, Any]:
+    def _measure(self, agent: TrialAgent, training_seed: int) -> Mapping[str, Any]:
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
 

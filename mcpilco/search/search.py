@@ -369,17 +369,11 @@ def follow(
         trial: 1, 2, ..., for the schedules.
     """
     way = _Way(search, problem, fresh, trial)
-    best = _arrived(way, policy, search.config.continuation)
-    return SearchResult(best, way.starts, way.steps)
-
-
-def _arrived(way: _Way, policy: SumOfGaussians, most: int) -> Candidate:
-    """Follow a policy all the way, in so many steps at most; the candidate at its end."""
     share, stride = 0.0, FIRST_STRIDE
     best = way.search_at(share, policy)
-    if best.final_cost > HOPELESS_SHARE * way.problem.reference_cost:
-        return way.search_at(1.0, policy)
-    for _ in range(most):
+    if best.final_cost > HOPELESS_SHARE * problem.reference_cost:
+        return way.ended(policy)
+    for _ in range(search.config.continuation):
         if share == 1.0:
             break
         ahead = min(share + stride, 1.0)
@@ -388,7 +382,7 @@ def _arrived(way: _Way, policy: SumOfGaussians, most: int) -> Candidate:
             stride = max(stride / 2, SHORTEST_STRIDE)
         else:
             share, best, stride = ahead, there, STRIDE_GROWTH * stride
-    return way.search_at(1.0, best.policy)
+    return way.ended(best.policy)
 
 
 class _Way:
@@ -402,16 +396,20 @@ class _Way:
         trial: int,
     ) -> None:
         self.starts = self.steps = 0
-        self._search, self.problem = search, problem
+        self._search, self._problem = search, problem
         self._fresh, self._trial = fresh, trial
 
     def search_at(self, share: float, policy: SumOfGaussians, **changed: Any) -> Candidate:
         """The best that comes of a policy in one of the models."""
         config = dataclasses.replace(self._search.config, **changed)
         part = PolicySearch(config, self._search.generator, self._report)
-        found = part.run(self.problem.on_the_way(share), policy, self._fresh, self._trial)
+        found = part.run(self._problem.on_the_way(share), policy, self._fresh, self._trial)
         self.starts, self.steps = self.starts + found.starts, self.steps + found.steps
         return found.best
+
+    def ended(self, policy: SumOfGaussians) -> SearchResult:
+        """The best that comes of a policy in the model itself, and what was spent on the way."""
+        return SearchResult(self.search_at(1.0, policy), self.starts, self.steps)
 
     def _report(self, step: int, steps: int, values: dict[str, float]) -> None:
         self._search.report(self.steps + step, self.steps + steps, values)

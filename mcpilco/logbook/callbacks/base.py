@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -59,51 +59,30 @@ class Callback:
         """Gives back files and the terminal; its maker calls it, also after an error."""
 
 
+def _told_to_all(event: str) -> Callable[..., None]:
+    """The method of a list that passes an event on to each of its callbacks."""
+
+    def tell(self: CallbackList, *about: Any) -> None:
+        for callback in self.callbacks:
+            getattr(callback, event)(*about)
+
+    return tell
+
+
 class CallbackList(Callback):
     """Several callbacks, called in order."""
 
     def __init__(self, callbacks: Iterable[Callback]) -> None:
         self.callbacks = list(callbacks)
 
-    def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_training_start(agent, trials)
-
-    def on_exploration(self, rollout: Rollout) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_exploration(rollout)
-
-    def on_trial_start(self, trial: int) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_trial_start(trial)
-
-    def on_model_fitted(self, values: dict[str, float]) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_model_fitted(values)
-
-    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_policy_step(step, steps, values)
-
-    def on_trial_end(self, result: TrialResult) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_trial_end(result)
-
-    def on_training_end(self) -> None:
-        """Tells all."""
-        for callback in self.callbacks:
-            callback.on_training_end()
-
-    def close(self) -> None:
-        """Closes all."""
-        for callback in self.callbacks:
-            callback.close()
+    on_training_start = _told_to_all("on_training_start")
+    on_exploration = _told_to_all("on_exploration")
+    on_trial_start = _told_to_all("on_trial_start")
+    on_model_fitted = _told_to_all("on_model_fitted")
+    on_policy_step = _told_to_all("on_policy_step")
+    on_trial_end = _told_to_all("on_trial_end")
+    on_training_end = _told_to_all("on_training_end")
+    close = _told_to_all("close")
 
 
 def as_callback(callback: Callback | Iterable[Callback] | None, *more: Callback) -> Callback:
