@@ -12,12 +12,12 @@ from baselines.moments.image import Gaussian
 from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Predict, Problem, predicted
-from baselines.pilco.search import PilcoSearch, SearchResult
+from baselines.pilco.search import Candidate, PilcoSearch
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds
-from mcpilco.search import warn_without_numba
+from mcpilco.search import SearchResult, warn_without_numba
 from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
@@ -86,7 +86,9 @@ class PILCO(ModelBasedAgent):
         policy.randomise(states, lengthscale, config.target_std, generator)
         return policy
 
-    def _search(self, trial: int, perception: Perception | None, events: Callback) -> SearchResult:
+    def _search(
+        self, trial: int, perception: Perception | None, events: Callback
+    ) -> SearchResult[Candidate]:
         dynamics = self.model.moments(self._data)
         predict = _compiled() if self.config.engine == "compiled" else predicted
         problem = Problem(dynamics, self._cost, _start(self.task), self.horizon, predict)

@@ -21,6 +21,7 @@ from baselines.pilco.model import PilcoConfig
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import Problem
 from mcpilco.data import Prediction
+from mcpilco.search import SearchResult
 
 _REMEMBERED = 50
 """steps that L-BFGS remembers: most of a search, so that it is nearly BFGS"""
@@ -72,18 +73,6 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class SearchResult:
-    """The policy found, and what was spent."""
-
-    best: Candidate
-    """of the lowest expected cost that was seen"""
-    starts: int
-    """policies that were started from"""
-    steps: int
-    """evaluations of the expected cost and its gradient"""
-
-
-@dataclass(frozen=True)
 class PilcoSearch:
     """A search for the policy of lowest expected cost."""
 
@@ -100,7 +89,7 @@ class PilcoSearch:
     report: Report
     """called after each evaluation"""
 
-    def run(self) -> SearchResult:
+    def run(self) -> SearchResult[Candidate]:
         """The policy of the lowest expected cost that L-BFGS meets.
 
         Raises:

@@ -17,7 +17,7 @@ from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
-from mcpilco.search import PolicySearch, Problem, SearchResult, follow, rollout_of
+from mcpilco.search import Candidate, PolicySearch, Problem, SearchResult, follow, rollout_of
 from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, UncertainDynamics
@@ -80,7 +80,9 @@ class MCPILCO(ModelBasedAgent):
         seen = self._data.states[:, : len(task.state_names)]
         return random_policy(numbers, task, self.low, self.high, seen, generator)
 
-    def _search(self, trial: int, perception: Perception | None, events: Callback) -> SearchResult:
+    def _search(
+        self, trial: int, perception: Perception | None, events: Callback
+    ) -> SearchResult[Candidate]:
         problem, generator = self._problem(trial, perception), self.streams.search(trial)
         warm = self.config.search.warm_start and trial > 1
         first = self.policy if warm else self._random_policy(generator)

@@ -6,7 +6,7 @@ import logging
 import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,9 +17,10 @@ from mcpilco.agent.controller import Act, Controller, remembering
 from mcpilco.agent.episode import BrokenEpisodeError, run_episode
 from mcpilco.agent.model import Model
 from mcpilco.agent.trial_agent import TrialAgent
-from mcpilco.data import Prediction, Rollout, Stopwatch, Transitions, TrialResult
+from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, RewardCost, costs_of, held, with_cost
+from mcpilco.search import SearchResult
 from mcpilco.sensing import PastInputs, Perception, chained, state_of, state_view
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
@@ -28,35 +29,6 @@ logger = logging.getLogger(__name__)
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
-
-
-class FoundPolicy(Protocol):
-    """The best policy of a search, and its expected cost in the model."""
-
-    @property
-    def policy(self) -> Any: ...
-    @property
-    def cost(self) -> float:
-        """Expected cost, summed over the steps [-]."""
-        ...
-
-    @property
-    def cost_std(self) -> float:
-        """Standard deviation of that sum [-]."""
-        ...
-
-    def prediction(self, particles: int) -> Prediction: ...
-
-
-class Found(Protocol):
-    """The result of a search, such as `mcpilco.search.search.SearchResult`."""
-
-    @property
-    def best(self) -> FoundPolicy: ...
-    @property
-    def starts(self) -> int: ...
-    @property
-    def steps(self) -> int: ...
 
 
 class ModelBasedAgent(TrialAgent):
@@ -116,8 +88,13 @@ class ModelBasedAgent(TrialAgent):
         """A start for the search, which knows what has been recorded."""
 
     @abstractmethod
-    def _search(self, trial: int, perception: Perception | None, events: Callback) -> Found:
+    def _search(
+        self, trial: int, perception: Perception | None, events: Callback
+    ) -> SearchResult[Any]:
         """Search the trial's policy, in the model as it is fitted now.
+
+        The best candidate has what `mcpilco.search.Candidate` has of `policy`, `cost`, `cost_std`
+        and `prediction`.
 
         Raises:
             NotPositiveDefiniteError: the model cannot be conditioned on the data.
@@ -242,7 +219,7 @@ class ModelBasedAgent(TrialAgent):
 
     def _improve(
         self, trial: int, perception: Perception | None, events: Callback
-    ) -> tuple[Found | None, str | None]:
+    ) -> tuple[SearchResult[Any] | None, str | None]:
         """Fit the model and search a policy; the result, or the reason why there is none to try."""
         model, rows = self.model.to_arrays(), self.fitted_rows
         try:

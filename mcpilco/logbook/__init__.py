@@ -2,7 +2,7 @@
 
 An agent calls a `Callback` at each event: `Progress` draws a table, `JsonLines` and `TensorBoard`
 write numbers. A `RunFolder` is one run on disk, in plain formats; `read_history` reads it back as
-data. Read `callbacks.base`, `run_folder`, `metrics`, `history` in this order.
+data. Read `callbacks`, `run_folder`, `metrics`, `history` in this order.
 """
 
 import lazy_loader

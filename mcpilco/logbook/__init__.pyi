@@ -1,6 +1,4 @@
-from .callbacks.base import Agent, Callback, as_callback
-from .callbacks.progress import Progress
-from .callbacks.writers import JsonLines, TensorBoard
+from .callbacks import Agent, Callback, JsonLines, TensorBoard, as_callback
 from .history import (
     History,
     PastTrial,
@@ -11,6 +9,7 @@ from .history import (
     read_trial,
 )
 from .metrics import measures_in, values_of
+from .progress import Progress
 from .run_folder import READABLE, RunFolder, read_json, versions, write_json
 
 __all__ = [

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
 from jaxtyping import Float
@@ -82,11 +82,14 @@ class Candidate:
         )
 
 
+AnyCandidate = TypeVar("AnyCandidate")
+
+
 @dataclass(frozen=True)
-class SearchResult:
+class SearchResult(Generic[AnyCandidate]):
     """The best candidate, and what was spent."""
 
-    best: Candidate
+    best: AnyCandidate
     """the candidate of lowest cost"""
     starts: int
     """how many candidates there were"""
@@ -155,7 +158,7 @@ class Starts:
         """Optimisation steps spent so far."""
         return sum(candidate.steps for candidate in self.tried)
 
-    def result(self) -> SearchResult:
+    def result(self) -> SearchResult[Candidate]:
         """The best candidate, and the effort spent on all."""
         return SearchResult(self.best, len(self.tried), self.steps)
 
@@ -261,7 +264,7 @@ class PolicySearch:
         policy: SumOfGaussians,
         fresh: Callable[[], SumOfGaussians],
         trial: int,
-    ) -> SearchResult:
+    ) -> SearchResult[Candidate]:
         """The policy of lowest predicted cost among the first one and what came of the starts.
 
         `Starts` says which are tried. A start that meets costs or gradients that are not finite is
@@ -354,7 +357,7 @@ def follow(
     policy: SumOfGaussians,
     fresh: Callable[[], SumOfGaussians],
     trial: int,
-) -> SearchResult:
+) -> SearchResult[Candidate]:
     """Search in the easiest model first, and follow the policy from there to the model itself.
 
     At the end of the way the search goes on as any other, from the policy that was followed.
@@ -407,7 +410,7 @@ class _Way:
         self.starts, self.steps = self.starts + found.starts, self.steps + found.steps
         return found.best
 
-    def ended(self, policy: SumOfGaussians) -> SearchResult:
+    def ended(self, policy: SumOfGaussians) -> SearchResult[Candidate]:
         """The best that comes of a policy in the model itself, and what was spent on the way."""
         return SearchResult(self.search_at(1.0, policy), self.starts, self.steps)
 

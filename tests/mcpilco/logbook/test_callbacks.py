@@ -11,11 +11,11 @@ from mcpilco.logbook.callbacks import (
     Callback,
     CallbackList,
     JsonLines,
-    Progress,
     TensorBoard,
     as_callback,
     trial_values,
 )
+from mcpilco.logbook.progress import Progress
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.fakes import make_result, play
 

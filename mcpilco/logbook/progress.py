@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mcpilco.data import Rollout, TrialResult, title_of
-from mcpilco.logbook.callbacks.base import Agent, Callback
+from mcpilco.logbook.callbacks import Agent, Callback
 
 _REFRESH_HZ = 2.0  # drawing shares one core with the learning
 
