@@ -12,9 +12,22 @@ from pathlib import Path
 
 
 def digest(*packages: str | Path) -> str:
-    """A hash of all source files of some packages of mcpilco, such as `fused`, or other folders."""
+    """A hash of all source files of some packages of mcpilco, or of other folders.
+
+    Args:
+        packages: such as `search/fused`, relative to mcpilco, or absolute.
+
+    Raises:
+        FileNotFoundError: a folder has no source file.
+    """
     total = hashlib.sha256()
     for package in packages:
-        for path in sorted((Path(__file__).parent / package).glob("*.py")):
+        paths = sorted((Path(__file__).parent / package).glob("*.py"))
+        if not paths:
+            raise FileNotFoundError(
+                f"A digest is of folders with Python files, and {package} has none; name those "
+                "that the compiled code is made of."
+            )
+        for path in paths:
             total.update(path.read_bytes())
     return total.hexdigest()

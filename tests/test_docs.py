@@ -30,6 +30,7 @@ import mcpilco.cli
 from baselines import pilco
 from baselines.pilco import PilcoConfig
 from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
+from envs import PLANTS
 from mcpilco.agent import algorithms
 from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
 from tests.baselines.sb3.small import TINY

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 
 
-METHOD = digest("gap", "effects", "simulation", "mechanics", "recordings")[:12]
+METHOD = digest("gap", "plant", "plant/effects", "plant/simulation", "bodies", "recordings")[:12]
 """of the code that is tried"""
 
 

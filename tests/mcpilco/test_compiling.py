@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from mcpilco import compiling as sources
+from mcpilco import compiling
 
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    monkeypatch.setattr(sources, "__file__", str(tmp_path / "sources.py"))
+    monkeypatch.setattr(compiling, "__file__", str(tmp_path / "compiling.py"))
     folder = tmp_path / "loops"
     folder.mkdir()
     (folder / "a.py").write_text("a = 1")
@@ -18,22 +18,28 @@ def package(tmp_path, monkeypatch):
 
 
 def test_equal_sources_have_equal_digests(package):
-    before = sources.digest("loops")
+    before = compiling.digest("loops")
     (package / "a.py").write_text("a = 1")
     (package / "notes.txt").write_text("not compiled")
-    assert sources.digest("loops") == before
+    assert compiling.digest("loops") == before
 
 
 @pytest.mark.parametrize("name", ["a.py", "b.py", "c.py"])
 def test_a_change_of_any_file_changes_the_digest(package, name):
-    before = sources.digest("loops")
+    before = compiling.digest("loops")
     (package / name).write_text("x = 2")
-    assert sources.digest("loops") != before
+    assert compiling.digest("loops") != before
 
 
 def test_a_digest_covers_each_package_that_is_named(package):
     more = package.parent / "more"
     more.mkdir()
-    before = sources.digest("loops", "more")
+    (more / "b.py").write_text("b = 1")
+    before = compiling.digest("loops", "more")
     (more / "c.py").write_text("c = 1")
-    assert sources.digest("loops", "more") != before
+    assert compiling.digest("loops", "more") != before
+
+
+def test_a_digest_of_nothing_is_refused(package):
+    with pytest.raises(FileNotFoundError, match="gone has none"):
+        compiling.digest("loops", "gone")
