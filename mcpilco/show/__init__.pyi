@@ -1,6 +1,12 @@
-from .plots.models import plot_coverage, plot_errors, plot_policy
 from .plots.rollouts import plot_costs, plot_input, plot_state, plot_states
-from .plots.training import plot_learning, plot_search, plot_times
+from .plots.training import (
+    plot_coverage,
+    plot_errors,
+    plot_learning,
+    plot_policy,
+    plot_search,
+    plot_times,
+)
 from .recorder import Recorder, run_callbacks
 from .recording import write_recording
 from .scene import Pose, Scene, Shape

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from mcpilco.recordings import ArmSamples
 from mcpilco.show.blueprint import ABOUT, TIMELINE, WORLD, build_watch, entity
 from mcpilco.show.bodies import chain_scene
 from mcpilco.show.entities import RGB, Track, log_dots, log_line, log_scene
-from mcpilco.show.recording import write_file
+from mcpilco.show.recording import new_recording
 
 CURRENTS, RESIDUALS = "currents", "residuals"
 """top-level entities, besides those of all recordings"""
@@ -80,28 +79,22 @@ def write_collision_film(
     """
     scene = chain_scene(chain)
     states = np.stack([samples.q, samples.dq], axis=2).reshape(len(samples), -1)
-    identity = hashlib.blake2b(samples.i.tobytes() + found.expected.tobytes(), digest_size=6)
-    rec = rr.RecordingStream(
-        "mcpilco", recording_id=f"{name}-{identity.hexdigest()}", send_properties=False
-    )
-    content = rr.binary_stream(rec)
     poses = scene.poses(states)
     links = np.stack([poses[body.name].translation for body in chain.bodies], axis=1)
     extent = np.concatenate([links.reshape(-1, 3), scene.marker(states)])
-    rec.send_blueprint(build_watch(_titles(chain.joints), extent))
-    rec.send_recording_name(name)
     dt = float(np.median(np.diff(samples.time)))
-    track = _Timed(rec, dt, times=samples.time, steps=np.arange(len(samples)))
-    track.still(ABOUT, rr.TextDocument(_notes(name, told), media_type="text/markdown"))
-    log_scene(track, scene, states)
-    _log_alarms(track, links, found.joints)
-    if push is not None:
-        _log_push(track, scene.marker(states), push)
-    for j, joint in enumerate(chain.joints):
-        _log_joint(track, joint, j, samples, found)
-    written = content.read()
-    rec.disconnect()
-    return write_file(path, written or b"")
+    with new_recording(path, name, (samples.i, found.expected)) as rec:
+        rec.send_blueprint(build_watch(_titles(chain.joints), extent))
+        rec.send_recording_name(name)
+        track = _Timed(rec, dt, times=samples.time, steps=np.arange(len(samples)))
+        track.still(ABOUT, rr.TextDocument(_notes(name, told), media_type="text/markdown"))
+        log_scene(track, scene, states)
+        _log_alarms(track, links, found.joints)
+        if push is not None:
+            _log_push(track, scene.marker(states), push)
+        for j, joint in enumerate(chain.joints):
+            _log_joint(track, joint, j, samples, found)
+    return path
 
 
 def _titles(joints: Sequence[str]) -> dict[str, str]:

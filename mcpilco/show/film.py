@@ -6,7 +6,6 @@ before has ended, after a pause.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ import rerun as rr
 
 from mcpilco.data import Rollout
 from mcpilco.logbook import History, PastTrial
-from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, TIMELINE, build_blueprint
+from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, build_blueprint
 from mcpilco.show.entities import (
     FILM_IN_WORDS,
     OVERLAID,
@@ -28,7 +27,7 @@ from mcpilco.show.entities import (
     log_particles,
     log_scene,
 )
-from mcpilco.show.recording import extent_of, write_file
+from mcpilco.show.recording import extent_of, log_note, new_recording
 from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError
 
@@ -144,12 +143,7 @@ class Film:
             note = rr.TextDocument(text, media_type="text/markdown")
             self.rec.log(ABOUT, note, static=True)
             return
-        index = [
-            rr.TimeColumn(TIMELINE, duration=[self._start_s]),
-            rr.TimeColumn("step", sequence=[self._first]),
-        ]
-        columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
-        self.rec.send_columns(ABOUT, index, columns)
+        log_note(self.rec, text, self._start_s, self._first)
 
 
 def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
@@ -173,24 +167,14 @@ def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) 
         raise InputError(f"--trial must be one of {', '.join(map(str, have))}, got {trial}.")
     shown = [[trials.get(number) for trials in by_number] for number in numbers]
     present = [past for row in shown for past in row if past is not None]
-    rec = rr.RecordingStream("mcpilco", recording_id=_identity(present), send_properties=False)
-    content = rr.binary_stream(rec)
-    film = Film(rec, reels)
-    rec.send_blueprint(film.blueprint(present))
-    rec.send_recording_name(" and ".join(_name(reel) for reel in reels))
-    for row in shown:
-        film.add(row)
-    written = content.read()
-    rec.disconnect()
-    write_file(path, written or b"")
+    arrays = (a for past in present for a in (past.rollout.observations, past.rollout.inputs))
+    with new_recording(path, "film", arrays) as rec:
+        film = Film(rec, reels)
+        rec.send_blueprint(film.blueprint(present))
+        rec.send_recording_name(" and ".join(_name(reel) for reel in reels))
+        for row in shown:
+            film.add(row)
     return film.end_s
-
-
-def _identity(trials: Sequence[PastTrial]) -> str:
-    digest = hashlib.blake2b(digest_size=6)
-    for trial in trials:
-        digest.update(trial.rollout.observations.tobytes() + trial.rollout.inputs.tobytes())
-    return f"film-{digest.hexdigest()}"
 
 
 def _notes(reels: Sequence[Reel], trials: Sequence[PastTrial | None]) -> str:

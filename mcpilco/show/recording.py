@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from jaxtyping import Float
 from mcpilco.data import Prediction, Rollout
 from mcpilco.files import write_bytes
 from mcpilco.policies import costs_of
-from mcpilco.show.blueprint import ABOUT, build_blueprint
+from mcpilco.show.blueprint import ABOUT, TIMELINE, build_blueprint
 from mcpilco.show.entities import COLORS_IN_WORDS, Track, log_curves, log_particles, log_scene
 from mcpilco.show.scene import Scene
 from mcpilco.task import TaskSpec
@@ -50,60 +51,63 @@ def write_recording(
         RunFolderError: the file cannot be written.
     """
     path = Path(path)
-    known = {key: value for key, value in (properties or {}).items() if value is not None}
-    return write_file(path, _recording(rollout, prediction, task, scene, name, known))
+    known: Any = {key: value for key, value in (properties or {}).items() if value is not None}
+    with new_recording(path, name, (rollout.observations, rollout.inputs)) as rec:
+        rec.send_blueprint(build_blueprint(task, extent_of(scene, rollout)))
+        rec.send_recording_name(name)
+        if known:
+            rec.send_property("run", rr.AnyValues(**known))
+        track = Track(rec, rollout.dt)
+        track.still(ABOUT, rr.TextDocument(_notes(name, known), media_type="text/markdown"))
+        if scene is not None:
+            log_scene(track, scene, rollout.shown_states)
+            if prediction is not None:
+                log_particles(track, scene, prediction)
+        log_curves(track, task, rollout, prediction, costs_of(task.cost, rollout))
+    return path
 
 
-def write_file(path: Path, content: bytes) -> Path:
-    """The path of the file written, whole or not at all; missing folders are made.
+@contextlib.contextmanager
+def new_recording(
+    path: Path, name: str, shown: Iterable[np.ndarray]
+) -> Iterator[rr.RecordingStream]:
+    """A recording that is written when the context ends, whole or not at all.
+
+    What Rerun writes itself names no cause where it fails.
+
+    Args:
+        path: of the file; missing folders are made.
+        name: with which its identity begins.
+        shown: make the identity: equal for equal arrays, another for two of one name, to see both.
 
     Raises:
         RunFolderError: the file cannot be written.
     """
+    digest = hashlib.blake2b(b"".join(array.tobytes() for array in shown), digest_size=6)
+    identity = f"{name}-{digest.hexdigest()}"
+    # Rerun's own properties hold the time of day, which would make equal rollouts unequal files.
+    rec = rr.RecordingStream("mcpilco", recording_id=identity, send_properties=False)
+    stream = rr.binary_stream(rec)
+    yield rec
+    content = stream.read()
+    rec.disconnect()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunFolderError(
             f"Cannot write {path}: {error.strerror or error}; choose another folder."
         ) from error
-    return write_bytes(path, content)
+    write_bytes(path, content or b"")
 
 
-def _recording(
-    rollout: Rollout,
-    prediction: Prediction | None,
-    task: TaskSpec,
-    scene: Scene | None,
-    name: str,
-    properties: dict[str, Any],
-) -> bytes:
-    """The content of the file; what Rerun writes itself names no cause where it fails."""
-    # Rerun's own properties hold the time of day, which would make equal rollouts unequal files.
-    rec = rr.RecordingStream(
-        "mcpilco", recording_id=_identity(name, rollout), send_properties=False
-    )
-    content = rr.binary_stream(rec)
-    rec.send_blueprint(build_blueprint(task, extent_of(scene, rollout)))
-    rec.send_recording_name(name)
-    if properties:
-        rec.send_property("run", rr.AnyValues(**properties))
-    track = Track(rec, rollout.dt)
-    track.still(ABOUT, rr.TextDocument(_notes(name, properties), media_type="text/markdown"))
-    if scene is not None:
-        log_scene(track, scene, rollout.shown_states)
-        if prediction is not None:
-            log_particles(track, scene, prediction)
-    costs = costs_of(task.cost, rollout)
-    log_curves(track, task, rollout, prediction, costs)
-    written = content.read()
-    rec.disconnect()
-    return written or b""
-
-
-def _identity(name: str, rollout: Rollout) -> str:
-    """Equal for equal rollouts; different for two runs' rollouts of one name, to see both."""
-    content = rollout.observations.tobytes() + rollout.inputs.tobytes()
-    return f"{name}-{hashlib.blake2b(content, digest_size=6).hexdigest()}"
+def log_note(rec: rr.RecordingStream, text: str, start_s: float, first: int) -> None:
+    """Show notes in Markdown from an instant on, of the time [s] and the step."""
+    index = [
+        rr.TimeColumn(TIMELINE, duration=[start_s]),
+        rr.TimeColumn("step", sequence=[first]),
+    ]
+    columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
+    rec.send_columns(ABOUT, index, columns)
 
 
 def _notes(name: str, properties: Mapping[str, Property]) -> str:

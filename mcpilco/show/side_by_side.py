@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,26 +16,10 @@ from jaxtyping import Float
 
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_digits
-from mcpilco.show.blueprint import (
-    ABOUT,
-    INPUTS,
-    STATES,
-    TIMELINE,
-    WORLD,
-    build_side_by_side,
-    entity,
-)
+from mcpilco.show.blueprint import INPUTS, STATES, WORLD, build_side_by_side, entity
 from mcpilco.show.bodies import chain_scene
-from mcpilco.show.entities import (
-    RGB,
-    Colors,
-    Track,
-    log_dots,
-    log_line,
-    log_scene,
-    log_tails,
-)
-from mcpilco.show.recording import write_file
+from mcpilco.show.entities import RGB, Colors, Track, log_dots, log_line, log_scene, log_tails
+from mcpilco.show.recording import log_note, new_recording
 from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError
 
@@ -90,17 +73,15 @@ def write_side_by_side(
     Raises:
         RunFolderError: the file cannot be written.
     """
-    rec = rr.RecordingStream("mcpilco", recording_id=_identity(name, clips), send_properties=False)
-    content = rr.binary_stream(rec)
-    rec.send_blueprint(_blueprint(clips, naming, scene))
-    rec.send_recording_name(name)
-    first = 0
-    for clip in clips:
-        _log(Track(rec, dt, start_s=first * dt, first=first, gap=True), clip, naming, scene)
-        first += len(clip.measured) + max(round(_PAUSE_S / dt), 2)
-    written = content.read()
-    rec.disconnect()
-    return write_file(path, written or b"")
+    arrays = (a for clip in clips for a in (clip.measured, clip.inputs, *clip.models.values()))
+    with new_recording(path, name, arrays) as rec:
+        rec.send_blueprint(_blueprint(clips, naming, scene))
+        rec.send_recording_name(name)
+        first = 0
+        for clip in clips:
+            _log(Track(rec, dt, start_s=first * dt, first=first, gap=True), clip, naming, scene)
+            first += len(clip.measured) + max(round(_PAUSE_S / dt), 2)
+    return path
 
 
 def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
@@ -121,12 +102,7 @@ def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
     for u, command in enumerate(naming.inputs):
         path = entity(INPUTS, command, MEASURED)
         log_line(track, path, 0, clip.inputs[:, u], _WHITE, "StepAfter")
-    index = [
-        rr.TimeColumn(TIMELINE, duration=[track.start_s]),
-        rr.TimeColumn("step", sequence=[track.first]),
-    ]
-    note = rr.TextDocument.columns(text=[clip.note], media_type=["text/markdown"])
-    track.rec.send_columns(ABOUT, index, note)
+    log_note(track.rec, clip.note, track.start_s, track.first)
 
 
 def _whole(states: Float[np.ndarray, "T X"]) -> Float[np.ndarray, "T X"]:
@@ -153,14 +129,6 @@ def _blueprint(clips: Sequence[Clip], naming: Naming, scene: Scene) -> rr.bluepr
     return build_side_by_side(
         titles, {entity(WORLD, name): name for name in names}, np.concatenate(points)
     )
-
-
-def _identity(name: str, clips: Sequence[Clip]) -> str:
-    digest = hashlib.blake2b(digest_size=6)
-    for clip in clips:
-        for array in (clip.measured, clip.inputs, *clip.models.values()):
-            digest.update(np.ascontiguousarray(array).tobytes())
-    return f"{name}-{digest.hexdigest()}"
 
 
 CLIPS = 12

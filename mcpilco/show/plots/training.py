@@ -1,12 +1,16 @@
-"""Plots of a whole training: what each trial cost, how the search went, what it took."""
+"""Plots of a training: costs, searches, times; how far predictions hold; what a policy does."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
+from mcpilco.data import TrialResult
+from mcpilco.logbook import PastTrial
 from mcpilco.show.plots.style import (
     MODEL,
     PARTICLES,
@@ -20,37 +24,14 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-class Judged(Protocol):
-    """The numbers of a trial for the learning curve; a `TrialResult` has it."""
-
-    @property
-    def experience_s(self) -> float:
-        """Duration of the data that the policy was learned from [s]."""
-        ...
-
-    @property
-    def predicted_cost(self) -> float:
-        """Cost of an episode as the model predicted it [-]."""
-        ...
-
-    @property
-    def predicted_cost_std(self) -> float:
-        """Its standard deviation over particles [-]."""
-        ...
-
-    @property
-    def real_cost(self) -> float:
-        """Cost of the episode on the system [-]."""
-        ...
-
-    @property
-    def success(self) -> bool | None:
-        """Whether the env called it one; None where it does not tell."""
-        ...
+_STYLES = ("-", "--", "-.", ":")
+_CHANCE = 1.96
+"""95 % of a normal distribution lie within so many standard deviations"""
 
 
-def plot_learning(results: Sequence[Judged], ax: Axes | None = None) -> Axes:
+def plot_learning(
+    results: Sequence[TrialResult] | Sequence[PastTrial], ax: Axes | None = None
+) -> Axes:
     """The cost of each trial over the experience behind it; a success is filled.
 
     The band is the predicted cost plus and minus its standard deviation over particles.
@@ -120,4 +101,113 @@ def plot_times(
     ax.bar(places + 0.2, cpu_s, 0.4, color=MODEL, label="processor")
     ax.set(xlabel="trial", ylabel="time [s]", xticks=list(trials))
     add_legend(ax)
+    return ax
+
+
+def plot_coverage(
+    levels: Float[np.ndarray, " L"],
+    covered: Mapping[str, Float[np.ndarray, " L"]],
+    count: int | None,
+    ax: Axes | None = None,
+) -> Axes:
+    """How often the truth lies within the predicted interval, over the interval's level.
+
+    On the diagonal the spread is right, below it too small, above it too large.
+
+    Args:
+        levels: nominal, in (0, 1).
+        covered: the shares found, by output.
+        count: how many predictions each share is of; the band is where 95 % of the shares of a
+            calibrated model lie, were the predictions independent. None draws no band.
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    if count:
+        chance = _CHANCE * np.sqrt(levels * (1 - levels) / count)
+        ax.fill_between(
+            levels, levels - chance, levels + chance, color=PARTICLES, alpha=0.3, linewidth=0
+        )
+    ax.plot([0, 1], [0, 1], color=PARTICLES, linewidth=1)
+    for i, (name, shares) in enumerate(covered.items()):
+        ax.plot(levels, shares, _STYLES[i % len(_STYLES)], color=MODEL, label=name)
+    ax.set(
+        xlabel="level of the interval [-]",
+        ylabel="truth within [-]",
+        xlim=(0, 1),
+        ylim=(0, 1.02),
+    )
+    add_legend(ax)
+    return ax
+
+
+def plot_errors(
+    errors: Mapping[int, Float[np.ndarray, " T"]],
+    dt: float,
+    name: str,
+    unit: str,
+    ax: Axes | None = None,
+) -> Axes:
+    """How far the particles are from the system, along the rollout, a line a trial.
+
+    Args:
+        errors: root mean square over the particles, by trial, in the state's unit.
+        dt: sampling time [s].
+        name: of the state.
+        unit: of the state.
+        ax: where to draw; a new figure without it.
+
+    Reference: thesis figure 5.5, at the bottom.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    for (trial, values), shade in zip(errors.items(), trial_shades(len(errors)), strict=True):
+        ax.plot(dt * np.arange(len(values)), values, color=shade, label=f"trial {trial}")
+    ax.set(xlabel="time [s]", ylabel=f"error of {name} [{unit}]", ylim=(0, None))
+    add_legend(ax)
+    return ax
+
+
+@dataclass(frozen=True)
+class PolicyMap:
+    """One input of a policy over two states, the others held."""
+
+    x: Float[np.ndarray, " A"]
+    """values of the first state, in its unit"""
+    y: Float[np.ndarray, " B"]
+    """values of the second"""
+    values: Float[np.ndarray, "B A"]
+    """the input, in its unit"""
+    path: Float[np.ndarray, "T 2"]
+    """where the system went in these two states"""
+    low: float
+    """smallest input that the policy may give"""
+    high: float
+    """largest"""
+    labels: tuple[str, str, str]
+    """names of both states and the input, with their units"""
+
+
+def plot_policy(policy: PolicyMap, ax: Axes | None = None) -> Axes:
+    """The input over two states as colours, and the way that the system took across them.
+
+    Args:
+        policy: what to draw.
+        ax: where to draw; a new figure without it.
+    """
+    ax = new_axes()[0] if ax is None else ax
+    mesh = ax.pcolormesh(
+        policy.x,
+        policy.y,
+        policy.values,
+        cmap="RdBu_r",
+        vmin=policy.low,
+        vmax=policy.high,
+        shading="gouraud",
+        rasterized=True,
+    )
+    ax.plot(*policy.path.T, color=SYSTEM, linewidth=1)
+    ax.plot(*policy.path[0], "o", color=SYSTEM, markerfacecolor="white")
+    ax.plot(*policy.path[-1], "o", color=SYSTEM)
+    first, second, label = policy.labels
+    ax.set(xlabel=first, ylabel=second)
+    ax.figure.colorbar(mesh, ax=ax, label=label)
     return ax

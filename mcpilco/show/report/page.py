@@ -2,14 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial, reduce
+from operator import add
 from pathlib import Path
 from typing import Any
 
-from mcpilco.logbook import History, RunFolder, read_history
-from mcpilco.show.report import document, sections
-from mcpilco.show.report.document import Document, Section, made
+import numpy as np
+
+from mcpilco.agent import find
+from mcpilco.data import title_of
+from mcpilco.logbook import History, PastTrial, RunFolder, measures_in, read_history, read_search
+from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
+from mcpilco.show.plots.training import (
+    plot_coverage,
+    plot_errors,
+    plot_learning,
+    plot_policy,
+    plot_search,
+    plot_times,
+)
+from mcpilco.show.report.document import (
+    Document,
+    Section,
+    Table,
+    draw,
+    made,
+    require_extra,
+    write_document,
+)
+from mcpilco.show.report.learned import (
+    LEVELS,
+    OneStep,
+    one_step,
+    policy_maps,
+    rollout_coverage,
+    rollout_errors,
+)
+from mcpilco.typing import InputError, RunFolderError
+
+_TABLE_LEVELS = (0.5, 0.9, 0.95, 0.99)
 
 
 def write_report(run: RunFolder, out: Path | None = None) -> Path:
@@ -23,10 +56,10 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
         RunFolderError: nothing can be read, or the page cannot be written.
         InputError: matplotlib or jinja2 is missing.
     """
-    document.require_extra()
+    require_extra()
     history = read_history(run)
     path = run.path / "report.html" if out is None else out
-    return document.write_document(path, page_of(history))
+    return write_document(path, page_of(history))
 
 
 def page_of(history: History) -> Document:
@@ -37,7 +70,7 @@ def page_of(history: History) -> Document:
         about=history.run.path.resolve().name,
         tiles=_tiles(history),
         sections=_sections(history),
-        cautions=sections.failures(history),
+        cautions=failures(history),
     )
 
 
@@ -51,20 +84,20 @@ def _sections(history: History) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     learned = history.learned
     if learned:
-        yield made("Learning", partial(sections.learning, history))
+        yield made("Learning", partial(learning, history))
         last = learned[-1]
-        yield made("Last trial", partial(sections.rollout, history, last, False))
+        yield made("Last trial", partial(rollout, history, last, False))
         if history.foreseen:
-            yield made("How far the predictions hold", partial(sections.errors, history))
-            yield made("Calibration", partial(sections.calibration, history))
-            yield made("Policy", partial(sections.policy, history))
-        yield made("Policy search", partial(sections.search, history))
-        yield made("Timings", partial(sections.timings, history))
+            yield made("How far the predictions hold", partial(errors, history))
+            yield made("Calibration", partial(calibration, history))
+            yield made("Policy", partial(policy, history))
+        yield made("Policy search", partial(search, history))
+        yield made("Timings", partial(timings, history))
     for trial in history.trials:
         if not learned or trial is not learned[-1]:
             title, fold = f"Trial {trial.number}", bool(learned)
-            yield made(title, partial(sections.rollout, history, trial, fold))
-    yield made("Configuration", partial(sections.configuration, history))
+            yield made(title, partial(rollout, history, trial, fold))
+    yield made("Configuration", partial(configuration, history))
 
 
 def _tiles(history: History) -> list[tuple[str, str]]:
@@ -84,3 +117,305 @@ def _tiles(history: History) -> list[tuple[str, str]]:
     tiles.append(("last cost, real", f"{last.real_cost:.2f}"))
     tiles.append(("time of the trials", f"{sum(t.row['wall_s'] for t in learned):.0f} s"))
     return tiles
+
+
+def learning(history: History) -> Section:
+    """The learning curve, and a table of the trials."""
+    measured = [
+        name
+        for name in ("success", *measures_in(history.learned[-1].row if history.learned else ()))
+        if any(trial.row.get(name) is not None for trial in history.learned)
+    ]
+    header = ("trial", "experience [s]", "predicted cost", "real cost")
+    rows = [
+        (
+            str(trial.number),
+            f"{trial.experience_s:.1f}",
+            _predicted(trial),
+            f"{trial.real_cost:.2f}",
+            *(_cell(trial.row.get(name)) for name in measured),
+        )
+        for trial in history.learned
+    ]
+    return Section(
+        "Learning",
+        "The cost of an episode after so much experience: what the models expected of each policy "
+        "before it was tried, with the standard deviation over particles, and what came. "
+        "A filled dot is a success.",
+        [draw("Cost of each trial over experience", partial(plot_learning, history.learned))],
+        [Table((*header, *map(title_of, measured)), rows)],
+    )
+
+
+def _predicted(trial: PastTrial) -> str:
+    if trial.prediction is None:
+        return _cell(None)
+    return f"{trial.predicted_cost:.2f} ± {trial.predicted_cost_std:.2f}"
+
+
+def search(history: History) -> Section:
+    """How the policy search of each trial went."""
+    costs = read_search(history.run)
+    if not history.foreseen:
+        return _practice(costs)
+    pictures = []
+    if costs:
+        pictures.append(draw("Predicted cost over steps", lambda ax: plot_search(costs, ax)))
+    return Section(
+        "Policy search",
+        "The cost that the models expect after each step of the optimiser. Where a search tried "
+        "several starts, they follow one another.",
+        pictures,
+        [Table(("trial", "steps"), [(str(k), str(len(v))) for k, v in costs.items()])],
+    )
+
+
+def _practice(costs: Mapping[int, Sequence[float]]) -> Section:
+    """How the episodes went that an agent without a model has learned from."""
+
+    def picture(ax: Any) -> None:
+        plot_search(costs, ax).set(xlabel="episode of the trial", ylabel="its cost [-]")
+
+    return Section(
+        "Episodes",
+        "What each episode cost that was learned from, with the noise of exploration.",
+        [draw("Cost of each episode", picture)] if costs else [],
+        [Table(("trial", "episodes"), [(str(k), str(len(v))) for k, v in costs.items()])],
+    )
+
+
+def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
+    """One rollout over time, beside what was predicted for it.
+
+    Reference: thesis figures 5.3 and 5.4.
+    """
+    task, real, expected = history.task, trial.rollout, trial.prediction
+    pictures = [
+        draw(f"{name} over time", partial(plot_state, real, expected, task, i))
+        for i, name in enumerate(task.state_names)
+    ]
+    pictures += [
+        draw(f"{name} over time", partial(plot_input, real, expected, task, i))
+        for i, name in enumerate(task.input_names)
+    ]
+    if trial.costs is not None or expected is not None:
+        pictures.append(draw("cost over time", partial(plot_costs, trial.costs, expected, real.dt)))
+    if not trial.number:
+        title = "Exploration: the rollout of random inputs"
+    else:
+        verdict = {True: ": success", False: ": no success", None: ""}[trial.success]
+        title = f"Trial {trial.number}, after {trial.experience_s:g} s{verdict}"
+    return Section(title, "", pictures, key=True, folded=folded)
+
+
+def errors(history: History) -> Section:
+    """How far the particles are from the system, along each trial's rollout.
+
+    Reference: thesis figure 5.5.
+    """
+    task = history.task
+    found = {
+        trial.number: rollout_errors(trial.rollout.shown_states, trial.prediction)
+        for trial in history.learned
+        if trial.prediction is not None
+    }
+    pictures = [
+        draw(
+            f"Prediction error of {name} over time",
+            partial(
+                plot_errors,
+                {number: values[:, i] for number, values in found.items()},
+                task.dt,
+                name,
+                task.state_units[i],
+            ),
+        )
+        for i, name in enumerate(task.state_names)
+    ]
+    return Section(
+        "How far the predictions hold",
+        "The distance between the system and the particles predicted for it, root mean square over "
+        "the particles. The darker, the later the trial.",
+        pictures,
+    )
+
+
+def calibration(history: History) -> Section:
+    """Whether the predicted spread covers the truth.
+
+    Raises:
+        RunFolderError: the models or the data of a trial cannot be read.
+    """
+    by_trial = {trial.number: one_step(history, trial) for trial in history.learned}
+    steps = reduce(add, by_trial.values())
+    shares = dict(zip(steps.names, steps.coverage(LEVELS).T, strict=True))
+    along = np.mean(
+        [
+            rollout_coverage(trial.rollout.shown_states, trial.prediction, LEVELS)
+            for trial in history.learned
+            if trial.prediction is not None
+        ],
+        axis=0,
+    )
+    rollouts = dict(zip(history.task.state_names, along.T, strict=True))
+    count = len(steps.errors)
+    pictures = [
+        draw("Coverage one step ahead", partial(plot_coverage, LEVELS, shares, count)),
+        draw("Coverage along rollouts", partial(plot_coverage, LEVELS, rollouts, None)),
+    ]
+    return Section(
+        "Calibration",
+        "How often the truth lies in the interval that the models name, over the interval's level: "
+        "below the diagonal they are too sure, above it too cautious. First, one step ahead: each "
+        f"trial's {count // len(history.learned)} steps, which its models had not seen, all trials "
+        "together; the band is what chance leaves to models that are right, were the steps "
+        "independent. Second, along the rollouts: how often the particles surround the system; the "
+        "steps of a rollout go wrong together, so few trials say little. In the table: root mean "
+        "squares, and the shares one step ahead.",
+        pictures,
+        [_coverage_table(by_trial)],
+    )
+
+
+def _coverage_table(by_trial: Mapping[int, OneStep]) -> Table:
+    """A row for each trial and predicted state: error, spread, shares covered."""
+    header = (
+        "trial",
+        "change of",
+        "error",
+        "predicted spread",
+        *(f"within {level:.0%}" for level in _TABLE_LEVELS),
+    )
+    rows = []
+    for number, steps in by_trial.items():
+        rms, spread = (np.sqrt(np.square(v).mean(axis=0)) for v in (steps.errors, steps.std))
+        shares = steps.coverage(np.array(_TABLE_LEVELS)).T
+        for i, (name, unit) in enumerate(zip(steps.names, steps.units, strict=True)):
+            sizes = (f"{rms[i]:.3g} {unit}", f"{spread[i]:.3g} {unit}")
+            rows.append((str(number), name, *sizes, *(f"{share:.0%}" for share in shares[i])))
+    return Table(header, rows)
+
+
+def policy(history: History) -> Section:
+    """The inputs of the last policy over the states.
+
+    Raises:
+        RunFolderError: the policy cannot be read.
+    """
+    trial = history.learned[-1]
+    pictures = [
+        draw(f"{found.labels[2]} over {found.labels[0]}", partial(plot_policy, found))
+        for found in policy_maps(history, trial)
+    ]
+    return Section(
+        "Policy",
+        f"What the policy of trial {trial.number} answers over two states, the others as at the "
+        "end of its rollout. The line is the rollout's way, from the open dot to the filled one.",
+        pictures,
+    )
+
+
+def timings(history: History) -> Section:
+    """Time that each trial took."""
+    rows = [trial.row for trial in history.learned]
+    numbers = [trial.number for trial in history.learned]
+    wall, cpu = ([row[key] for row in rows] for key in ("wall_s", "cpu_s"))
+    table = Table(
+        ("trial", "clock [s]", "processor [s]"),
+        [
+            (str(number), f"{seconds:.1f}", f"{used:.1f}")
+            for number, seconds, used in zip(numbers, wall, cpu, strict=True)
+        ]
+        + [("all", f"{sum(wall):.1f}", f"{sum(cpu):.1f}")],
+    )
+    return Section(
+        "Timings",
+        "The first trial also loads the compiled loops, or compiles them.",
+        [draw("Time of each trial", partial(plot_times, numbers, wall, cpu))],
+        [table],
+    )
+
+
+def configuration(history: History) -> Section:
+    """All numbers of the agent; what differs from the preset is marked."""
+    config = history.run.config
+    try:
+        preset = find(config.get("algo", "mcpilco")).presets.get(config["preset"])
+    except InputError:  # an algorithm that is not known here
+        preset = None
+    numbers = {} if preset is None else json.loads(_json(preset.config_for(config["env"])))
+    usual = dict(_entries(numbers))
+    rows = [
+        (name, value, "" if usual.get(name, value) == value else usual[name])
+        for name, value in _entries(config["config"])
+    ]
+    keys = ("env", "env_kwargs", "algo", "preset", "seed", "trials")
+    about = [(key, _text(config[key])) for key in keys if key in config]
+    return Section(
+        "Configuration",
+        "",
+        (),
+        [
+            Table(("run", ""), about),
+            Table(("entry", "value", "the preset's, where it differs"), rows),
+            Table(("package", "version"), [(k, str(v)) for k, v in config["versions"].items()]),
+        ],
+        folded=True,
+    )
+
+
+def _json(config: Any) -> str:
+    from dataclasses import asdict
+
+    return json.dumps(asdict(config))
+
+
+def _entries(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted names and values of all entries."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _entries(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", _text(value)
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _cell(value: float | bool | None) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.2f}"
+
+
+def failures(history: History) -> list[str]:
+    """A sentence for each thing that went wrong, or may have."""
+    said = list(history.problems)
+    learned, asked = history.learned, history.run.config["trials"]
+    try:
+        finished = history.run.summary() is not None
+    except RunFolderError as error:
+        said.append(str(error))
+        finished = True
+    if not finished:
+        said.append(
+            f"The run has not ended: {len(learned)} of {asked} trials are there. "
+            "It was interrupted, or goes on."
+        )
+    elif not learned:
+        said.append("No trial was finished.")
+    lost = [str(trial.number) for trial in learned if trial.success is False]
+    if lost:
+        said.append(f"No success in trial {', '.join(lost)}.")
+    for trial in learned:
+        spread = trial.predicted_cost_std
+        if trial.real_cost > trial.predicted_cost + 3 * spread:
+            said.append(
+                f"Trial {trial.number} cost {trial.real_cost:.2f}, more than three standard "
+                f"deviations above the {trial.predicted_cost:.2f} ± {spread:.2f} that its models "
+                "expected."
+            )
+    return said

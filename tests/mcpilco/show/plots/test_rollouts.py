@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcpilco.policies.costs import costs_along
-from mcpilco.show.plots import plot_costs, plot_input, plot_states
+from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_states
 from mcpilco.typing import InputError
 
 matplotlib = pytest.importorskip("matplotlib")

@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.show.plots import plot_learning, plot_search, plot_times
+from mcpilco.show.plots.training import (
+    PolicyMap,
+    plot_coverage,
+    plot_errors,
+    plot_learning,
+    plot_policy,
+    plot_search,
+    plot_times,
+)
 from mcpilco.typing import InputError
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -43,3 +51,43 @@ def test_times_are_bars_as_high_as_they_are_long() -> None:
     ax = plot_times([1, 2], [22.5, 2.7], [19.5, 2.1])
     assert [bar.get_height() for bar in ax.patches] == [22.5, 2.7, 19.5, 2.1]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("trial", "time [s]")
+
+
+LEVELS = np.array([0.5, 0.9])
+
+
+def test_coverage_of_a_right_model_lies_within_the_band_of_chance() -> None:
+    ax = plot_coverage(LEVELS, {"x": LEVELS}, 100)
+    corners = ax.collections[0].get_paths()[0].vertices
+    at_half = corners[np.isclose(corners[:, 0], 0.5), 1]
+    np.testing.assert_allclose([at_half.min(), at_half.max()], [0.402, 0.598])  # 0.5 -+ 1.96 * 0.05
+    assert not plot_coverage(LEVELS, {"x": LEVELS}, None).collections
+
+
+def test_coverage_draws_a_line_for_each_output() -> None:
+    ax = plot_coverage(LEVELS, {"x": LEVELS - 0.1, "y": LEVELS}, None)
+    assert [line.get_label() for line in ax.lines[1:]] == ["x", "y"]
+    np.testing.assert_array_equal(ax.lines[1].get_ydata(), [0.4, 0.8])
+
+
+def test_errors_are_drawn_over_time_with_the_unit_of_their_state() -> None:
+    ax = plot_errors({1: np.array([0.0, 0.5]), 3: np.array([0.0, 0.1, 0.2])}, 0.1, "angle", "rad")
+    assert [line.get_label() for line in ax.lines] == ["trial 1", "trial 3"]
+    np.testing.assert_allclose(ax.lines[1].get_xdata(), [0.0, 0.1, 0.2])
+    assert ax.get_ylabel() == "error of angle [rad]"
+
+
+def test_policy_has_colours_for_its_bounds_and_the_way_across() -> None:
+    found = PolicyMap(
+        x=np.linspace(-1, 1, 5),
+        y=np.linspace(-2, 2, 4),
+        values=np.zeros((4, 5)),
+        path=np.array([[0.0, 0.0], [0.5, 1.0]]),
+        low=-10.0,
+        high=10.0,
+        labels=("angle [rad]", "velocity [rad/s]", "torque [N m]"),
+    )
+    ax = plot_policy(found)
+    assert ax.collections[0].get_clim() == (-10.0, 10.0)
+    np.testing.assert_array_equal(ax.lines[0].get_xydata(), found.path)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("angle [rad]", "velocity [rad/s]")

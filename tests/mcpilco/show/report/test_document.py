@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
 
-from mcpilco.show.plots.models import PolicyMap, plot_policy
+from mcpilco.show.plots.training import PolicyMap, plot_policy
 from mcpilco.show.report.document import Document, Section, Table, draw, write_document
 from mcpilco.typing import InputError
 from tests.mcpilco.show import browser

@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 from mcpilco.logbook import RunFolder, read_history
-from mcpilco.show.report import sections, write_report
+from mcpilco.show.report import page, write_report
 from mcpilco.show.report.document import Picture, render
 from mcpilco.show.report.page import page_of
 from mcpilco.typing import InputError, RunFolderError
@@ -55,7 +55,7 @@ class Reader(HTMLParser):
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
     """One dot in place of each picture: drawing takes most of a page's time."""
-    monkeypatch.setattr(sections, "draw", lambda says, plot: Picture(_DOT, says))
+    monkeypatch.setattr(page, "draw", lambda says, plot: Picture(_DOT, says))
 
 
 @pytest.fixture(scope="module")
