@@ -138,14 +138,7 @@ def render(document: Document) -> str:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(
-        title=document.title,
-        about=document.about,
-        tiles=document.tiles,
-        cautions=document.cautions,
-        cautions_title=document.cautions_title,
-        sections=list(document.sections),
-    )
+    return template.render({**vars(document), "sections": list(document.sections)})
 
 
 def write_document(path: Path, document: Document) -> Path:
