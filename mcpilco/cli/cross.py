@@ -143,15 +143,15 @@ class Cross:
     def _draw(self, legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> None:
         """The page and the film; what cannot be drawn loses nothing else."""
         from mcpilco.agent import make_env
-        from mcpilco.show.crossing_film import write_film
         from mcpilco.show.report.crossing_page import write_crossing_report
+        from mcpilco.show.side_by_side import write_crossing_film
 
         about = f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
         with contextlib.closing(make_env(self.sim)) as env:
             scene = getattr(env.unwrapped, "scene", None)
         try:
             if scene is not None:
-                write_film(self.out / "crossing.rrd", legs, scene, self.env)
+                write_crossing_film(self.out / "crossing.rrd", legs, scene, self.env)
                 print(f"Look at it: mcpilco view {self.out}")
             page = write_crossing_report(self.out / "report.html", legs, gap, about)
             print(f"Read of it: {page}")

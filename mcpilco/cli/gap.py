@@ -125,7 +125,7 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
         written: which are there already. What cannot be drawn loses nothing else.
     """
     from mcpilco.gap import summary
-    from mcpilco.show.gap_film import write_film
+    from mcpilco.show import write_gap_film
     from mcpilco.show.report.gap_page import write_gap_report
 
     for line in summary(gap):
@@ -133,7 +133,7 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
     written = list(written)
     try:
         if gap.comparison is not None:
-            written.append(write_film(gap, out / "gap.rrd").name)
+            written.append(write_gap_film(gap, out / "gap.rrd").name)
         written.append(write_gap_report(gap, out / "report.html").name)
     except McPilcoError as error:
         print(f"mcpilco: without all pictures: {error}", file=sys.stderr)

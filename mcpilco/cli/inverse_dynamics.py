@@ -163,8 +163,8 @@ class InverseDynamics:
         """The file of the picture; a picture that cannot be drawn loses nothing else."""
         import torch
 
+        from mcpilco.show.plots.identification import plot_torque
         from mcpilco.show.plots.style import new_axes
-        from mcpilco.show.plots.torques import plot_torque
 
         shown = test.rows(slice(0, 500))
         with torch.no_grad():

@@ -115,7 +115,7 @@ class Kinematics:
         tolerance: Any,
     ) -> list[str]:
         """The picture's name, or none where it cannot be drawn; nothing else is lost then."""
-        from mcpilco.show.plots.kinematics import draw_kinematics
+        from mcpilco.show.plots.identification import draw_kinematics
 
         assert self.out is not None
         try:

@@ -122,7 +122,7 @@ class View:
 def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
     """A film of the runs; returns its end [s]."""
     from mcpilco.logbook import read_history
-    from mcpilco.show.film import Reel, write_film
+    from mcpilco.show.film import Reel, write_run_film
 
     reels = []
     for run in runs:
@@ -130,7 +130,7 @@ def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
         for problem in history.problems:
             print(f"mcpilco: left out: {problem}", file=sys.stderr)
         reels.append(Reel(history, _scene(run)))
-    return write_film(path, reels, trial)
+    return write_run_film(path, reels, trial)
 
 
 def _scene(run: Any) -> Any:

@@ -1,51 +1,16 @@
-"""Rollouts to look at: Rerun recordings, the viewer, and plots for reports.
+"""Pictures of rollouts, models and runs: 3D scenes in Rerun, plots, and pages in HTML.
+
+A `Scene` says how a state looks in 3D: shapes, and their poses. `recording` logs one rollout with
+its prediction into an .rrd file, by the parts in `entities` (what is drawn) and `blueprint` (where
+the viewer puts it); `film` plays the rollouts of whole runs one after the other, `side_by_side`
+motions beside those that models predict. `recorder` fills a run folder while an agent learns,
+`follow` shows it meanwhile, `viewer` opens the viewer. `plots` are drawn on the axes of matplotlib:
+the system black, the model blue, its particles grey. `report` makes pages of plots and tables that
+need no other file. Read `scene`, `recording`, `plots.rollouts`, `report.document` in this order.
 
 Names are imported when first used: Rerun and matplotlib are slow to load, matplotlib is an extra.
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from importlib import import_module
-
-from mcpilco.show.scene import Pose, Scene, Shape
-
-_HOME = {
-    "write_recording": "recording",
-    "open_viewer": "viewer",
-    "screenshot": "viewer",
-    "plot_states": "plots",
-    "plot_state": "plots",
-    "plot_input": "plots",
-    "plot_costs": "plots",
-    "plot_learning": "plots",
-    "plot_search": "plots",
-    "plot_times": "plots",
-    "plot_coverage": "plots",
-    "plot_errors": "plots",
-    "plot_policy": "plots",
-}
-
-__all__ = [
-    "Pose",
-    "Scene",
-    "Shape",
-    "open_viewer",
-    "plot_costs",
-    "plot_coverage",
-    "plot_errors",
-    "plot_input",
-    "plot_learning",
-    "plot_policy",
-    "plot_search",
-    "plot_state",
-    "plot_states",
-    "plot_times",
-    "screenshot",
-    "write_recording",
-]
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

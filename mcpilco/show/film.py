@@ -152,7 +152,7 @@ class Film:
         self.rec.send_columns(ABOUT, index, columns)
 
 
-def write_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
+def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
     """When the film ends [s]; equal runs make equal films.
 
     Args:

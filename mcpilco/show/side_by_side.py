@@ -1,4 +1,8 @@
-"""A measured motion beside those that models make of it, as a Rerun recording (.rrd)."""
+"""Motions side by side, as Rerun recordings (.rrd): measured, and as models predict them.
+
+`write_side_by_side` writes any such clips; `write_gap_film` the held-out windows of a gap, and
+`write_crossing_film` episodes on the system beside those that simulations promised.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,8 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float
 
+from mcpilco.crossing import Crossing, Outcome
+from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_digits
 from mcpilco.show.blueprint import (
     ABOUT,
     INPUTS,
@@ -20,6 +26,7 @@ from mcpilco.show.blueprint import (
     build_side_by_side,
     entity,
 )
+from mcpilco.show.bodies import chain_scene
 from mcpilco.show.entities import (
     RGB,
     Colors,
@@ -31,6 +38,7 @@ from mcpilco.show.entities import (
 )
 from mcpilco.show.recording import write_file
 from mcpilco.show.scene import Scene
+from mcpilco.typing import InputError
 
 MEASURED = "measured"
 _COLORS: tuple[RGB, ...] = ((240, 150, 50), (70, 150, 255), (110, 200, 120))
@@ -153,3 +161,108 @@ def _identity(name: str, clips: Sequence[Clip]) -> str:
         for array in (clip.measured, clip.inputs, *clip.models.values()):
             digest.update(np.ascontiguousarray(array).tobytes())
     return f"{name}-{digest.hexdigest()}"
+
+
+CLIPS = 12
+"""windows at most"""
+
+
+def write_gap_film(gap: Gap, path: Path) -> Path:
+    """The path of the recording written; the window that is missed most comes first.
+
+    Args:
+        gap: of which it tells.
+        path: where the .rrd file goes.
+
+    Raises:
+        InputError: the recordings were too poor to compare anything.
+        RunFolderError: the file cannot be written.
+    """
+    if gap.comparison is None or gap.models is None:
+        raise InputError("a film needs models that were compared; the recordings are too poor.")
+    found, names = gap.comparison, gap.models.shown
+    errors = {
+        name: np.sqrt(np.nanmean(squares_at_end(scaled_errors(found.windows, y)), axis=1))
+        for name, y in found.runs.items()
+    }
+    order = sorted(_apart(found), key=lambda w: -errors[names[0]][w])
+    clips = [_window_clip(gap, found, w, names, errors) for w in order[:CLIPS]]
+    chain = gap.plant.chain
+    layout = gap.plant.layout
+    naming = Naming(
+        states=dict(zip(layout.states, layout.units, strict=True)),
+        inputs=dict.fromkeys(layout.inputs, ""),
+    )
+    name = gap.plant.name
+    return write_side_by_side(path, clips, found.windows.dt, naming, chain_scene(chain), name)
+
+
+def _window_clip(
+    gap: Gap, found: Comparison, w: int, names: tuple[str, ...], errors: dict[str, np.ndarray]
+) -> Clip:
+    """One window."""
+    windows = found.windows
+    start = float(windows.start_s[w])
+    title = f"### {gap.held_out[windows.recording[w]]}, from {start:.1f} s"
+    told = ", ".join(f"{name} **{three_digits(errors[name][w])}**" for name in names)
+    colors = ", ".join(f"{c}: {n}" for c, n in zip(("Orange", "blue"), names, strict=False))
+    words = f"White: measured. {colors}, in free runs."
+    return Clip(
+        note=f"{title}\n\nError at the end, in noise std: {told}\n\n{words}",
+        measured=windows.y[w].T,
+        inputs=windows.commands[w, windows.lead :],
+        models={name: found.runs[name][w].T for name in names},
+    )
+
+
+def _apart(found: Comparison) -> list[int]:
+    """Windows that do not overlap."""
+    windows, chosen = found.windows, []
+    length = windows.y.shape[2] * windows.dt
+    end, last = -np.inf, -1
+    for w, (n, start) in enumerate(zip(windows.recording, windows.start_s, strict=True)):
+        if n != last or start >= end - 1e-9:
+            chosen.append(w)
+            end, last = start + length, n
+    return chosen
+
+
+def write_crossing_film(path: Path, legs: Mapping[str, Crossing], scene: Scene, name: str) -> Path:
+    """The path of the recording written: an episode of each policy on the system and as promised.
+
+    Args:
+        path: where the .rrd file goes.
+        legs: policies by the simulation that they were trained in.
+        scene: how to draw a state in 3D.
+        name: what the viewer calls the recording.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    first = next(iter(legs.values()))
+    naming = Naming(states=dict(first.states), inputs=dict(first.inputs))
+    clips = [_episode_clip(leg, found) for leg, found in legs.items()]
+    return write_side_by_side(path, clips, first.dt, naming, scene, name)
+
+
+def _episode_clip(leg: str, found: Crossing) -> Clip:
+    """One policy."""
+    note = (
+        f"### Trained in the {leg} simulation\n\n"
+        f"There: {_told(found.promised)}. On the system: {_told(found.happened)}.\n\n"
+        "White: an episode on the system. Orange: what the simulation promised."
+    )
+    length = min(len(found.happened.states), len(found.promised.states))
+    held = np.append(found.happened.inputs, found.happened.inputs[-1:], axis=0)
+    return Clip(
+        note=note,
+        measured=found.happened.states[:length],
+        inputs=held[:length],
+        models={"promised": found.promised.states[:length]},
+    )
+
+
+def _told(outcome: Outcome) -> str:
+    if outcome.success is None:
+        return f"return **{outcome.returns:.1f}**"
+    return f"success in **{100 * outcome.success:.0f} %**"

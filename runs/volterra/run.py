@@ -45,8 +45,8 @@ from mcpilco.identification import (
 from mcpilco.identification.volterra import MEMORY
 from mcpilco.kernels import IPK
 from mcpilco.recordings import Series
+from mcpilco.show.plots.identification import plot_lags
 from mcpilco.show.plots.style import MODEL, SYSTEM, new_axes
-from mcpilco.show.plots.volterra import plot_lags
 from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent

@@ -17,7 +17,7 @@ from mcpilco.cli import main
 from mcpilco.config import PRESETS
 from mcpilco.files import read_groups, write_groups
 from mcpilco.logbook import RunFolder, read_history
-from mcpilco.show.film import Reel, write_film
+from mcpilco.show.film import Reel, write_run_film
 from mcpilco.typing import EnvError, RunFolderError
 from tests.mcpilco.agent.test_policy_file import PAGE, predict_of_the_page
 from tests.mcpilco.sensing.test_perception import POSITIONS, STEPS, hasty
@@ -86,7 +86,7 @@ def test_its_history_film_and_report_show_states_and_what_was_seen_of_them(
     for trial in history.trials:
         assert trial.rollout.observations.shape == (STEPS + 1, 2)
         assert trial.rollout.smoothed.shape == trial.rollout.states.shape == (STEPS + 1, 4)
-    write_film(tmp_path / "film.rrd", [Reel(history)])
+    write_run_film(tmp_path / "film.rrd", [Reel(history)])
     shown = entities(tmp_path / "film.rrd")
     assert "states/pole_velocity/system" in shown
     assert not any(name.endswith(("observed", "estimated", "smoothed")) for name in shown)

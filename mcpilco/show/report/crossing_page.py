@@ -10,8 +10,7 @@ from typing import Any
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.show.plots.rollouts import plot_promise
 from mcpilco.show.report import document
-from mcpilco.show.report.document import Document, made
-from mcpilco.show.report.parts import Picture, Section, Table, draw
+from mcpilco.show.report.document import Document, Picture, Section, Table, draw, made
 
 
 def write_crossing_report(
@@ -30,7 +29,7 @@ def write_crossing_report(
         InputError: matplotlib or jinja2 is missing.
     """
     document.require_extra()
-    return document.write(path, page_of(legs, gap, about))
+    return document.write_document(path, page_of(legs, gap, about))
 
 
 def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) -> Document:

@@ -2,15 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from mcpilco.gap import Gap, cautions, three_digits, verdict_sentence
+import numpy as np
+from jaxtyping import Float
+
+from mcpilco.gap import (
+    COMPARISON,
+    ComparedModels,
+    Comparison,
+    EstimatedParameter,
+    Gap,
+    MissingForce,
+    SearchResult,
+    TimeMap,
+    cautions,
+    missing_force,
+    scaled_errors,
+    squares_at_end,
+    three_digits,
+    time_map,
+    verdict_sentence,
+)
+from mcpilco.plant import Plant
+from mcpilco.recordings import Recording
+from mcpilco.show.plots.gap import (
+    plot_force_map,
+    plot_growth,
+    plot_profile,
+    plot_shrink,
+    plot_time_map,
+    plot_window,
+)
 from mcpilco.show.report import document
-from mcpilco.show.report import gap_sections as sections
-from mcpilco.show.report.document import Document, made
-from mcpilco.show.report.parts import Section
+from mcpilco.show.report.document import Document, Picture, Section, Table, draw, made
 
 
 def write_gap_report(gap: Gap, path: Path) -> Path:
@@ -25,7 +53,7 @@ def write_gap_report(gap: Gap, path: Path) -> Path:
         InputError: matplotlib or jinja2 is missing.
     """
     document.require_extra()
-    return document.write(path, page_of(gap))
+    return document.write_document(path, page_of(gap))
 
 
 def page_of(gap: Gap) -> Document:
@@ -61,19 +89,318 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
 def _sections(gap: Gap) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     if gap.named:
-        yield made("What is missing", partial(sections.effects, gap))
+        yield made("What is missing", partial(effects, gap))
     if gap.corrected.learned:
-        yield made("What was learned", partial(sections.learned, gap))
+        yield made("What was learned", partial(learned, gap))
     if gap.comparison is not None:
-        yield made("Errors on held-out recordings", partial(sections.worth, gap, gap.comparison))
+        yield made("Errors on held-out recordings", partial(worth, gap, gap.comparison))
     if gap.models is not None:
-        yield made("The force that is left over", partial(sections.force, gap, gap.models))
-        yield made("When they disagree", partial(sections.when, gap, gap.models))
+        yield made("The force that is left over", partial(force, gap, gap.models))
+        yield made("When they disagree", partial(when, gap, gap.models))
     if gap.comparison is not None:
-        yield made("Held-out windows", partial(sections.windows, gap, gap.comparison))
+        yield made("Held-out windows", partial(windows, gap, gap.comparison))
     if gap.experiments:
-        yield made("What to record next", partial(sections.experiments, gap))
+        yield made("What to record next", partial(experiments, gap))
     if gap.search is not None:
-        yield made("What was compared", partial(sections.candidates, gap, gap.search))
+        yield made("What was compared", partial(candidates, gap, gap.search))
     if gap.recordings:
-        yield made("Recordings", partial(sections.recordings, gap))
+        yield made("Recordings", partial(recordings, gap))
+
+
+_JOINTS = 3
+"""whose force is shown: those that are missed most"""
+_PARTS = 0.9, 0.5, 0.1
+"""of the held-out windows in which a plant is better than in one that is shown"""
+_SETS = 12
+"""of effects that are listed"""
+
+
+def effects(gap: Gap) -> Section:
+    """The effects that are missing, with their sizes."""
+    rows = []
+    for named in gap.named:
+        sizes = "; ".join(
+            f"{symbol} = {interval(estimate)}" for symbol, estimate in named.parameters.items()
+        )
+        formula = (gap.plant.catalogue[named.name].__doc__ or "").splitlines()[0].rstrip(".")
+        others = ", ".join(named.family[1:]) or "–"
+        sure = f"{100 * named.probability:.0f} %"
+        rows.append((named.name, named.target, sizes, sure, others, formula))
+    header = ("effect", "at", "size (95 % interval)", "probability", "or as well", "what it does")
+    return Section(
+        "What is missing",
+        "The smallest set of effects that explains the recordings. Those under “or as well” "
+        "explain them about equally: these recordings cannot tell which of them it is.",
+        (),
+        [Table(header, rows)],
+    )
+
+
+def learned(gap: Gap) -> Section:
+    """The joints and regions in which a force was learned."""
+    rows = [
+        (part.joint, part.condition, f"{100 * part.share:.0f} %")
+        for part in gap.where
+        if part.joint
+    ]
+    return Section(
+        "What was learned",
+        "No effect of the catalogue explains what is left over. A force of state and command was "
+        "learned in its place; it is in corrected.json, and 0 away from what was recorded. An MJCF "
+        "file cannot hold it. Told is the shortest range with most of the force.",
+        (),
+        [Table(("joint", "missing there", "share of the force"), rows)],
+    )
+
+
+def interval(estimate: EstimatedParameter) -> str:
+    """A value with its unit and 95 % interval."""
+    ends = f"{estimate.low:.4g} to {estimate.high:.4g}"
+    return f"{estimate.value:.4g} {estimate.unit} ({ends})"
+
+
+def worth(gap: Gap, found: Comparison) -> Section:
+    """The errors on held-out recordings, and how they shrink."""
+    times = found.windows.dt * np.arange(found.windows.y.shape[2])
+    steps = [step.error for step in found.steps]
+    names = [name for name in found.over_time if gap.mended or name != "corrected"]
+    errors_over_time = {name: found.over_time[name] for name in names}
+    growth = partial(plot_growth, times, errors_over_time, found.bands)
+    shrink = partial(
+        plot_shrink,
+        [step.added for step in found.steps],
+        np.array([error.value for error in steps]),
+        np.array([[error.low for error in steps], [error.high for error in steps]]),
+        found.noise_floor,
+    )
+    units = _units(gap.plant)
+    rows = [
+        (channel, *(f"{errors[name]:.3g} {units[channel]}" for name in names))
+        for channel, errors in found.channels.items()
+    ]
+    same = not set(gap.train).isdisjoint(gap.held_out)
+    return Section(
+        "What adding it is worth" if gap.mended else "Errors on held-out recordings",
+        f"Free runs through {len(found.windows)} windows "
+        + (
+            "of the recordings, which were fitted too: there are too few to hold some out. "
+            if same
+            else "of recordings that no fit has seen. "
+        )
+        + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
+        "bands are 95 % intervals, by a bootstrap over blocks of neighbouring windows.",
+        [
+            draw("Error over the time since the start, by plant", growth),
+            draw("Error at the end as more is mended", shrink, left=0.05),
+        ],
+        [
+            Table(
+                (f"error after {found.horizon_s:g} s", *(n.replace("_", " ") for n in names)),
+                rows,
+            )
+        ],
+    )
+
+
+def force(gap: Gap, models: ComparedModels) -> Section:
+    """The generalised force that the nominal and the corrected plant leave over."""
+    plants = models.plants()
+    left = {
+        name: missing_force(*plants[name], _without_events(gap), _std(gap)) for name in models.shown
+    }
+    pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
+    return Section(
+        "The force that is missing" if gap.mended else "The force that is left over",
+        f"What the {models.shown[0]} plant would need at a joint to move as the recordings do, as "
+        f"a mean over {COMPARISON.force_span_s:g} s. A curve over the velocity is friction, one "
+        "over the position a spring or the weight, one over the command the actuator; the lines "
+        "are medians, half of all values lie within the bands."
+        + (" What the corrected plant leaves over should be flat." if gap.mended else ""),
+        pictures,
+        columns=2,
+    )
+
+
+def _without_events(gap: Gap) -> list[Recording]:
+    """The recordings, the spans that were left out masked."""
+    masked = []
+    for recording in gap.recordings:
+        states = recording.states.copy()
+        for event in gap.events:
+            if event.recording == recording.name:
+                inside = (recording.time >= event.start_s) & (recording.time <= event.end_s)
+                states[inside] = np.nan
+        masked.append(replace(recording, states=states))
+    return masked
+
+
+def _force_at(j: int, plant: Plant, left: Mapping[str, MissingForce]) -> Iterator[Picture]:
+    """The force left over at a joint, over its position, its velocity and the commands."""
+    layout = plant.layout
+    joint, (x, f) = layout.joints[j], layout.unit_of(layout.joints[j])
+    label = f"missing at {joint} [{f}]"
+    q, v = f"{layout.states[2 * j]} [{x}]", f"{layout.states[2 * j + 1]} [{x}/s]"
+    along = {q: [part.q[:, j] for part in left.values()]}
+    along[v] = [part.v[:, j] for part in left.values()]
+    for u, name in enumerate(layout.inputs):
+        along[name] = [part.u[:, u] for part in left.values()]
+    for name, values in along.items():
+        profiles = {
+            plant: (x, part.force[:, j])
+            for x, (plant, part) in zip(values, left.items(), strict=True)
+        }
+        yield draw(
+            f"Force {label} over {name}", partial(plot_profile, profiles, (name, label)), left=0.18
+        )
+    name, part = next(iter(left.items()))
+    title = f"{label}, {name}"
+    plot = partial(plot_force_map, part.q[:, j], part.v[:, j], part.force[:, j], (q, v, title))
+    yield draw(
+        f"Force {label} over {q} and {v}, {name} plant", plot, left=0.18, right=0.94, top=0.91
+    )
+
+
+def when(gap: Gap, models: ComparedModels) -> Section:
+    """How far both plants miss each channel, over the time of the recordings."""
+    plants = models.plants()
+    maps = {name: time_map(*plants[name], gap.recordings, _std(gap)) for name in models.shown}
+    names = [recording.name for recording in gap.recordings]
+    events = [(names.index(e.recording), e.start_s, e.end_s) for e in gap.events]
+    pictures = []
+    for x, channel in enumerate(gap.plant.layout.states):
+        most = _most(maps, x)
+        if most is None:
+            continue
+        for name, found in maps.items():
+            label = f"{channel}, {name}"
+            plot = partial(plot_time_map, found.edges, names, found.misfit[x], label, events, most)
+            pictures.append(draw(f"Misfit of {label}", plot, left=0.2, right=0.94, top=0.91))
+    rows = [
+        (part.channel, f"{100 * part.share:.0f} %", part.condition)
+        for part in gap.where
+        if not part.joint
+    ]
+    return Section(
+        "When they disagree",
+        f"The misfit of windows of a second, their starts fitted, by the {_listed(models.shown)} "
+        "plant. White is noise, grey is not covered."
+        + (" The black bars are the spans that were left out." if events else ""),
+        pictures,
+        [Table(("channel", "share of the misfit", "largest"), rows)] if rows else [],
+        columns=2,
+    )
+
+
+def _most(maps: Mapping[str, TimeMap], x: int) -> float | None:
+    """The largest misfit of a channel; None where it was not measured."""
+    seen = [found.misfit[x][np.isfinite(found.misfit[x])] for found in maps.values()]
+    return max(map(float, np.concatenate(seen))) if all(map(len, seen)) else None
+
+
+def windows(gap: Gap, found: Comparison) -> Section:
+    """Some held-out windows: measured, nominal, corrected."""
+    assert gap.models is not None
+    names = gap.models.shown
+    times = found.windows.dt * np.arange(found.windows.y.shape[2])
+    units = _units(gap.plant)
+    shown = _shown(found, names[0])
+    pictures = []
+    for x, state in list(enumerate(gap.plant.layout.states))[0::2]:
+        label = f"{state} [{units[state]}]"
+        for w in shown:
+            recording = gap.held_out[found.windows.recording[w]]
+            title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
+            runs = {name: found.runs[name][w, x] for name in names}
+            measured = found.windows.y[w, x]
+            plot = partial(plot_window, times, measured, runs, label, title, COMPARISON.start_s)
+            pictures.append(draw(f"{state} in {title}", plot, top=0.91))
+    return Section(
+        "Held-out windows",
+        f"Windows in which the {names[0]} plant is worse than in 90, 50 and 10 % of all. In the "
+        "grey part the starts of the free runs were fitted.",
+        pictures,
+        columns=3,
+    )
+
+
+def _shown(found: Comparison, name: str) -> list[int]:
+    """Windows in which a plant is worse than in 90, 50 and 10 % of all."""
+    squares = np.nanmean(squares_at_end(scaled_errors(found.windows, found.runs[name])), axis=1)
+    order = np.argsort(squares)
+    return [int(order[round(part * (len(order) - 1))]) for part in _PARTS]
+
+
+def experiments(gap: Gap) -> Section:
+    """Recordings that would settle what these cannot."""
+    return Section("What to record next", " ".join(gap.experiments))
+
+
+def candidates(gap: Gap, found: SearchResult) -> Section:
+    """The sets of effects that the search has fitted, and what else was looked for."""
+    best = found.ranked[0][1]
+    rows = [
+        (" + ".join(map(str, known.model.effects)) or "nothing", f"{bic - best:+.0f}")
+        for known, bic in found.ranked[:_SETS]
+    ]
+    return Section(
+        "What was compared",
+        f"{len(found.ranked)} sets of effects were fitted; these are the best, by their BIC less "
+        f"that of the best one.",
+        (),
+        [Table(("effects", "BIC"), rows)],
+        folded=True,
+    )
+
+
+def recordings(gap: Gap) -> Section:
+    """The recordings, what they were used for, and what was left out of them."""
+    rows = []
+    for recording in gap.recordings:
+        name = recording.name
+        uses = {"fitted": name in gap.train, "held out": name in gap.held_out}
+        spans = [f"{e.start_s:.1f} to {e.end_s:.1f} s" for e in gap.events if e.recording == name]
+        rows.append(
+            (
+                name,
+                f"{len(recording) * recording.dt:.1f} s at {1.0 / recording.dt:.4g} Hz",
+                ", ".join(use for use, true in uses.items() if true),
+                ", ".join(spans) or "–",
+                " ".join(recording.remarks) or "–",
+            )
+        )
+    tables = [Table(("recording", "length", "used as", "left out", "remarks"), rows)]
+    if gap.comparison is not None:
+        units, std = _units(gap.plant), _std(gap)
+        seen = np.any(gap.comparison.windows.measured, axis=(0, 2))
+        noise = [
+            (name, f"{std[x]:.3g} {units[name]}" if seen[x] else "not measured")
+            for x, name in enumerate(gap.plant.layout.states)
+        ]
+        tables.append(Table(("state", "noise std"), noise))
+    return Section("Recordings", "", (), tables, folded=True)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and the ".join(names)
+
+
+def _std(gap: Gap) -> Float[np.ndarray, " X"]:
+    """Noise of each state's measurement, in its unit."""
+    assert gap.comparison is not None
+    return gap.comparison.windows.std
+
+
+def _worst_joints(gap: Gap) -> list[int]:
+    """The joints whose channels are missed most, the worst first."""
+    layout = gap.plant.layout
+    share = dict.fromkeys(range(len(layout.joints)), 0.0)
+    for part in gap.where:
+        share[layout.joint_of(part.channel)] += part.share
+    for named in gap.named:  # wherever its consequences are
+        share[layout.joint_of(named.target)] += 1.0
+    return sorted(share, key=lambda j: -share[j])[:_JOINTS]
+
+
+def _units(plant: Plant) -> dict[str, str]:
+    """The unit of each state."""
+    return dict(zip(plant.layout.states, plant.layout.units, strict=True))

@@ -9,8 +9,7 @@ from typing import Any
 
 from mcpilco.logbook import History, RunFolder, read_history
 from mcpilco.show.report import document, sections
-from mcpilco.show.report.document import Document, made
-from mcpilco.show.report.parts import Section
+from mcpilco.show.report.document import Document, Section, made
 
 
 def write_report(run: RunFolder, out: Path | None = None) -> Path:
@@ -27,7 +26,7 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
     document.require_extra()
     history = read_history(run)
     path = run.path / "report.html" if out is None else out
-    return document.write(path, page_of(history))
+    return document.write_document(path, page_of(history))
 
 
 def page_of(history: History) -> Document:

@@ -23,7 +23,7 @@ from mcpilco.show.report.calibration import (
     rollout_coverage,
     rollout_errors,
 )
-from mcpilco.show.report.parts import Section, Table, draw
+from mcpilco.show.report.document import Section, Table, draw
 from mcpilco.show.report.policy_map import policy_maps
 from mcpilco.typing import InputError, RunFolderError
 

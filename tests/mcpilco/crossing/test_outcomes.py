@@ -15,8 +15,8 @@ from mcpilco.crossing import (
     read_crossing,
     write_crossing,
 )
-from mcpilco.show.crossing_film import write_film
 from mcpilco.show.scene import Scene
+from mcpilco.show.side_by_side import write_crossing_film
 from mcpilco.typing import RunFolderError
 
 ID = "mcpilco/CartPoleSwingUp-v0"
@@ -95,8 +95,8 @@ def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_the_film_holds_both_policies(crossing: Crossing, scene: Scene, tmp_path: Path) -> None:
     legs = {"nominal": crossing, "corrected": crossing}
-    one = write_film(tmp_path / "one.rrd", {"nominal": crossing}, scene, "one")
-    both = write_film(tmp_path / "both.rrd", legs, scene, "both")
+    one = write_crossing_film(tmp_path / "one.rrd", {"nominal": crossing}, scene, "one")
+    both = write_crossing_film(tmp_path / "both.rrd", legs, scene, "both")
     assert both.stat().st_size > one.stat().st_size > 0
 
 

@@ -9,7 +9,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from mcpilco.logbook import History, PastTrial, RunFolder
-from mcpilco.show.film import Reel, write_film
+from mcpilco.show.film import Reel, write_run_film
 from mcpilco.show.viewer import _executable
 from mcpilco.typing import InputError
 from tests.mcpilco.fakes import DT, STEPS, make_prediction, make_rollout
@@ -49,7 +49,7 @@ def entities(path) -> set[str]:
 
 
 def test_trials_follow_one_another_with_a_pause(tmp_path, task) -> None:
-    end_s = write_film(tmp_path / "film.rrd", [reel(task)])
+    end_s = write_run_film(tmp_path / "film.rrd", [reel(task)])
     times, values = rows(tmp_path / "film.rrd", "states/pole_angle/system")
     slot = DT * (STEPS + PAUSE)
     starts = [0.0, slot, 2 * slot]
@@ -61,7 +61,7 @@ def test_trials_follow_one_another_with_a_pause(tmp_path, task) -> None:
 
 
 def test_curves_are_broken_between_trials(tmp_path, task) -> None:
-    write_film(tmp_path / "film.rrd", [reel(task)])
+    write_run_film(tmp_path / "film.rrd", [reel(task)])
     for entity in ("states/pole_angle/system", "states/pole_angle/particles", "cost/system"):
         _, values = rows(tmp_path / "film.rrd", entity)
         gaps = [np.isnan(value).all() for value in values]
@@ -70,7 +70,7 @@ def test_curves_are_broken_between_trials(tmp_path, task) -> None:
 
 
 def test_cost_of_a_trial_is_a_level_throughout_it(tmp_path, task) -> None:
-    write_film(tmp_path / "film.rrd", [reel(task)])
+    write_run_film(tmp_path / "film.rrd", [reel(task)])
     for name, cost in (("predicted", 4.0), ("system", 5.0)):
         times, values = rows(tmp_path / "film.rrd", f"learning/{name}")
         assert times[0] == pytest.approx(DT * (STEPS + PAUSE))  # the exploration has none
@@ -78,18 +78,18 @@ def test_cost_of_a_trial_is_a_level_throughout_it(tmp_path, task) -> None:
 
 
 def test_one_trial_of_a_run_is_a_film_of_its_own(tmp_path, task) -> None:
-    end_s = write_film(tmp_path / "film.rrd", [reel(task)], trial=2)
+    end_s = write_run_film(tmp_path / "film.rrd", [reel(task)], trial=2)
     times, _ = rows(tmp_path / "film.rrd", "states/pole_angle/system")
     assert len(times) == STEPS + 2
     assert end_s == pytest.approx(DT * STEPS)
     with pytest.raises(InputError, match="--trial must be one of 0, 1, 2, got 7"):
-        write_film(tmp_path / "other.rrd", [reel(task)], trial=7)
+        write_run_film(tmp_path / "other.rrd", [reel(task)], trial=7)
     assert [path.name for path in tmp_path.iterdir()] == ["film.rrd"]
 
 
 def test_trials_of_two_runs_begin_together(tmp_path, task) -> None:
     reels = [reel(task, "a"), reel(task, "b", numbers=(0, 2), seed=1)]
-    write_film(tmp_path / "film.rrd", reels)
+    write_run_film(tmp_path / "film.rrd", reels)
     slot = DT * (STEPS + PAUSE)
     first, _ = rows(tmp_path / "film.rrd", "states/pole_angle/a/system")
     second, values = rows(tmp_path / "film.rrd", "states/pole_angle/b/system")
@@ -109,7 +109,7 @@ def test_scenes_of_two_runs_are_drawn_apart(tmp_path, task) -> None:
         dataclasses.replace(reel(task, name, seed=seed), scene=scene)
         for seed, name in enumerate("ab")
     ]
-    write_film(tmp_path / "film.rrd", reels)
+    write_run_film(tmp_path / "film.rrd", reels)
     found = entities(tmp_path / "film.rrd")
     for group in "ab":
         assert {f"world/{group}/tail", f"world/{group}/particles"} <= found
@@ -119,7 +119,7 @@ def test_scenes_of_two_runs_are_drawn_apart(tmp_path, task) -> None:
 def test_runs_of_two_systems_make_no_film(tmp_path, task) -> None:
     other = dataclasses.replace(task, state_names=("x", "dx", "q", "dq"))
     with pytest.raises(InputError, match="of one system; the first has the state_names"):
-        write_film(tmp_path / "film.rrd", [reel(task), reel(other)])
+        write_run_film(tmp_path / "film.rrd", [reel(task), reel(other)])
 
 
 def content(path) -> list[str]:
@@ -134,7 +134,7 @@ def content(path) -> list[str]:
 
 def test_equal_runs_make_equal_films(tmp_path, task) -> None:
     for name, seed in (("a", 0), ("b", 0), ("c", 3)):
-        write_film(tmp_path / f"{name}.rrd", [reel(task, seed=seed)])
+        write_run_film(tmp_path / f"{name}.rrd", [reel(task, seed=seed)])
     first, again, other = (content(tmp_path / f"{name}.rrd") for name in "abc")
     assert first == again
     assert first != other
@@ -142,6 +142,6 @@ def test_equal_runs_make_equal_films(tmp_path, task) -> None:
 
 def test_film_is_verified_by_rerun(tmp_path, task) -> None:
     path = tmp_path / "film.rrd"
-    write_film(path, [reel(task)])
+    write_run_film(path, [reel(task)])
     command = [_executable(), "rrd", "verify", str(path)]
     assert subprocess.run(command, capture_output=True).returncode == 0

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from mcpilco.gap import Gap
-from mcpilco.show import gap_film as film
-from mcpilco.show.gap_film import write_film
-from mcpilco.show.side_by_side import Clip
+from mcpilco.show import side_by_side as film
+from mcpilco.show.side_by_side import Clip, write_gap_film
 from mcpilco.typing import InputError
 from tests.mcpilco.show.test_recording import chunks, rrd
 
@@ -17,7 +16,7 @@ from tests.mcpilco.show.test_recording import chunks, rrd
 def test_film_holds_measured_nominal_and_corrected_and_rerun_verifies_it(
     found: Gap, tmp_path: Path
 ) -> None:
-    path = write_film(found, tmp_path / "gap.rrd")
+    path = write_gap_film(found, tmp_path / "gap.rrd")
     assert rrd("verify", path) == 0
     held = set(chunks(path))
     for name in ("measured", "nominal", "corrected"):
@@ -29,7 +28,7 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
 ) -> None:
     shown: list[Clip] = []
     monkeypatch.setattr(film, "write_side_by_side", lambda path, clips, *rest: shown.extend(clips))
-    write_film(found, tmp_path / "gap.rrd")
+    write_gap_film(found, tmp_path / "gap.rrd")
     ends = [np.sqrt(np.nanmean(np.square(c.measured - c.models["nominal"])[-5:])) for c in shown]
     assert ends == sorted(ends, reverse=True)
     assert {clip.note.split(",")[0] for clip in shown} == {f"### {n}" for n in found.held_out}
@@ -41,4 +40,4 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
 
 def test_recordings_that_are_too_poor_make_no_film(found: Gap, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="too poor"):
-        write_film(replace(found, comparison=None), tmp_path / "gap.rrd")
+        write_gap_film(replace(found, comparison=None), tmp_path / "gap.rrd")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.show.plots.volterra import plot_lags, plot_prediction, plot_response
+from mcpilco.show.plots.identification import plot_lags, plot_prediction, plot_response
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

@@ -9,9 +9,9 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 from mcpilco.gap import Event, Gap
-from mcpilco.show.report import gap_sections
+from mcpilco.show.report import gap_page
+from mcpilco.show.report.document import Picture
 from mcpilco.show.report.gap_page import write_gap_report
-from mcpilco.show.report.parts import Picture
 from tests.mcpilco.gap.pushed import PUSH_S
 from tests.mcpilco.show import browser
 from tests.mcpilco.show.report.test_page import Reader
@@ -22,7 +22,7 @@ _DOT = "data:image/svg+xml;base64,PHN2Zy8+"
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """One dot in place of each picture."""
-    monkeypatch.setattr(gap_sections, "draw", lambda says, plot, **margins: Picture(_DOT, says))
+    monkeypatch.setattr(gap_page, "draw", lambda says, plot, **margins: Picture(_DOT, says))
 
 
 def read(gap: Gap, folder: Path) -> Reader:

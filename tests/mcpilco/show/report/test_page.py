@@ -13,9 +13,8 @@ pytest.importorskip("jinja2")
 
 from mcpilco.logbook import RunFolder, read_history
 from mcpilco.show.report import sections, write_report
-from mcpilco.show.report.document import render
+from mcpilco.show.report.document import Picture, render
 from mcpilco.show.report.page import page_of
-from mcpilco.show.report.parts import Picture
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.show import browser
 

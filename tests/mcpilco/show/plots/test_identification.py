@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.show.plots.torques import plot_torque
+from mcpilco.show.plots.identification import plot_torque
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

@@ -13,8 +13,7 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 
 from mcpilco.show.plots.models import PolicyMap, plot_policy
-from mcpilco.show.report.document import Document, write
-from mcpilco.show.report.parts import Section, Table, draw
+from mcpilco.show.report.document import Document, Section, Table, draw, write_document
 from mcpilco.typing import InputError
 from tests.mcpilco.show import browser
 
@@ -71,7 +70,7 @@ def test_no_column_of_a_wide_table_is_cut_off(tmp_path: Path) -> None:
     others = "viscous_friction, stribeck_friction, asymmetric_friction, load_friction"
     row = ("coulomb_friction", "shoulder", sizes, "99 %", others, WORDS)
     section = Section("What is missing", WORDS, (), [Table(header, [row])])
-    write(tmp_path / "page.html", Document("a page", "about", (), [section]))
+    write_document(tmp_path / "page.html", Document("a page", "about", (), [section]))
     with browser.page(tmp_path / "profile") as page:
         page.open((tmp_path / "page.html").as_uri(), width=1200)
         page.wait_for("document.readyState == 'complete'")
