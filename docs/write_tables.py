@@ -28,9 +28,11 @@ def effect_rows() -> list[str]:
 
 
 def plant_rows() -> list[str]:
-    """A row for each plant that an id registers: states, inputs and parameters."""
+    """A row for each plant of this project: states, inputs and parameters."""
     rows = []
     for name, make in PLANTS.items():
+        if not name.startswith("mcpilco/"):
+            continue  # a user's
         plant = make()
         parameters = [parameter.name for parameter in plant.parameters]
         columns = (plant.layout.states, plant.layout.inputs, parameters)
