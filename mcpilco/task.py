@@ -70,7 +70,7 @@ class TaskSpec:
     """differentiable cost of (states, inputs), in torch; None: learned from the rewards"""
     observed: tuple[int | tuple[int, int], ...] = ()
     """where each state is found in the observation: an index, or the pair (cosine, sine) of
-    indices of an angle; (): the observation is the state. See `mcpilco.sensing.observing`"""
+    indices of an angle; (): the observation is the state. See `mcpilco.sensing.perception`"""
     measured: tuple[int, ...] | None = None
     """which states are observed, in this order; None: all. One that is not must be the velocity of
     one that is, and is estimated"""

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import torch
 from jaxtyping import Float
@@ -81,18 +80,8 @@ def rollout(
     return Particles(torch.stack(states), torch.stack(inputs))
 
 
-class RolloutFunction(Protocol):
-    """`mcpilco.search.particles.rollout`, or anything that computes the same."""
-
-    def __call__(
-        self,
-        dynamics: Any,
-        policy: Any,
-        start: Float[Tensor, "P X"],
-        noise: Float[Tensor, "T P E"],
-        dropout: Dropout | None = None,
-        sensing: Sensing | None = None,
-    ) -> Particles: ...
+RolloutFunction = Callable[..., Particles]
+"""`rollout`, or anything that computes the same of the same arguments"""
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ part (`LinearEstimator`: a Kalman filter or filtered differences), and an actuat
 state. `Perception` fits an agent's linear estimator to its data, and smooths recordings to learn
 from.
 
-Read `estimator`, `motion`, `perception`, then `delay` and `state_predictor`; `observing` makes
-states of an env's observations.
+Read `estimator`, `motion`, `perception`, which also makes states of an env's observations, then
+`delay` and `state_predictor`.
 """
 
 import lazy_loader

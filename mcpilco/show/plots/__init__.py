@@ -2,3 +2,7 @@
 
 matplotlib comes with the extra `report` and is imported when the first plot is drawn.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
