@@ -298,9 +298,7 @@ class Model:
         return PathwisePosterior(dynamics, self.config.path_features)
 
     def tracker(
-        self,
-        transitions: Transitions | None,
-        estimate_std: Float[np.ndarray, " X"] | None = None,
+        self, transitions: Transitions | None, estimate_std: Float[np.ndarray, " X"] | None = None
     ) -> StateTracker | None:
         """The estimator of the state in which a late command acts; None where none is late.
 

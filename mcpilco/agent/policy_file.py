@@ -18,10 +18,7 @@ from mcpilco.typing import Estimator, InputError
 
 
 def write_policy(
-    path: str | Path,
-    policy: SumOfGaussians,
-    task: TaskSpec,
-    estimator: Estimator | None = None,
+    path: str | Path, policy: SumOfGaussians, task: TaskSpec, estimator: Estimator | None = None
 ) -> Path:
     """Write the numbers that a policy computes with, and their meaning; returns the path.
 

@@ -96,10 +96,7 @@ class Progress(Callback):
         doing = "searching the policy" if self._models else "learning"
         known = "" if cost is None else f", cost {cost:.2f}"
         self._bar.update(
-            self._task,
-            completed=step,
-            total=steps,
-            description=f"{self._heading}: {doing}{known}",
+            self._task, completed=step, total=steps, description=f"{self._heading}: {doing}{known}"
         )
 
     def on_trial_end(self, result: TrialResult) -> None:

@@ -31,14 +31,7 @@ from typing import Any
 import numpy as np
 
 from mcpilco.data import TrialResult
-from mcpilco.files import (
-    damaged,
-    leftovers,
-    read_arrays,
-    read_text,
-    write_arrays,
-    write_bytes,
-)
+from mcpilco.files import damaged, leftovers, read_arrays, read_text, write_arrays, write_bytes
 from mcpilco.logbook.metrics import check_values, read_metrics, values_of, write_metrics
 from mcpilco.typing import RunFolderError
 

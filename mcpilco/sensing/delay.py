@@ -114,10 +114,7 @@ class StateTracker:
     """
 
     def __init__(
-        self,
-        predictor: StatePredictor,
-        inputs: int,
-        noise_std: Float[Tensor, " X"] | None = None,
+        self, predictor: StatePredictor, inputs: int, noise_std: Float[Tensor, " X"] | None = None
     ) -> None:
         """A tracker.
 

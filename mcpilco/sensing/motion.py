@@ -66,10 +66,7 @@ class Motion:
 
     @classmethod
     def of(
-        cls,
-        task: TaskSpec,
-        change_std: Float[np.ndarray, " E"],
-        noise_std: Float[np.ndarray, " Y"],
+        cls, task: TaskSpec, change_std: Float[np.ndarray, " E"], noise_std: Float[np.ndarray, " Y"]
     ) -> Motion:
         """The motion of a task's states.
 

@@ -58,7 +58,11 @@ def build_blueprint(
         film: several trials follow one another; show what each one cost.
         live: more is to come; follow it, and show the policy search.
     """
-    views: list[rrb.View] = [*_plots(task)]
+    states = zip(task.state_names, task.state_units, strict=True)
+    inputs = zip(task.input_names, task.input_units, strict=True)
+    titles = {entity(STATES, name): f"{name} [{unit}]" for name, unit in states}
+    titles |= {entity(INPUTS, name): f"{name} [{unit}]" for name, unit in inputs}
+    views: list[rrb.View] = [_curve(*entry) for entry in (titles | {COST: "cost [-]"}).items()]
     if film:
         views.append(_curve(LEARNING, "cost of an episode [-]"))
     if live:
@@ -90,9 +94,7 @@ def _blueprint(body: rrb.Container, live: bool = False) -> rrb.Blueprint:
 
 
 def build_side_by_side(
-    titles: Mapping[str, str],
-    worlds: Mapping[str, str],
-    extent: Float[np.ndarray, "N 3"],
+    titles: Mapping[str, str], worlds: Mapping[str, str], extent: Float[np.ndarray, "N 3"]
 ) -> rrb.Blueprint:
     """The layout: scenes beside one another over the notes and the curves.
 
@@ -128,15 +130,6 @@ def build_watch(titles: Mapping[str, str], extent: Float[np.ndarray, "N 3"]) -> 
     left = rrb.Vertical(scene, about, row_shares=[3, 1], name="system")
     plots = rrb.Grid(*(_curve(*entry) for entry in titles.items()), grid_columns=2, name="curves")
     return _blueprint(rrb.Horizontal(left, plots, column_shares=[1, 1]))
-
-
-def _plots(task: TaskSpec) -> list[rrb.TimeSeriesView]:
-    states = zip(task.state_names, task.state_units, strict=True)
-    inputs = zip(task.input_names, task.input_units, strict=True)
-    titles = {entity(STATES, name): f"{name} [{unit}]" for name, unit in states}
-    titles |= {entity(INPUTS, name): f"{name} [{unit}]" for name, unit in inputs}
-    titles |= {COST: "cost [-]"}
-    return [_curve(path, title) for path, title in titles.items()]
 
 
 def _curve(path: str, title: str) -> rrb.TimeSeriesView:

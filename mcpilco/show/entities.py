@@ -153,11 +153,7 @@ def log_particles(track: Track, scene: Scene, prediction: Prediction) -> None:
 
 
 def log_tails(
-    track: Track,
-    path: str,
-    markers: Float[np.ndarray, "T P 3"],
-    color: RGB,
-    width: float,
+    track: Track, path: str, markers: Float[np.ndarray, "T P 3"], color: RGB, width: float
 ) -> None:
     """At each step, where each marker has lately been; the first points repeat."""
     rows, strips, _ = markers.shape

@@ -102,10 +102,7 @@ def new_recording(
 
 def log_note(rec: rr.RecordingStream, text: str, start_s: float, first: int) -> None:
     """Show notes in Markdown from an instant on, of the time [s] and the step."""
-    index = [
-        rr.TimeColumn(TIMELINE, duration=[start_s]),
-        rr.TimeColumn("step", sequence=[first]),
-    ]
+    index = [rr.TimeColumn(TIMELINE, duration=[start_s]), rr.TimeColumn("step", sequence=[first])]
     columns = rr.TextDocument.columns(text=[text], media_type=["text/markdown"])
     rec.send_columns(ABOUT, index, columns)
 

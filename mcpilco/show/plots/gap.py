@@ -220,12 +220,7 @@ def plot_force_map(
     seen = np.abs(cells[np.isfinite(cells)])
     most = float(np.percentile(seen, 95)) if len(seen) else 1.0
     mesh = ax.pcolormesh(
-        *edges,
-        np.ma.masked_invalid(cells),
-        cmap="RdBu_r",
-        vmin=-most,
-        vmax=most,
-        rasterized=True,
+        *edges, np.ma.masked_invalid(cells), cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True
     )
     ax.set(xlabel=labels[0], ylabel=labels[1])
     ax.set_facecolor("0.9")

@@ -11,14 +11,7 @@ from jaxtyping import Float
 
 from mcpilco.data import TrialResult
 from mcpilco.logbook import PastTrial
-from mcpilco.show.plots.style import (
-    MODEL,
-    PARTICLES,
-    SYSTEM,
-    add_legend,
-    new_axes,
-    trial_shades,
-)
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes, trial_shades
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -82,10 +75,7 @@ def plot_search(costs: Mapping[int, Sequence[float]], ax: Axes | None = None) ->
 
 
 def plot_times(
-    trials: Sequence[int],
-    wall_s: Sequence[float],
-    cpu_s: Sequence[float],
-    ax: Axes | None = None,
+    trials: Sequence[int], wall_s: Sequence[float], cpu_s: Sequence[float], ax: Axes | None = None
 ) -> Axes:
     """Time of each trial: time on the clock, and of the processor.
 
@@ -131,10 +121,7 @@ def plot_coverage(
     for i, (name, shares) in enumerate(covered.items()):
         ax.plot(levels, shares, _STYLES[i % len(_STYLES)], color=MODEL, label=name)
     ax.set(
-        xlabel="level of the interval [-]",
-        ylabel="truth within [-]",
-        xlim=(0, 1),
-        ylim=(0, 1.02),
+        xlabel="level of the interval [-]", ylabel="truth within [-]", xlim=(0, 1), ylim=(0, 1.02)
     )
     add_legend(ax)
     return ax

@@ -195,8 +195,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
         ],
         [
             Table(
-                (f"error after {found.horizon_s:g} s", *(n.replace("_", " ") for n in names)),
-                rows,
+                (f"error after {found.horizon_s:g} s", *(n.replace("_", " ") for n in names)), rows
             )
         ],
     )
