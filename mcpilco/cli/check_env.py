@@ -9,13 +9,13 @@ from typing import Annotated
 import tyro
 
 from mcpilco.cli.options import TaskPath, given_task, optional
-from mcpilco.cli.system import register, require_at_least, use_one_thread
+from mcpilco.cli.system import Command, register, require_at_least, use_one_thread
 
 _MARKS = {"fits": "ok", "note": "--", "fault": "no"}
 
 
 @dataclass(frozen=True)
-class CheckEnv:
+class CheckEnv(Command):
     """Say what of an env fits the agent and what does not; takes some hundred random steps."""
 
     env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ID")]
@@ -30,11 +30,7 @@ class CheckEnv:
     """of the env and the inputs"""
 
     def __call__(self) -> int:
-        """Print the findings; returns 0 where the agent can use the env, else 1.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Print the findings; returns 0 where the agent can use the env, else 1."""
         require_at_least(1, horizon=self.horizon, steps=self.steps)
         require_at_least(0, seed=self.seed)
         use_one_thread()

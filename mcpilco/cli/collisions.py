@@ -13,7 +13,7 @@ import tyro
 
 from mcpilco.cli.options import Columns, Files, column_names, optional
 from mcpilco.cli.simulate_arm import Simulate
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.system import Command, use_one_thread
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
-class Learn:
+class Learn(Command):
     """Learn which currents to expect, from recordings without any contact."""
 
     recordings: Files
@@ -81,11 +81,7 @@ class Learn:
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Learn, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Learn, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             CurrentConfig,
@@ -119,7 +115,7 @@ class Learn:
 
 
 @dataclass(frozen=True)
-class Threshold:
+class Threshold(Command):
     """Set the thresholds of a model anew, from recordings without any contact."""
 
     model: ModelPath
@@ -131,11 +127,7 @@ class Threshold:
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Set them, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Set them, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import load_collision_model, save_collision_model
 
@@ -150,7 +142,7 @@ class Threshold:
 
 
 @dataclass(frozen=True)
-class Detect:
+class Detect(Command):
     """Find collisions in recordings, as a detector would while they were made."""
 
     model: ModelPath
@@ -163,11 +155,7 @@ class Detect:
     """what the files call their columns, where it differs"""
 
     def __call__(self) -> int:
-        """Search, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Search, and return the exit code."""
         use_one_thread()
         from mcpilco.files import write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
@@ -197,7 +185,7 @@ class Detect:
 
 
 @dataclass(frozen=True)
-class Collisions:
+class Collisions(Command):
     """Find collisions of an arm in its motor currents, without other sensors."""
 
     command: tyro.conf.OmitArgPrefixes[
@@ -205,11 +193,7 @@ class Collisions:
     ]
 
     def __call__(self) -> int:
-        """Run one of its commands, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Run one of its commands, and return the exit code."""
         return self.command()
 
 

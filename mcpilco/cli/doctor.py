@@ -14,6 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from platform import machine, platform, python_version
 
+from mcpilco.cli.system import Command
+
 _NEEDED = (
     "torch",
     "numpy",
@@ -50,7 +52,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Doctor:
+class Doctor(Command):
     """Check this machine, and say what to do where something is missing."""
 
     def __call__(self) -> int:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import register, require_at_least, use_one_thread
+from mcpilco.cli.system import Command, register, require_at_least, use_one_thread
 
 if TYPE_CHECKING:
     from mcpilco.agent import Agent
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Command):
     """Judge the policy of a run on fresh rollouts."""
 
     run: RunPath
@@ -33,11 +33,7 @@ class Evaluate:
     """print one JSON object instead of a table"""
 
     def __call__(self) -> int:
-        """Evaluate, print, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Evaluate, print, and return the exit code."""
         require_at_least(1, episodes=self.episodes, horizon=self.horizon)
         require_at_least(0, seed=self.seed)
         use_one_thread()

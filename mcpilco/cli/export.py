@@ -9,12 +9,12 @@ from typing import Annotated
 import tyro
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import register
+from mcpilco.cli.system import Command, register
 from mcpilco.typing import InputError
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Command):
     """Write a run's policy as plain arrays, to act with numpy alone."""
 
     run: RunPath
@@ -25,11 +25,7 @@ class Export:
     """whose policy"""
 
     def __call__(self) -> int:
-        """Write, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Write, and return the exit code."""
         register()
         from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder

@@ -19,7 +19,7 @@ from mcpilco.cli.options import (
     separated,
     uncertainty,
 )
-from mcpilco.cli.system import make_folder, register, use_one_thread
+from mcpilco.cli.system import Command, make_folder, register, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import McPilcoError
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Command):
     """Find where a plant and recordings disagree, name the missing effect, add it."""
 
     recordings: Files
@@ -56,11 +56,7 @@ class Gap:
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        """Investigate, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Investigate, and return the exit code."""
         use_one_thread()
         register()
         from mcpilco.gap import investigate, write_json

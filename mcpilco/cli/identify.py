@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from mcpilco.cli.options import Columns, Files, column_names, optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.system import Command, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 
 
 @dataclass(frozen=True)
-class Identify:
+class Identify(Command):
     """Find the masses, inertias and friction of a robot in recordings of its motion."""
 
     recordings: Files
@@ -70,11 +70,7 @@ class Identify:
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Identify, and return the exit code."""
         use_one_thread()
         found = self._identify()
         for line in lines(found):

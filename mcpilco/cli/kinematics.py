@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli.options import optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.system import Command, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Kinematics:
+class Kinematics(Command):
     """Find a robot's kinematic chain in marker poses, and learn its forward kinematics."""
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
@@ -40,11 +40,7 @@ class Kinematics:
     """of the draw of these samples"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Identify, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.kinematics import (
             Tolerance,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from mcpilco.cli.system import Command
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -151,7 +152,7 @@ def given_task(path: Path | None) -> TaskSpec | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Learning:
+class Learning(Command):
     """Options of every command that learns: in which env, by which algorithm, of which model."""
 
     env: str = CART_POLE

@@ -14,6 +14,7 @@ import tyro
 
 from mcpilco.cli.options import EnvKeywords, keywords, optional
 from mcpilco.cli.system import (
+    Command,
     make_folder,
     register,
     require_at_least,
@@ -35,7 +36,7 @@ KINDS = ("excitation", "random")
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Command):
     """Record an env's sensors and inputs: a CSV a rollout, with the columns of its task."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
@@ -58,11 +59,7 @@ class Record:
     """show no progress"""
 
     def __call__(self) -> int:
-        """Record, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Record, and return the exit code."""
         self._check()
         use_one_thread()
         register()

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import register, use_one_thread
+from mcpilco.cli.system import Command, register, use_one_thread
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Command):
     """Write a run as one HTML page that needs no other file."""
 
     run: RunPath
@@ -20,11 +20,7 @@ class Report:
     """the page"""
 
     def __call__(self) -> int:
-        """Write the page, print its path, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Write the page, print its path, and return the exit code."""
         use_one_thread()
         register()
         from mcpilco.logbook import RunFolder

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.system import make_folder
+from mcpilco.cli.system import Command, make_folder
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Simulate:
+class Simulate(Command):
     """Record a simulated arm whose joints stick: without contact, and pushed."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]

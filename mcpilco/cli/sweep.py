@@ -38,11 +38,7 @@ class Sweep(Learning):
     """show no progress"""
 
     def __call__(self) -> int:
-        """Train, print the table, and return the exit code: 1 when a seed failed.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Train, print the table, and return the exit code: 1 when a seed failed."""
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
         from mcpilco.agent import with_package

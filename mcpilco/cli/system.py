@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from pathlib import Path
 
 from mcpilco.typing import InputError, RecordingError
+
+
+class Command(ABC):
+    """A command and its options, which are its fields."""
+
+    @abstractmethod
+    def __call__(self) -> int:
+        """Run it, and return the exit code.
+
+        Raises:
+            McPilcoError: a wrong input; the sentence says which.
+        """
 
 
 def use_one_thread() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from mcpilco.cli.options import optional
-from mcpilco.cli.system import make_folder, use_one_thread
+from mcpilco.cli.system import Command, make_folder, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _SHOWN = 300
 
 
 @dataclass(frozen=True)
-class Volterra:
+class Volterra(Command):
     """Find the Volterra series from inputs to outputs, and say how well it predicts."""
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -53,11 +53,7 @@ class Volterra:
     """of what is drawn"""
 
     def __call__(self) -> int:
-        """Fit, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Fit, and return the exit code."""
         use_one_thread()
         from mcpilco.identification import save_volterra
 
