@@ -21,8 +21,8 @@ import gymnasium as gym
 from baselines.evaluate import Judge, Judgement, learning_curve
 from mcpilco.agent import find_after_import, make_env
 from mcpilco.data import is_measure
-from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.sweep import FORMAT, Settings, machine, one_thread
+from mcpilco.logbook import read_json, write_json
+from mcpilco.sweep import Settings, one_thread, result_of
 from mcpilco.typing import InputError
 
 
@@ -72,13 +72,7 @@ class CurveJob:
                 rows.append(_row(len(rows) + 1, found, before))
                 self._keep(agent, rows)
                 before = found
-        return {
-            "format": FORMAT,
-            "seed": self.seed,
-            "trials": rows,
-            "machine": machine(),
-            "versions": versions(),
-        }
+        return result_of(self.seed, rows)
 
     def forget(self) -> None:
         """Take the checkpoint away, once the result is written."""

@@ -22,6 +22,7 @@ from envs.drawing import (
     Canvas,
     hanging,
     hanging_end,
+    standing_scene,
     upright,
 )
 from envs.plants import cart_pole
@@ -81,14 +82,7 @@ def scene(plant: Plant) -> Scene:
         "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
         "pole": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), POLE_COLOR),
     }
-    rail = Shape("box", tuple(length * half for half in RAIL_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip,
-        fixed=((rail, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, length),
-    )
+    return standing_scene(RAIL_HALF, length, shapes=shapes, poses=poses, marker=tip)
 
 
 def picture(
@@ -209,19 +203,13 @@ class CartPoleSwingUpEnv(PlantEnv):
     | `dt`                | time for which a force is held                   | 0.1        | s      |
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
-    | `effects`           | what the equations lack, see below               | None       |        |
+    | `effects`           | what the equations lack, see `PlantEnv`          | None       |        |
     | `measured`          | `"all"` states, or `"positions"` only            | "all"      |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the force of the
-    cost the one that was asked for. Before an episode the motor was off.
 
     ## References
 
@@ -247,15 +235,7 @@ class CartPoleSwingUpEnv(PlantEnv):
             measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )
 
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
 
 
 def observed(measured: Literal["all", "positions"]) -> tuple[int, ...] | None:

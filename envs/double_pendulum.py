@@ -21,6 +21,7 @@ from envs.drawing import (
     Point,
     hanging,
     hanging_end,
+    standing_scene,
     twist,
 )
 from envs.plants import acrobot, pendubot
@@ -80,14 +81,7 @@ def scene(plant: Plant) -> Scene:
         "elbow": Shape("sphere", (JOINT_RADIUS * reach,), FIXED_COLOR),
         "tip": Shape("sphere", (TIP_RADIUS * reach,), POLE_COLOR),
     }
-    base = Shape("box", tuple(reach * half for half in MOTOR_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip_of,
-        fixed=((base, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, reach),
-    )
+    return standing_scene(MOTOR_HALF, reach, shapes=shapes, poses=poses, marker=tip_of)
 
 
 def picture(
@@ -127,15 +121,7 @@ def _seen(point: Float[np.ndarray, " 3"]) -> Point:
 class DoublePendulumEnv(PlantEnv):
     """The look that pendubot and acrobot share."""
 
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
 
 
 class PendubotEnv(DoublePendulumEnv):
@@ -236,17 +222,11 @@ class PendubotEnv(DoublePendulumEnv):
     | `dt`                | time for which a torque is held                  | 0.05    | s         |
     | `start_std`         | spread of the start, one number or four          | 0.01    | above     |
     | `noise_std`         | measurement noise, one number or four            | above   | above     |
-    | `effects`           | what the equations lack, see below               | None    |           |
+    | `effects`           | what the equations lack, see `PlantEnv`          | None    |           |
     | `cost`              | a cost of (states, inputs), in torch             | above   | [-]       |
     | `render_mode`       | None or `"rgb_array"`                            | None    |           |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
-    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 

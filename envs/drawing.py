@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -158,6 +159,18 @@ def twist(canvas: Canvas, hinge: Point, push: float, radius: float) -> None:
 def hanging_end(length: float, angle: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b 3"]:
     """The end of a link of this length [m], 0 hanging [rad], relative to its joint [m]."""
     return length * np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
+
+
+def standing_scene(half: tuple[float, ...], reach: float, **moving: Any) -> Scene:
+    """A scene in the x-z plane, about a box at the origin that does not move.
+
+    Args:
+        half: half lengths of the box, relative to the reach [-].
+        reach: how far above the origin the target is [m].
+        **moving: `shapes`, `poses` and `marker` of the scene.
+    """
+    box = Shape("box", tuple(reach * side for side in half), FIXED_COLOR)
+    return Scene(**moving, fixed=((box, (0.0, 0.0, 0.0)),), target=(0.0, 0.0, reach))
 
 
 def side_view(scene: Scene, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray, "H W 3"]:

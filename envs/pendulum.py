@@ -19,6 +19,7 @@ from envs.drawing import (
     Canvas,
     hanging,
     hanging_end,
+    standing_scene,
     twist,
 )
 from envs.plants import pendulum
@@ -62,14 +63,7 @@ def scene(plant: Plant) -> Scene:
         "rod": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), FIXED_COLOR),
         "mass": Shape("sphere", (MASS_RADIUS * length,), POLE_COLOR),
     }
-    motor = Shape("box", tuple(length * half for half in MOTOR_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip,
-        fixed=((motor, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, length),
-    )
+    return standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
 
 
 def picture(
@@ -172,17 +166,11 @@ class PendulumEnv(PlantEnv):
     | `dt`           | time for which a torque is held                  | 0.1     | s           |
     | `start_std`    | spread of the starting state, one number or two  | 0.1     | above       |
     | `noise_std`    | measurement noise, one number or two             | 0.01    | above       |
-    | `effects`      | what the equation lacks, see below               | None    |             |
+    | `effects`      | what the equation lacks, see `PlantEnv`          | None    |             |
     | `cost`         | a cost of (states, inputs), in torch             | above   | [-]         |
     | `render_mode`  | None or `"rgb_array"`                            | None    |             |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
-    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 
@@ -190,13 +178,4 @@ class PendulumEnv(PlantEnv):
     """
 
     nominal = SWING_UP
-
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)

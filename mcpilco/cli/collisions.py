@@ -87,13 +87,16 @@ class Learn(Command):
             CurrentConfig,
             fit_currents,
             save_collision_model,
+            thresholds,
         )
 
+        if self.points < 100:
+            raise InputError(f"--points must be at least 100, got {self.points}; try 1500.")
         body = _robot(self.robot)
         joints, named = body.chain.joints, column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
         dt = _dt(free[0]) if self.dt is None else self.dt
-        config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
+        config = CurrentConfig(self.kind, self.quiet_speed, points=self.points)
         train, held = _split(free, config.window)
         if self.check:
             train, held = (
@@ -101,7 +104,7 @@ class Learn(Command):
                 _joined(_read(self.check, joints, named, dt), config),
             )
         model, report = fit_currents(train, body, dt, config)
-        limits = _limits(model, held, self.limits)
+        limits = thresholds(model, held, self.limits.config())
         save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
         _print_errors(model, held)
@@ -129,12 +132,16 @@ class Threshold(Command):
     def __call__(self) -> int:
         """Set them, and return the exit code."""
         use_one_thread()
-        from mcpilco.identification.collision import load_collision_model, save_collision_model
+        from mcpilco.identification.collision import (
+            load_collision_model,
+            save_collision_model,
+            thresholds,
+        )
 
         model, _ = load_collision_model(self.model)
         read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
         held = _joined(read, model.config)
-        limits = _limits(model, held, self.limits)
+        limits = thresholds(model, held, self.limits.config())
         save_collision_model(self.model, model, limits)
         _print_errors(model, held)
         _print_thresholds(model, limits)
@@ -266,18 +273,6 @@ def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
     if recording.force is None:
         return None
     return recording.force[np.searchsorted(recording.time, samples.time)]
-
-
-def _limits(model: CurrentModel, held: ArmSamples, options: Limits) -> Thresholds:
-    from mcpilco.identification.collision import thresholds
-
-    return thresholds(model, held, options.config())
-
-
-def _positive(points: int) -> int:
-    if points < 100:
-        raise InputError(f"--points must be at least 100, got {points}; try 1500.")
-    return points
 
 
 # Printing and tables ------------------------------------------------------------------------------

@@ -14,6 +14,8 @@ from mcpilco.cli.system import Command, register, require_at_least, use_one_thre
 if TYPE_CHECKING:
     from mcpilco.agent import Agent
 
+_STATISTICS = ("mean", "std", "min", "max")
+
 
 @dataclass(frozen=True)
 class Evaluate(Command):
@@ -87,12 +89,7 @@ def _report(samples: Mapping[str, Any]) -> dict[str, Any]:
         report["success_rate"] = float(np.mean(samples["is_success"]))
     for name, values in samples.items():
         if name != "is_success":
-            report[name] = {
-                "mean": float(values.mean()),
-                "std": float(values.std()),
-                "min": float(values.min()),
-                "max": float(values.max()),
-            }
+            report[name] = {kind: float(getattr(values, kind)()) for kind in _STATISTICS}
     return report
 
 
@@ -105,7 +102,7 @@ def _print_table(report: Mapping[str, Any]) -> None:
 
     table = Table(title=f"trial {report['trial']}: {report['episodes']} fresh rollouts")
     table.add_column("measure")
-    for statistic in ("mean", "std", "min", "max"):
+    for statistic in _STATISTICS:
         table.add_column(statistic, justify="right")
     for name, numbers in report.items():
         if isinstance(numbers, dict):

@@ -72,12 +72,14 @@ class Identify(Command):
     def __call__(self) -> int:
         """Identify, and return the exit code."""
         use_one_thread()
+        from mcpilco.files import write_bytes
+
         found = self._identify()
         for line in lines(found):
             print(line)
         self.out.mkdir(parents=True, exist_ok=True)
-        written = [*self._write_json(found), *self._write_mjcf(found)]
-        print(f"In {self.out}: {', '.join(written)}.")
+        write_bytes(self.out / "identified.json", json.dumps(as_json(found), indent=1).encode())
+        print(f"In {self.out}: {', '.join(['identified.json', *self._write_mjcf(found)])}.")
         return 0
 
     def _identify(self) -> Identified:
@@ -112,13 +114,6 @@ class Identify(Command):
         for sentence in {str(warning.message) for warning in told}:
             print(f"{self.method}: {sentence}", file=sys.stderr)
         return found
-
-    def _write_json(self, found: Identified) -> list[str]:
-        from mcpilco.files import write_bytes
-
-        path = self.out / "identified.json"
-        write_bytes(path, json.dumps(as_json(found), indent=1).encode())
-        return [path.name]
 
     def _write_mjcf(self, found: Identified) -> list[str]:
         from mcpilco.identification import write_identified_mjcf

@@ -65,7 +65,12 @@ class Volterra(Command):
         mean, std = model.predict(test.inputs)
         save_volterra(model, self.out / "model.npz")
         _write_prediction(self.out / "prediction.csv", model, test, mean, std)
-        written = ["model.npz", "prediction.csv", *self._draw(model, test, mean, std)]
+        written = ["model.npz", "prediction.csv"]
+        try:
+            _picture(self.out / "volterra.png", model, test, mean, std)
+            written.append("volterra.png")
+        except McPilcoError as error:
+            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
         print(f"In {self.out}: {', '.join(written)}.")
         return 0
 
@@ -113,17 +118,6 @@ class Volterra(Command):
             print(f"Highest evidence: {best.config.kernel}")
         return best
 
-    def _draw(
-        self, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
-    ) -> list[str]:
-        """The picture, if it can be drawn: prediction and maps of the first input and output."""
-        try:
-            _picture(self.out / "volterra.png", model, test, mean, std)
-        except McPilcoError as error:
-            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
-            return []
-        return ["volterra.png"]
-
 
 def _print_remarks(series: Series) -> None:
     for remark in series.remarks:
@@ -165,6 +159,7 @@ def _write_prediction(
 def _picture(
     path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
 ) -> None:
+    """Prediction and maps of the first input and output."""
     import numpy as np
 
     from mcpilco.files import replacing
