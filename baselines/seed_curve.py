@@ -64,7 +64,13 @@ class CurveJob:
         with (
             one_thread(),
             contextlib.closing(make_env(settings.env, **settings.env_kwargs)) as env,
-            self._judge() as judge,
+            Judge(
+                settings.env,
+                settings.env_kwargs,
+                episodes=settings.fresh + 1,
+                horizon=settings.fresh_horizon,
+                seed=self.seed,
+            ) as judge,
         ):
             agent = self._agent(env, len(rows))
             before = Judgement(0.0, 0.0, {})
@@ -81,16 +87,6 @@ class CurveJob:
     @property
     def _folder(self) -> Path:
         return self.checkpoints / f"{self.seed:04d}"
-
-    def _judge(self) -> Judge:
-        settings = self.settings
-        return Judge(
-            settings.env,
-            settings.env_kwargs,
-            episodes=settings.fresh + 1,
-            horizon=settings.fresh_horizon,
-            seed=self.seed,
-        )
 
     def _rows(self) -> list[dict[str, Any]]:
         path = self._folder / "rows.json"

@@ -120,6 +120,11 @@ class Canvas:
         self._colors[part] += coverage * (color - self._colors[part])
 
 
+def blank(view_width: float, center: Point) -> Canvas:
+    """An empty picture of the size and colour that all systems share."""
+    return Canvas(WIDTH, HEIGHT, view_width, center, BACKGROUND)
+
+
 def upright(count: int) -> Float[np.ndarray, "T 4"]:
     """Quaternions x, y, z, w of a body that is not turned, one for each of `count` states [-]."""
     return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
@@ -178,7 +183,7 @@ def side_view(scene: Scene, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray,
     reach = float(np.linalg.norm(scene.marker(np.zeros_like(state)))) or 1.0
     middle = float(scene.marker(state)[0])
     middle -= min(max(middle, -2.0 * reach), 2.0 * reach)
-    canvas = Canvas(WIDTH, HEIGHT, 5.0 * reach, (middle, 0.0), BACKGROUND)
+    canvas = blank(5.0 * reach, (middle, 0.0))
     for shape, place in scene.fixed:
         _paint_shape(canvas, shape, np.array(place), Rotation.identity())
     for name, pose in scene.poses(state[None]).items():

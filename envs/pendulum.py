@@ -8,20 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from envs.drawing import (
-    BACKGROUND,
-    FIXED_COLOR,
-    HEIGHT,
-    POLE_COLOR,
-    POLE_RADIUS,
-    TARGET_COLOR,
-    WIDTH,
-    Canvas,
-    hanging,
-    hanging_end,
-    standing_scene,
-    twist,
-)
+from envs import drawing
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
@@ -53,17 +40,17 @@ def scene(plant: Plant) -> Scene:
     length = plant.values["length"]
 
     def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
-        return hanging_end(length, states[..., 0])
+        return drawing.hanging_end(length, states[..., 0])
 
     def poses(states: Float[np.ndarray, "T 2"]) -> Mapping[str, Pose]:
-        mass, turned = tip(states), hanging(states[:, 0])
+        mass, turned = tip(states), drawing.hanging(states[:, 0])
         return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
 
     shapes = {
-        "rod": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), FIXED_COLOR),
-        "mass": Shape("sphere", (MASS_RADIUS * length,), POLE_COLOR),
+        "rod": Shape("capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.FIXED_COLOR),
+        "mass": Shape("sphere", (MASS_RADIUS * length,), drawing.POLE_COLOR),
     }
-    return standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
+    return drawing.standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
 
 
 def picture(
@@ -79,13 +66,13 @@ def picture(
     """
     x, _, z = (scene.marker(state) / plant.values["length"]).tolist()
     # the picture's unit is the length of the pendulum
-    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (0.0, 0.0), BACKGROUND)
-    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
-    canvas.line((0.0, 0.0), (x, z), POLE_RADIUS, FIXED_COLOR)
-    canvas.disc((x, z), MASS_RADIUS, POLE_COLOR)
-    canvas.disc((0.0, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
-    twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
+    canvas = drawing.blank(VIEW_WIDTH, (0.0, 0.0))
+    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, drawing.FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+    canvas.line((0.0, 0.0), (x, z), drawing.POLE_RADIUS, drawing.FIXED_COLOR)
+    canvas.disc((x, z), MASS_RADIUS, drawing.POLE_COLOR)
+    canvas.disc((0.0, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+    drawing.twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
     return canvas.image()
 
 

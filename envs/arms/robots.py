@@ -116,7 +116,9 @@ def follow(
     forward = np.zeros((T, J)) if feedforward is None else feedforward
     noise = encoder_std * rng.normal(size=(T, J))
     low, high = model.actuator_ctrlrange.T
-    log = {name: np.empty((T, J)) for name in ("q", "dq", "sensed", "tau", "back")}
+    log = {
+        name: np.empty((T, J)) for name in ("position", "velocity", "encoder", "force", "feedback")
+    }
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q_r[0], dq_r[0]
     share = 1.0 - np.exp(-2.0 * np.pi * CUTOFF_HZ * dt)
@@ -135,16 +137,8 @@ def follow(
             break
         data.ctrl[:] = tau
         mujoco.mj_step(model, data, substeps)
-    return Followed(
-        time=time[:done],
-        reference=q_r[:done],
-        position=log["q"][:done],
-        velocity=log["dq"][:done],
-        encoder=log["sensed"][:done],
-        force=log["tau"][:done],
-        feedback=log["back"][:done],
-        stopped=done < T,
-    )
+    made = {name: values[:done] for name, values in log.items()}
+    return Followed(time[:done], q_r[:done], **made, stopped=done < T)
 
 
 def _inertia_at_joints(model: mujoco.MjModel) -> Float[np.ndarray, " J"]:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import Command
+from mcpilco.cli.options import Command, optional
 
 if TYPE_CHECKING:
     from mcpilco.sweep import Estimate, LineUp, Measure

@@ -14,15 +14,18 @@ import tyro
 from mcpilco.cli.gap import show_gap
 from mcpilco.cli.options import (
     Algo,
+    Command,
     EnvKeywords,
     SuitablePreset,
     keywords,
     named_numbers,
     optional,
+    register,
+    require_at_least,
     separated,
     uncertainty,
+    use_one_thread,
 )
-from mcpilco.cli.system import Command, register, require_at_least, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
 

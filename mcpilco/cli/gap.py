@@ -12,14 +12,17 @@ import tyro
 
 from mcpilco.cli.options import (
     Columns,
+    Command,
     Files,
     column_names,
+    make_folder,
     named_numbers,
     optional,
+    register,
     separated,
     uncertainty,
+    use_one_thread,
 )
-from mcpilco.cli.system import Command, make_folder, register, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import McPilcoError
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Files, column_names, optional
-from mcpilco.cli.system import Command, use_one_thread
+from mcpilco.cli.options import Columns, Command, Files, column_names, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import EnvKeywords, keywords, optional
-from mcpilco.cli.system import (
+from mcpilco.cli.options import (
     Command,
+    EnvKeywords,
+    keywords,
     make_folder,
+    optional,
     register,
     require_at_least,
     require_new,

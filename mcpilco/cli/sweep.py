@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import Learning, optional
-from mcpilco.cli.system import register, use_one_thread
+from mcpilco.cli.options import Learning, optional, register, use_one_thread
 from mcpilco.typing import InputError
 
 

@@ -17,8 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import Learning, optional
-from mcpilco.cli.system import register, require_at_least, use_one_thread
+from mcpilco.cli.options import Learning, optional, register, require_at_least, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import Command, register
+from mcpilco.cli.options import Command, RunPath, optional, register
 from mcpilco.typing import InputError, McPilcoError
 
 _FIRST_WINDOW_S = 1.0

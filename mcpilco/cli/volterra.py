@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import Command, make_folder, use_one_thread
+from mcpilco.cli.options import Command, make_folder, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
