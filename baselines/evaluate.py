@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.agent import Act, horizon_of, make_env, remembering, task_of
+from mcpilco.agent import horizon_of, make_env, remembering, task_of
 from mcpilco.data import Spent, Stopwatch
 from mcpilco.sweep import FreshEpisodes
 from mcpilco.typing import InputError
@@ -127,12 +127,8 @@ class Judge:
         Raises:
             EnvError: the env returned a value that is not finite.
         """
-
-        def begin() -> Act:
-            return remembering(agent.predict)
-
         spent = spent or Spent()
-        outcomes = self._fresh.outcomes(begin, self._seed, trial=0)
+        outcomes = self._fresh.outcomes(lambda: remembering(agent.predict), self._seed, trial=0)
         return Judgement(experience_s, spent.cpu_s, outcomes, spent.wall_s)
 
 

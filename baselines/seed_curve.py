@@ -21,8 +21,8 @@ import gymnasium as gym
 from baselines.evaluate import Judge, Judgement, learning_curve
 from mcpilco.agent import find_after_import, make_env
 from mcpilco.data import is_measure
-from mcpilco.logbook import read_json, versions, write_json
-from mcpilco.sweep import FORMAT, Settings, machine, one_thread
+from mcpilco.logbook import read_json, write_json
+from mcpilco.sweep import Settings, one_thread, result_of
 from mcpilco.typing import InputError
 
 
@@ -64,7 +64,13 @@ class CurveJob:
         with (
             one_thread(),
             contextlib.closing(make_env(settings.env, **settings.env_kwargs)) as env,
-            self._judge() as judge,
+            Judge(
+                settings.env,
+                settings.env_kwargs,
+                episodes=settings.fresh + 1,
+                horizon=settings.fresh_horizon,
+                seed=self.seed,
+            ) as judge,
         ):
             agent = self._agent(env, len(rows))
             before = Judgement(0.0, 0.0, {})
@@ -72,13 +78,7 @@ class CurveJob:
                 rows.append(_row(len(rows) + 1, found, before))
                 self._keep(agent, rows)
                 before = found
-        return {
-            "format": FORMAT,
-            "seed": self.seed,
-            "trials": rows,
-            "machine": machine(),
-            "versions": versions(),
-        }
+        return result_of(self.seed, rows)
 
     def forget(self) -> None:
         """Take the checkpoint away, once the result is written."""
@@ -87,16 +87,6 @@ class CurveJob:
     @property
     def _folder(self) -> Path:
         return self.checkpoints / f"{self.seed:04d}"
-
-    def _judge(self) -> Judge:
-        settings = self.settings
-        return Judge(
-            settings.env,
-            settings.env_kwargs,
-            episodes=settings.fresh + 1,
-            horizon=settings.fresh_horizon,
-            seed=self.seed,
-        )
 
     def _rows(self) -> list[dict[str, Any]]:
         path = self._folder / "rows.json"

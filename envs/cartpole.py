@@ -9,21 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from envs import drawing
 from envs.checks import read_array, require_positive
-from envs.drawing import (
-    BACKGROUND,
-    FIXED_COLOR,
-    HEIGHT,
-    INPUT_COLOR,
-    POLE_COLOR,
-    POLE_RADIUS,
-    TARGET_COLOR,
-    WIDTH,
-    Canvas,
-    hanging,
-    hanging_end,
-    upright,
-)
 from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
@@ -65,7 +52,7 @@ def scene(plant: Plant) -> Scene:
     length = plant.values["pole_length"]
 
     def tip(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        end = hanging_end(length, states[..., 2])
+        end = drawing.hanging_end(length, states[..., 2])
         end[..., 0] += states[..., 0]
         return end
 
@@ -73,22 +60,15 @@ def scene(plant: Plant) -> Scene:
         hinge = np.zeros((len(states), 3))
         hinge[:, 0] = states[:, 0]
         return {
-            "cart": Pose(hinge, upright(len(states))),
-            "pole": Pose(0.5 * (hinge + tip(states)), hanging(states[:, 2])),
+            "cart": Pose(hinge, drawing.upright(len(states))),
+            "pole": Pose(0.5 * (hinge + tip(states)), drawing.hanging(states[:, 2])),
         }
 
     shapes = {
         "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
-        "pole": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), POLE_COLOR),
+        "pole": Shape("capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.POLE_COLOR),
     }
-    rail = Shape("box", tuple(length * half for half in RAIL_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip,
-        fixed=((rail, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, length),
-    )
+    return drawing.standing_scene(RAIL_HALF, length, shapes=shapes, poses=poses, marker=tip)
 
 
 def picture(
@@ -109,18 +89,18 @@ def picture(
     left, right = middle - VIEW_WIDTH, middle + VIEW_WIDTH
 
     # the picture's unit is the length of the pole
-    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (middle, 0.0), BACKGROUND)
-    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], FIXED_COLOR)
+    canvas = drawing.blank(VIEW_WIDTH, (middle, 0.0))
+    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], drawing.FIXED_COLOR)
     for tick in map(float, range(round(left), round(right) + 1)):
-        canvas.line((tick, -0.06), (tick, 0.06), 0.008, FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
-    canvas.disc((0.0, 1.0), 0.02, TARGET_COLOR)
+        canvas.line((tick, -0.06), (tick, 0.06), 0.008, drawing.FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+    canvas.disc((0.0, 1.0), 0.02, drawing.TARGET_COLOR)
     canvas.box((cart, 0.0), CART_HALF[::2], 0.04, CART_COLOR)
     if push:
         side = cart + math.copysign(CART_HALF[0] + 0.06, push)
-        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, INPUT_COLOR)
-    canvas.line((cart, 0.0), (tip_x, tip_z), POLE_RADIUS, POLE_COLOR)
-    canvas.disc((cart, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
+        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, drawing.INPUT_COLOR)
+    canvas.line((cart, 0.0), (tip_x, tip_z), drawing.POLE_RADIUS, drawing.POLE_COLOR)
+    canvas.disc((cart, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
     return canvas.image()
 
 
@@ -209,19 +189,13 @@ class CartPoleSwingUpEnv(PlantEnv):
     | `dt`                | time for which a force is held                   | 0.1        | s      |
     | `start_std`         | spread of the starting state, one number or four | 0.1        | above  |
     | `noise_std`         | measurement noise, one number or four            | 0.01       | above  |
-    | `effects`           | what the equations lack, see below               | None       |        |
+    | `effects`           | what the equations lack, see `PlantEnv`          | None       |        |
     | `measured`          | `"all"` states, or `"positions"` only            | "all"      |        |
     | `cost`              | another cost of (states, inputs), in torch       | None       | [-]    |
     | `cost_lengthscales` | of the default cost: cart position, pole angle   | (1.5, 1.0) | m, rad |
     | `render_mode`       | None or `"rgb_array"`                            | None       |        |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the force of the
-    cost the one that was asked for. Before an episode the motor was off.
 
     ## References
 
@@ -247,15 +221,7 @@ class CartPoleSwingUpEnv(PlantEnv):
             measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )
 
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
 
 
 def observed(measured: Literal["all", "positions"]) -> tuple[int, ...] | None:

@@ -10,20 +10,10 @@ import numpy as np
 from mcpilco.typing import InputError
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and math.isfinite(value)
-
-
 def require_positive(name: str, value: Any, unit: str) -> None:
     """Raises InputError unless `value` is a finite number above 0."""
-    if not (_is_number(value) and value > 0):
+    if not (isinstance(value, int | float | np.number) and 0 < value < math.inf):
         raise InputError(f"{name} must be a positive number [{unit}], got {value!r}.")
-
-
-def require_not_negative(name: str, value: Any, unit: str) -> None:
-    """Raises InputError unless `value` is a finite number of at least 0."""
-    if not (_is_number(value) and value >= 0):
-        raise InputError(f"{name} must be a number of at least 0 [{unit}], got {value!r}.")
 
 
 def read_array(name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
@@ -37,7 +27,7 @@ def read_array(name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     except (TypeError, ValueError):
         array = None
     if array is None or array.shape not in shapes or not np.isfinite(array).all():
-        expected = " or ".join(_in_words(shape) for shape in shapes)
+        expected = " or ".join(f"an array of shape {s}" if s else "one number" for s in shapes)
         raise InputError(f"{name} must hold finite numbers, {expected}, got {value!r}.")
     return array
 
@@ -52,7 +42,3 @@ def read_stds(name: str, value: Any, width: int) -> tuple[float, ...]:
     if (stds < 0).any():
         raise InputError(f"{name} must not be negative, got {value!r}.")
     return tuple(np.broadcast_to(stds, (width,)).tolist())
-
-
-def _in_words(shape: tuple[int, ...]) -> str:
-    return f"an array of shape {shape}" if shape else "one number"

@@ -9,20 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from envs.drawing import (
-    BACKGROUND,
-    FIXED_COLOR,
-    HEIGHT,
-    POLE_COLOR,
-    POLE_RADIUS,
-    TARGET_COLOR,
-    WIDTH,
-    Canvas,
-    Point,
-    hanging,
-    hanging_end,
-    twist,
-)
+from envs import drawing
 from envs.plants import acrobot, pendubot
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
@@ -55,18 +42,18 @@ def scene(plant: Plant) -> Scene:
     """The links in 3D: in the x-z plane, the shoulder at the origin; the marker is the tip."""
     upper_length, lower_length = plant.values["upper_length"], plant.values["lower_length"]
     reach = upper_length + lower_length
-    radius = POLE_RADIUS * reach
+    radius = drawing.POLE_RADIUS * reach
 
     def elbow_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        return hanging_end(upper_length, states[..., 0])
+        return drawing.hanging_end(upper_length, states[..., 0])
 
     def tip_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
         angle = np.asarray(states[..., 0] + states[..., 2])
-        return elbow_of(states) + hanging_end(lower_length, angle)
+        return elbow_of(states) + drawing.hanging_end(lower_length, angle)
 
     def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
         elbow, tip = elbow_of(states), tip_of(states)
-        upper, lower = hanging(states[:, 0]), hanging(states[:, 0] + states[:, 2])
+        upper, lower = drawing.hanging(states[:, 0]), drawing.hanging(states[:, 0] + states[:, 2])
         return {
             "upper": Pose(0.5 * elbow, upper),
             "lower": Pose(0.5 * (elbow + tip), lower),
@@ -75,19 +62,12 @@ def scene(plant: Plant) -> Scene:
         }
 
     shapes = {
-        "upper": Shape("capsule", (radius, 0.5 * upper_length), FIXED_COLOR),
-        "lower": Shape("capsule", (radius, 0.5 * lower_length), POLE_COLOR),
-        "elbow": Shape("sphere", (JOINT_RADIUS * reach,), FIXED_COLOR),
-        "tip": Shape("sphere", (TIP_RADIUS * reach,), POLE_COLOR),
+        "upper": Shape("capsule", (radius, 0.5 * upper_length), drawing.FIXED_COLOR),
+        "lower": Shape("capsule", (radius, 0.5 * lower_length), drawing.POLE_COLOR),
+        "elbow": Shape("sphere", (JOINT_RADIUS * reach,), drawing.FIXED_COLOR),
+        "tip": Shape("sphere", (TIP_RADIUS * reach,), drawing.POLE_COLOR),
     }
-    base = Shape("box", tuple(reach * half for half in MOTOR_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip_of,
-        fixed=((base, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, reach),
-    )
+    return drawing.standing_scene(MOTOR_HALF, reach, shapes=shapes, poses=poses, marker=tip_of)
 
 
 def picture(
@@ -106,20 +86,20 @@ def picture(
     reach = plant.values["upper_length"] + plant.values["lower_length"]
     poses = scene.poses(state[None])
     elbow, tip = (_seen(poses[name].translation[0] / reach) for name in ("elbow", "tip"))
-    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, shoulder, BACKGROUND)
-    canvas.box(shoulder, MOTOR_HALF[::2], 0.03, FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
-    canvas.line(shoulder, elbow, POLE_RADIUS, FIXED_COLOR)
-    canvas.line(elbow, tip, POLE_RADIUS, POLE_COLOR)
-    canvas.disc(elbow, JOINT_RADIUS, FIXED_COLOR)
-    canvas.disc(tip, TIP_RADIUS, POLE_COLOR)
+    canvas = drawing.blank(VIEW_WIDTH, shoulder)
+    canvas.box(shoulder, MOTOR_HALF[::2], 0.03, drawing.FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+    canvas.line(shoulder, elbow, drawing.POLE_RADIUS, drawing.FIXED_COLOR)
+    canvas.line(elbow, tip, drawing.POLE_RADIUS, drawing.POLE_COLOR)
+    canvas.disc(elbow, JOINT_RADIUS, drawing.FIXED_COLOR)
+    canvas.disc(tip, TIP_RADIUS, drawing.POLE_COLOR)
     for joint in (shoulder, elbow):
-        canvas.disc(joint, 0.5 * POLE_RADIUS, BACKGROUND)
-    twist(canvas, (shoulder, elbow)[plant.layout.drives[0]], push, ARC_RADIUS)
+        canvas.disc(joint, 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+    drawing.twist(canvas, (shoulder, elbow)[plant.layout.drives[0]], push, ARC_RADIUS)
     return canvas.image()
 
 
-def _seen(point: Float[np.ndarray, " 3"]) -> Point:
+def _seen(point: Float[np.ndarray, " 3"]) -> drawing.Point:
     """x and z."""
     return float(point[0]), float(point[2])
 
@@ -127,15 +107,7 @@ def _seen(point: Float[np.ndarray, " 3"]) -> Point:
 class DoublePendulumEnv(PlantEnv):
     """The look that pendubot and acrobot share."""
 
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
 
 
 class PendubotEnv(DoublePendulumEnv):
@@ -236,17 +208,11 @@ class PendubotEnv(DoublePendulumEnv):
     | `dt`                | time for which a torque is held                  | 0.05    | s         |
     | `start_std`         | spread of the start, one number or four          | 0.01    | above     |
     | `noise_std`         | measurement noise, one number or four            | above   | above     |
-    | `effects`           | what the equations lack, see below               | None    |           |
+    | `effects`           | what the equations lack, see `PlantEnv`          | None    |           |
     | `cost`              | a cost of (states, inputs), in torch             | above   | [-]       |
     | `render_mode`       | None or `"rgb_array"`                            | None    |           |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
-    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -119,6 +120,11 @@ class Canvas:
         self._colors[part] += coverage * (color - self._colors[part])
 
 
+def blank(view_width: float, center: Point) -> Canvas:
+    """An empty picture of the size and colour that all systems share."""
+    return Canvas(WIDTH, HEIGHT, view_width, center, BACKGROUND)
+
+
 def upright(count: int) -> Float[np.ndarray, "T 4"]:
     """Quaternions x, y, z, w of a body that is not turned, one for each of `count` states [-]."""
     return np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
@@ -160,12 +166,24 @@ def hanging_end(length: float, angle: Float[np.ndarray, "*b"]) -> Float[np.ndarr
     return length * np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], axis=-1)
 
 
+def standing_scene(half: tuple[float, ...], reach: float, **moving: Any) -> Scene:
+    """A scene in the x-z plane, about a box at the origin that does not move.
+
+    Args:
+        half: half lengths of the box, relative to the reach [-].
+        reach: how far above the origin the target is [m].
+        **moving: `shapes`, `poses` and `marker` of the scene.
+    """
+    box = Shape("box", tuple(reach * side for side in half), FIXED_COLOR)
+    return Scene(**moving, fixed=((box, (0.0, 0.0, 0.0)),), target=(0.0, 0.0, reach))
+
+
 def side_view(scene: Scene, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray, "H W 3"]:
     """A scene in one state, as seen along y; the width shown is five times its reach at rest."""
     reach = float(np.linalg.norm(scene.marker(np.zeros_like(state)))) or 1.0
     middle = float(scene.marker(state)[0])
     middle -= min(max(middle, -2.0 * reach), 2.0 * reach)
-    canvas = Canvas(WIDTH, HEIGHT, 5.0 * reach, (middle, 0.0), BACKGROUND)
+    canvas = blank(5.0 * reach, (middle, 0.0))
     for shape, place in scene.fixed:
         _paint_shape(canvas, shape, np.array(place), Rotation.identity())
     for name, pose in scene.poses(state[None]).items():

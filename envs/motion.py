@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -11,36 +9,11 @@ from mcpilco.plant import Plant
 from mcpilco.typing import EnvError
 
 
-class Motion(ABC):
-    """A batch of motions of one system, moved by one command after another."""
+class Motion:
+    """A batch of motions of a plant with its effects, moved by one command after another.
 
-    @property
-    @abstractmethod
-    def states(self) -> Float[np.ndarray, "*b X"]:
-        """The true states now."""
-
-    @property
-    @abstractmethod
-    def measured(self) -> Float[np.ndarray, "*b X"]:
-        """The states as sensors without noise measure them now."""
-
-    @abstractmethod
-    def restart(
-        self, which: Bool[np.ndarray, "*b"] | bool, states: Float[np.ndarray, "*c X"]
-    ) -> None:
-        """Starts the motions marked anew, in the states given; no command came before."""
-
-    @abstractmethod
-    def advance(self, inputs: Float[np.ndarray, "*b U"]) -> Float[np.ndarray, "T *b X"]:
-        """Holds the inputs for dt: the true states at T equally spaced times, the last at the end.
-
-        Raises:
-            EnvError: a motion is too fast or too stiff to follow.
-        """
-
-
-class PlantMotion(Motion):
-    """Motions of a plant, with its effects: actuators and sensors have a memory."""
+    Actuators and sensors have a memory.
+    """
 
     def __init__(self, plant: Plant, dt: float, samples: int, batch: tuple[int, ...]) -> None:
         """Motions in the state 0.
@@ -56,19 +29,27 @@ class PlantMotion(Motion):
 
     @property
     def states(self) -> Float[np.ndarray, "*b X"]:
+        """The true states now."""
         return self._stepper.states.reshape(*self._batch, -1).copy()
 
     @property
     def measured(self) -> Float[np.ndarray, "*b X"]:
+        """The states as sensors without noise measure them now."""
         return self._stepper.measured.reshape(*self._batch, -1)
 
     def restart(
         self, which: Bool[np.ndarray, "*b"] | bool, states: Float[np.ndarray, "*c X"]
     ) -> None:
+        """Starts the motions marked anew, in the states given; no command came before."""
         marked = np.broadcast_to(which, self._batch).reshape(-1)
         self._stepper.restart(marked, states.reshape(-1, states.shape[-1]))
 
     def advance(self, inputs: Float[np.ndarray, "*b U"]) -> Float[np.ndarray, "T *b X"]:
+        """Holds the inputs for dt: the true states at T equally spaced times, the last at the end.
+
+        Raises:
+            EnvError: a motion is too fast or too stiff to follow.
+        """
         before = self.states
         path = self._stepper.advance(inputs.reshape(-1, inputs.shape[-1]))
         if np.isnan(path[-1]).any():

@@ -8,19 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from envs.drawing import (
-    BACKGROUND,
-    FIXED_COLOR,
-    HEIGHT,
-    POLE_COLOR,
-    POLE_RADIUS,
-    TARGET_COLOR,
-    WIDTH,
-    Canvas,
-    hanging,
-    hanging_end,
-    twist,
-)
+from envs import drawing
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
@@ -52,24 +40,17 @@ def scene(plant: Plant) -> Scene:
     length = plant.values["length"]
 
     def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
-        return hanging_end(length, states[..., 0])
+        return drawing.hanging_end(length, states[..., 0])
 
     def poses(states: Float[np.ndarray, "T 2"]) -> Mapping[str, Pose]:
-        mass, turned = tip(states), hanging(states[:, 0])
+        mass, turned = tip(states), drawing.hanging(states[:, 0])
         return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
 
     shapes = {
-        "rod": Shape("capsule", (POLE_RADIUS * length, 0.5 * length), FIXED_COLOR),
-        "mass": Shape("sphere", (MASS_RADIUS * length,), POLE_COLOR),
+        "rod": Shape("capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.FIXED_COLOR),
+        "mass": Shape("sphere", (MASS_RADIUS * length,), drawing.POLE_COLOR),
     }
-    motor = Shape("box", tuple(length * half for half in MOTOR_HALF), FIXED_COLOR)
-    return Scene(
-        shapes=shapes,
-        poses=poses,
-        marker=tip,
-        fixed=((motor, (0.0, 0.0, 0.0)),),
-        target=(0.0, 0.0, length),
-    )
+    return drawing.standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
 
 
 def picture(
@@ -85,13 +66,13 @@ def picture(
     """
     x, _, z = (scene.marker(state) / plant.values["length"]).tolist()
     # the picture's unit is the length of the pendulum
-    canvas = Canvas(WIDTH, HEIGHT, VIEW_WIDTH, (0.0, 0.0), BACKGROUND)
-    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, TARGET_COLOR)
-    canvas.line((0.0, 0.0), (x, z), POLE_RADIUS, FIXED_COLOR)
-    canvas.disc((x, z), MASS_RADIUS, POLE_COLOR)
-    canvas.disc((0.0, 0.0), 0.5 * POLE_RADIUS, BACKGROUND)
-    twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
+    canvas = drawing.blank(VIEW_WIDTH, (0.0, 0.0))
+    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, drawing.FIXED_COLOR)
+    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+    canvas.line((0.0, 0.0), (x, z), drawing.POLE_RADIUS, drawing.FIXED_COLOR)
+    canvas.disc((x, z), MASS_RADIUS, drawing.POLE_COLOR)
+    canvas.disc((0.0, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+    drawing.twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
     return canvas.image()
 
 
@@ -172,17 +153,11 @@ class PendulumEnv(PlantEnv):
     | `dt`           | time for which a torque is held                  | 0.1     | s           |
     | `start_std`    | spread of the starting state, one number or two  | 0.1     | above       |
     | `noise_std`    | measurement noise, one number or two             | 0.01    | above       |
-    | `effects`      | what the equation lacks, see below               | None    |             |
+    | `effects`      | what the equation lacks, see `PlantEnv`          | None    |             |
     | `cost`         | a cost of (states, inputs), in torch             | above   | [-]         |
     | `render_mode`  | None or `"rgb_array"`                            | None    |             |
 
     A wrong value raises `mcpilco.typing.InputError`.
-
-    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
-    what such a file holds, or a `mcpilco.plant.correction.Correction`. The constants above are
-    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
-    on the observation, before its noise; `info["state"]` stays the true state, and the torque of
-    the cost the one that was asked for. Before an episode the motor was off.
 
     ## Version History
 
@@ -190,13 +165,4 @@ class PendulumEnv(PlantEnv):
     """
 
     nominal = SWING_UP
-
-    @staticmethod
-    def scene_of(plant: Plant) -> Scene:
-        return scene(plant)
-
-    @staticmethod
-    def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
-    ) -> UInt8[np.ndarray, "H W 3"]:
-        return picture(plant, scene, state, push)
+    scene_of, picture_of = staticmethod(scene), staticmethod(picture)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from envs.checks import read_array, read_stds, require_positive
 from envs.judge import UprightJudge, looks
-from envs.motion import Motion, PlantMotion
+from envs.motion import Motion
 from mcpilco.plant import Correction, Plant, corrected, correction_from, read_correction
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
@@ -161,7 +161,7 @@ class SwingUp:
     def motion(self, *batch: int) -> Motion:
         """A batch of motions, in the state 0."""
         if self.engine is None:
-            return PlantMotion(self.plant, self.dt, self.samples, batch)
+            return Motion(self.plant, self.dt, self.samples, batch)
         return self.engine(self.dt, self.samples, batch)
 
     def observe(self, motion: Motion, rng: np.random.Generator) -> Float[np.ndarray, "*b Y"]:

@@ -129,6 +129,12 @@ class PlantEnv(SwingUpEnv):
     """An env that simulates its plant; a subclass sets `nominal`, and how it is drawn.
 
     Its keywords are those of `SwingUp.where`, and `render_mode`.
+
+    `effects` corrects the env by what was found missing in it: a file such as `gap/corrected.json`,
+    what such a file holds, or a `mcpilco.plant.correction.Correction`. The plant's constants are
+    then the nominal ones. Friction, delays, play and the like act in the motion, effects of sensors
+    on the observation, before its noise; `info["state"]` stays the true state, and the input of the
+    cost the one that was asked for. Before an episode the motor was off.
     """
 
     nominal: ClassVar[SwingUp]

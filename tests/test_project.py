@@ -219,8 +219,6 @@ ACROSS = {
     "mcpilco/search/test_continuation": "search from an easier problem",
     "mcpilco/sweep/test_line_up": "comparisons of sweeps",
     "baselines/sb3/test_commands": "commands of the command line",
-    "envs/arms/test_industrial": "ur10, scara",
-    "envs/arms/test_robots": "all arms",
     "envs/test_swing_up_vector": "swing_up_env, in batches",
     "mcpilco/agent/test_own_kernel": "a kernel of a user's own, in an agent",
     "mcpilco/cli/test_cli": "the commands of learning",

@@ -5,8 +5,8 @@ This is the algorithm as it reads; `baselines.pilco.compiled` computes the same 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from jaxtyping import Float
@@ -86,14 +86,6 @@ class GaussianDynamics:
         return following.mapped(torch.cat([self.A, untouched, self.B], 1))
 
 
-class Predict(Protocol):
-    """`predicted`, or anything that computes the same."""
-
-    def __call__(
-        self, dynamics: GaussianDynamics, policy: GPMean, start: Gaussian, horizon: int
-    ) -> tuple[Gaussian, Gaussian]: ...
-
-
 def predicted(
     dynamics: GaussianDynamics, policy: GPMean, start: Gaussian, horizon: int
 ) -> tuple[Gaussian, Gaussian]:
@@ -115,6 +107,10 @@ def predicted(
         states.append(state)
         inputs.append(used)
     return Gaussian.stacked(states), Gaussian.stacked(inputs)
+
+
+Predict = Callable[[GaussianDynamics, GPMean, Gaussian, int], tuple[Gaussian, Gaussian]]
+"""`predicted`, or anything that computes the same"""
 
 
 @dataclass(frozen=True)

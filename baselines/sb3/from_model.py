@@ -94,16 +94,20 @@ def warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = Non
     """
     numbers = DEFAULT if numbers is None else numbers
     check_warm_start(agent, source, numbers)
+
+    def own(states: Float[Tensor, "P X"], dropout: Any = None, step: int = 0) -> Tensor:
+        """The agent's policy with its noise, for particles."""
+        return torch.from_numpy(agent.inputs_in(states.numpy(), deterministic=False))
+
     imagination, seed = Imagination(source), int(agent.streams.inputs(trial=0).integers(2**31))
     generator = torch.Generator().manual_seed(seed)
     agent.borrow(source.num_timesteps)
     with random_numbers(seed):
         policy: Any = _perturbed(source, numbers, generator)
-        _learn(
-            agent, imagination.rollouts(policy, numbers.particles, generator), numbers.first_steps
-        )
+        rows = imagination.rollouts(policy, numbers.particles, generator)
+        _learn(agent, rows, numbers.first_steps)
         for _ in range(numbers.rounds):
-            rows = imagination.rollouts(_Own(agent), numbers.own_particles, generator)
+            rows = imagination.rollouts(own, numbers.own_particles, generator)
             _learn(agent, rows, numbers.round_steps)
 
 
@@ -179,19 +183,6 @@ def _perturbed(source: MCPILCO, numbers: WarmStart, generator: torch.Generator) 
     begin[:random] = horizon
     begin[random : random + interrupted] = horizon * draw[0, random : random + interrupted]
     return Perturbed(source, begin, numbers.noise * draw[1], generator)
-
-
-class _Own:
-    """The agent's policy with its noise, for particles."""
-
-    def __init__(self, agent: SB3Agent) -> None:
-        self._agent = agent
-
-    def __call__(
-        self, states: Float[Tensor, "P X"], dropout: Any = None, step: int = 0
-    ) -> Float[Tensor, "P U"]:
-        """The inputs of all particles, in the env's unit."""
-        return torch.from_numpy(self._agent.inputs_in(states.numpy(), deterministic=False))
 
 
 def _learn(agent: SB3Agent, rows: Imagined, gradient_steps: int) -> None:

@@ -33,37 +33,30 @@ class Imagined:
         return len(self.rewards)
 
 
+@dataclass(frozen=True)
 class Perturbed:
     """A policy that particles follow with noise of their own, after random inputs of their own."""
 
-    def __init__(
-        self,
-        source: MCPILCO,
-        begin: Float[Tensor, " P"],
-        std: Float[Tensor, " P"],
-        generator: torch.Generator,
-    ) -> None:
-        """The policy of an agent, perturbed.
-
-        Args:
-            source: whose policy it is.
-            begin: step at which each particle begins to follow it; before, inputs are uniform.
-            std: of the noise of each, relative to half the inputs' range [-].
-            generator: of all noise.
-        """
-        self._policy, self._begin, self._std = source.policy, begin, std
-        self._generator = generator
+    source: MCPILCO
+    """whose policy it is"""
+    begin: Float[Tensor, " P"]
+    """step at which each particle begins to follow it; before, inputs are uniform"""
+    std: Float[Tensor, " P"]
+    """of the noise of each, relative to half the inputs' range [-]"""
+    generator: torch.Generator
+    """of all noise"""
 
     def __call__(
         self, states: Float[Tensor, "P X"], dropout: Any = None, step: int = 0
     ) -> Float[Tensor, "P U"]:
         """The inputs of all particles, in the env's unit."""
-        centre, half_range = self._policy.squash.centre, self._policy.squash.half_range
-        wanted = (self._policy(states) - centre) / half_range
-        normal = torch.randn(wanted.shape, generator=self._generator, dtype=wanted.dtype)
-        uniform = 2.0 * torch.rand(wanted.shape, generator=self._generator, dtype=wanted.dtype) - 1
-        noisy = (wanted + self._std[:, None] * normal).clamp(-1.0, 1.0)
-        follows = (step >= self._begin)[:, None]
+        policy = self.source.policy
+        centre, half_range = policy.squash.centre, policy.squash.half_range
+        wanted = (policy(states) - centre) / half_range
+        normal = torch.randn(wanted.shape, generator=self.generator, dtype=wanted.dtype)
+        uniform = 2.0 * torch.rand(wanted.shape, generator=self.generator, dtype=wanted.dtype) - 1
+        noisy = (wanted + self.std[:, None] * normal).clamp(-1.0, 1.0)
+        follows = (step >= self.begin)[:, None]
         return centre + half_range * torch.where(follows, noisy, uniform)
 
 

@@ -1,9 +1,16 @@
 """Robot arms for identification: their models, what moves them, and what their sensors see."""
 
-from envs.arms.control import Followed, Gains, control_times, follow
-from envs.arms.models import ARMS, load
-from envs.arms.recording import measured, record_sinusoids
-from envs.arms.sinusoids import Sinusoids, random_sinusoids
+from envs.arms.motions import Sinusoids, random_sinusoids
+from envs.arms.robots import (
+    ARMS,
+    Followed,
+    Gains,
+    control_times,
+    follow,
+    load,
+    measured,
+    record_sinusoids,
+)
 
 __all__ = [
     "ARMS",

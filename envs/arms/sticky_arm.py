@@ -189,15 +189,8 @@ class StickyArm:
                 _apply(model, data, site, force)
             if k >= targets.lead and k % every == 0:
                 reported = torque if by_command else feed[k // every]
-                rows.append(
-                    (
-                        data.qpos.copy(),
-                        data.qvel.copy(),
-                        torque / per_current,
-                        reported / per_current,
-                        force,
-                    )
-                )
+                motion = data.qpos.copy(), data.qvel.copy()
+                rows.append((*motion, torque / per_current, reported / per_current, force))
             mujoco.mj_step(model, data)
         return tuple(np.array(column) for column in zip(*rows, strict=True))
 

@@ -15,19 +15,16 @@ from typing import Any
 
 import tyro
 
-from mcpilco.cli.check_env import CheckEnv
 from mcpilco.cli.collisions import Collisions
 from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
-from mcpilco.cli.doctor import Doctor
-from mcpilco.cli.evaluate import Evaluate
-from mcpilco.cli.export import Export
+from mcpilco.cli.doctor import CheckEnv, Doctor
+from mcpilco.cli.finished import Evaluate, Export, Report
 from mcpilco.cli.gap import Gap
 from mcpilco.cli.identify import Identify
 from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
-from mcpilco.cli.report import Report
 from mcpilco.cli.sweep import Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View

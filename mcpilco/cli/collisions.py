@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Files, column_names, optional
-from mcpilco.cli.simulate_arm import Simulate
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.options import (
+    Columns,
+    Command,
+    Files,
+    column_names,
+    make_folder,
+    optional,
+    use_one_thread,
+)
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +64,62 @@ LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
-class Learn:
+class Simulate(Command):
+    """Record a simulated arm whose joints stick: without contact, and pushed."""
+
+    out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
+    """folder for arm.xml, free.csv, check.csv and pushed.csv"""
+    moves: int = 60
+    """of the arm in free.csv and in check.csv; pushed.csv has 8"""
+    seed: int = 0
+    """of everything random; equal seeds give equal files"""
+
+    def __call__(self) -> int:
+        """Simulate, and return the exit code."""
+        import numpy as np
+
+        from envs.arms.sticky_arm import MODEL, StickyArm
+        from envs.arms.waypoints import waypoints
+
+        if self.moves < 1 or self.seed < 0:
+            raise InputError(
+                f"--moves must be at least 1 and --seed not negative, got {self.moves} and "
+                f"{self.seed}."
+            )
+        names = ("arm.xml", "free.csv", "check.csv", "pushed.csv")
+        make_folder(self.out, [self.out / name for name in names], "name another folder")
+        rng = np.random.default_rng(self.seed)
+        arm = StickyArm.drawn(rng)
+        for name in ("free", "check"):
+            self._write(name, arm.follow(waypoints(self.moves, rng), rng))
+        targets = waypoints(8, rng, rest_s=(1.6, 1.6), always=0)
+        pushes = _pushes(targets, float(arm.model.dof_frictionloss[0]), rng)
+        self._write("pushed", arm.follow(targets, rng, pushes))
+        shutil.copyfile(MODEL, self.out / "arm.xml")
+        print(f"In {self.out}: arm.xml, free.csv, check.csv, pushed.csv.")
+        return 0
+
+    def _write(self, name: str, log: Any) -> None:
+        """A CSV with seven decimals, of which sensors tell five."""
+        import numpy as np
+
+        from mcpilco.files import csv_bytes, write_bytes
+        from mcpilco.recordings import FORCE, columns_of
+
+        names = ["time", *columns_of(log.joints)]
+        table = [log.time]
+        for name_ in names[1:]:
+            joint = next(j for j in log.joints if name_.startswith(f"{j}_"))
+            column = getattr(log, name_.removeprefix(f"{joint}_"))
+            table.append(column[:, log.joints.index(joint)])
+        if log.pushes:
+            names, table = [*names, *FORCE], [*table, *log.push.T]
+        rows = np.round(np.column_stack(table), 7).tolist()
+        write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
+
+
+@dataclass(frozen=True)
+class Learn(Command):
     """Learn which currents to expect, from recordings without any contact."""
 
     recordings: Files
@@ -81,23 +143,22 @@ class Learn:
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Learn, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Learn, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             CurrentConfig,
             fit_currents,
             save_collision_model,
+            thresholds,
         )
 
+        if self.points < 100:
+            raise InputError(f"--points must be at least 100, got {self.points}; try 1500.")
         body = _robot(self.robot)
         joints, named = body.chain.joints, column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
         dt = _dt(free[0]) if self.dt is None else self.dt
-        config = CurrentConfig(self.kind, self.quiet_speed, points=_positive(self.points))
+        config = CurrentConfig(self.kind, self.quiet_speed, points=self.points)
         train, held = _split(free, config.window)
         if self.check:
             train, held = (
@@ -105,7 +166,7 @@ class Learn:
                 _joined(_read(self.check, joints, named, dt), config),
             )
         model, report = fit_currents(train, body, dt, config)
-        limits = _limits(model, held, self.limits)
+        limits = thresholds(model, held, self.limits.config())
         save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
         _print_errors(model, held)
@@ -119,7 +180,7 @@ class Learn:
 
 
 @dataclass(frozen=True)
-class Threshold:
+class Threshold(Command):
     """Set the thresholds of a model anew, from recordings without any contact."""
 
     model: ModelPath
@@ -131,18 +192,18 @@ class Threshold:
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Set them, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Set them, and return the exit code."""
         use_one_thread()
-        from mcpilco.identification.collision import load_collision_model, save_collision_model
+        from mcpilco.identification.collision import (
+            load_collision_model,
+            save_collision_model,
+            thresholds,
+        )
 
         model, _ = load_collision_model(self.model)
         read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
         held = _joined(read, model.config)
-        limits = _limits(model, held, self.limits)
+        limits = thresholds(model, held, self.limits.config())
         save_collision_model(self.model, model, limits)
         _print_errors(model, held)
         _print_thresholds(model, limits)
@@ -150,7 +211,7 @@ class Threshold:
 
 
 @dataclass(frozen=True)
-class Detect:
+class Detect(Command):
     """Find collisions in recordings, as a detector would while they were made."""
 
     model: ModelPath
@@ -163,11 +224,7 @@ class Detect:
     """what the files call their columns, where it differs"""
 
     def __call__(self) -> int:
-        """Search, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Search, and return the exit code."""
         use_one_thread()
         from mcpilco.files import write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
@@ -197,7 +254,7 @@ class Detect:
 
 
 @dataclass(frozen=True)
-class Collisions:
+class Collisions(Command):
     """Find collisions of an arm in its motor currents, without other sensors."""
 
     command: tyro.conf.OmitArgPrefixes[
@@ -205,11 +262,7 @@ class Collisions:
     ]
 
     def __call__(self) -> int:
-        """Run one of its commands, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Run one of its commands, and return the exit code."""
         return self.command()
 
 
@@ -284,18 +337,6 @@ def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
     return recording.force[np.searchsorted(recording.time, samples.time)]
 
 
-def _limits(model: CurrentModel, held: ArmSamples, options: Limits) -> Thresholds:
-    from mcpilco.identification.collision import thresholds
-
-    return thresholds(model, held, options.config())
-
-
-def _positive(points: int) -> int:
-    if points < 100:
-        raise InputError(f"--points must be at least 100, got {points}; try 1500.")
-    return points
-
-
 # Printing and tables ------------------------------------------------------------------------------
 
 
@@ -360,3 +401,16 @@ def _table(found: Detections, joints: Sequence[str]) -> bytes:
     names = ["time", *(f"{j}_{k if k != 'joints' else 'alarm'}" for k in kinds for j in joints)]
     arrays = np.hstack([getattr(found, kind).astype(float) for kind in kinds])
     return csv_bytes(names, np.round(np.column_stack([found.time, arrays]), 6).tolist())
+
+
+def _pushes(targets: Any, friction: float, rng: np.random.Generator) -> tuple[Any, ...]:
+    """A push in every other move and in every other rest, of three strengths."""
+    from envs.arms.sticky_arm import Push
+
+    found = []
+    for number, move in enumerate(targets.moves):
+        resting = number % 2 == 1
+        start = move.end_s + 0.5 if resting else 0.5 * (move.start_s + move.end_s)
+        strength = (1.0, 2.0, 3.0)[number // 2 % 3] * float(rng.choice([-1.0, 1.0]))
+        found.append(Push(start, strength * friction))
+    return tuple(found)

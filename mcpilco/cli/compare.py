@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import optional
+from mcpilco.cli.options import Command, optional
 
 if TYPE_CHECKING:
     from mcpilco.sweep import Estimate, LineUp, Measure
@@ -23,7 +23,7 @@ _CAPTION = (
 
 
 @dataclass(frozen=True)
-class Compare:
+class Compare(Command):
     """Lay sweeps and runs beside one another, in tables and pictures."""
 
     runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="RUN...")]
@@ -32,11 +32,7 @@ class Compare:
     """folder of the tables and pictures"""
 
     def __call__(self) -> int:
-        """Compare, print how each ends, and return the exit code: 1 when a folder is left out.
-
-        Raises:
-            McPilcoError: nothing can be compared; the sentence says why.
-        """
+        """Compare, print how each ends, and return the exit code: 1 when a folder is left out."""
         from mcpilco.show.comparison import write_comparison
         from mcpilco.sweep import line_up
 

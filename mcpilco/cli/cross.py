@@ -14,15 +14,18 @@ import tyro
 from mcpilco.cli.gap import show_gap
 from mcpilco.cli.options import (
     Algo,
+    Command,
     EnvKeywords,
     SuitablePreset,
     keywords,
     named_numbers,
     optional,
+    register,
+    require_at_least,
     separated,
     uncertainty,
+    use_one_thread,
 )
-from mcpilco.cli.system import register, require_at_least, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError, McPilcoError
 
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Cross:
+class Cross(Command):
     """Record a system, correct its simulation, train in both, and try both policies on it.
 
     Each stage is kept in the folder; the same command goes on where it was stopped.
@@ -71,11 +74,7 @@ class Cross:
     """show no progress"""
 
     def __call__(self) -> int:
-        """Go through the stages that are missing, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Go through the stages that are missing, and return the exit code."""
         register()
         self._check()
         use_one_thread()

@@ -1,7 +1,8 @@
-"""`mcpilco doctor`: does this machine have what mcpilco needs, and what to do where it does not."""
+"""`mcpilco doctor` and `check-env`: do machine and env suit, and what to do where they do not."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -13,6 +14,19 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from platform import machine, platform, python_version
+from typing import Annotated
+
+import tyro
+
+from mcpilco.cli.options import (
+    Command,
+    TaskPath,
+    given_task,
+    optional,
+    register,
+    require_at_least,
+    use_one_thread,
+)
 
 _NEEDED = (
     "torch",
@@ -33,6 +47,7 @@ _OPTIONAL = {
     "matplotlib": "mcpilco report",
     "jinja2": "mcpilco report",
 }
+_MARKS = {"fits": "ok", "note": "--", "fault": "no"}
 _LEAST_FREE_GB = 1.0  # a run of ten trials takes about 10 MB; caches of compiled loops take more
 _PATIENCE_S = 60.0
 
@@ -50,7 +65,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Doctor:
+class Doctor(Command):
     """Check this machine, and say what to do where something is missing."""
 
     def __call__(self) -> int:
@@ -200,3 +215,38 @@ def _says(command: list[str]) -> tuple[bool, str]:
     text = done.stdout if done.returncode == 0 else done.stderr or done.stdout
     lines = text.strip().splitlines() or [f"exit code {done.returncode}"]
     return done.returncode == 0, lines[-1]
+
+
+@dataclass(frozen=True)
+class CheckEnv(Command):
+    """Say what of an env fits the agent and what does not; takes some hundred random steps."""
+
+    env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ID")]
+    """Gymnasium id of the env; `module:Id` imports the module first"""
+    task: TaskPath = None
+    """what to know of the env, where it does not show it"""
+    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
+    """steps of a rollout"""
+    steps: int = 400
+    """random steps to judge it by"""
+    seed: int = 0
+    """of the env and the inputs"""
+
+    def __call__(self) -> int:
+        """Print the findings; returns 0 where the agent can use the env, else 1."""
+        require_at_least(1, horizon=self.horizon, steps=self.steps)
+        require_at_least(0, seed=self.seed)
+        use_one_thread()
+        register()
+
+        from mcpilco.agent import inspect_env, make_env
+
+        faults = 0
+        with contextlib.closing(make_env(self.env)) as env:
+            task = given_task(self.task)
+            found = inspect_env(env, task, horizon=self.horizon, steps=self.steps, seed=self.seed)
+            for finding in found:
+                print(f"{_MARKS[finding.kind]}  {finding.sentence}")
+                faults += finding.kind == "fault"
+        print(f"To mend: {faults}." if faults else "The agent can use this env.")
+        return 1 if faults else 0

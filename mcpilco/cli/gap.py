@@ -12,14 +12,17 @@ import tyro
 
 from mcpilco.cli.options import (
     Columns,
+    Command,
     Files,
     column_names,
+    make_folder,
     named_numbers,
     optional,
+    register,
     separated,
     uncertainty,
+    use_one_thread,
 )
-from mcpilco.cli.system import make_folder, register, use_one_thread
 from mcpilco.config import CART_POLE
 from mcpilco.typing import McPilcoError
 
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Command):
     """Find where a plant and recordings disagree, name the missing effect, add it."""
 
     recordings: Files
@@ -56,11 +59,7 @@ class Gap:
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        """Investigate, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Investigate, and return the exit code."""
         use_one_thread()
         register()
         from mcpilco.gap import investigate, write_json

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Files, column_names, optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.options import Columns, Command, Files, column_names, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -39,7 +38,7 @@ Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 
 
 @dataclass(frozen=True)
-class Identify:
+class Identify(Command):
     """Find the masses, inertias and friction of a robot in recordings of its motion."""
 
     recordings: Files
@@ -70,18 +69,16 @@ class Identify:
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Identify, and return the exit code."""
         use_one_thread()
+        from mcpilco.files import write_bytes
+
         found = self._identify()
         for line in lines(found):
             print(line)
         self.out.mkdir(parents=True, exist_ok=True)
-        written = [*self._write_json(found), *self._write_mjcf(found)]
-        print(f"In {self.out}: {', '.join(written)}.")
+        write_bytes(self.out / "identified.json", json.dumps(as_json(found), indent=1).encode())
+        print(f"In {self.out}: {', '.join(['identified.json', *self._write_mjcf(found)])}.")
         return 0
 
     def _identify(self) -> Identified:
@@ -116,13 +113,6 @@ class Identify:
         for sentence in {str(warning.message) for warning in told}:
             print(f"{self.method}: {sentence}", file=sys.stderr)
         return found
-
-    def _write_json(self, found: Identified) -> list[str]:
-        from mcpilco.files import write_bytes
-
-        path = self.out / "identified.json"
-        write_bytes(path, json.dumps(as_json(found), indent=1).encode())
-        return [path.name]
 
     def _write_mjcf(self, found: Identified) -> list[str]:
         from mcpilco.identification import write_identified_mjcf

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Files, column_names, optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.options import Columns, Command, Files, column_names, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class InverseDynamics:
+class InverseDynamics(Command):
     """Learn a robot's inverse dynamics from recordings, and test them on the end of each."""
 
     recordings: Files
@@ -50,11 +49,7 @@ class InverseDynamics:
     """of the choice of samples that hyperparameters are fitted to"""
 
     def __call__(self) -> int:
-        """Learn, test, save, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Learn, test, save, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.inverse_dynamics import (
             fit_inverse_dynamics,

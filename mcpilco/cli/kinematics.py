@@ -10,18 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import use_one_thread
+from mcpilco.cli.options import Command, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from mcpilco.identification import Report
     from mcpilco.identification.kinematics import ForwardKinematics, KinematicChain, PoseErrors
     from mcpilco.recordings import MarkerRecording
 
 
 @dataclass(frozen=True)
-class Kinematics:
+class Kinematics(Command):
     """Find a robot's kinematic chain in marker poses, and learn its forward kinematics."""
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
@@ -40,11 +38,7 @@ class Kinematics:
     """of the draw of these samples"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Identify, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.kinematics import (
             Tolerance,
@@ -52,13 +46,16 @@ class Kinematics:
             fit_forward,
             prediction_errors,
         )
+        from mcpilco.recordings import read_markers
 
         if not 1 <= len(self.files) <= 2:
             raise InputError(
                 f"expected one file, or one of poses and one of joints, got {len(self.files)}."
             )
         tolerance = Tolerance(self.position_tolerance, self.orientation_tolerance, self.outliers)
-        recording = self._read()
+        recording, remarks = read_markers(*self.files)
+        for remark in remarks:
+            print(f"mcpilco: note: {remark}", file=sys.stderr)
         chain = find_chain(recording, tolerance)
         _print_chain(chain)
         model = fit_forward(recording, chain, self.samples, seed=self.seed)
@@ -70,14 +67,6 @@ class Kinematics:
             self._write(recording, chain, model, errors, tolerance)
         return 0
 
-    def _read(self) -> MarkerRecording:
-        from mcpilco.recordings import read_markers
-
-        recording, remarks = read_markers(*self.files)
-        for remark in remarks:
-            print(f"mcpilco: note: {remark}", file=sys.stderr)
-        return recording
-
     def _write(
         self,
         recording: MarkerRecording,
@@ -87,6 +76,7 @@ class Kinematics:
         tolerance: Any,
     ) -> None:
         from mcpilco.files import write_bytes
+        from mcpilco.show.plots.identification import draw_kinematics
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)
@@ -94,41 +84,22 @@ class Kinematics:
             "base": chain.base,
             "joints": [asdict(joint) for joint in chain.joints],
             "tolerance": asdict(tolerance),
-            "chain": _told(chain.report),
+            "chain": asdict(chain.report),
             "forward": {
                 "marker": model.marker,
                 "samples": len(model.q),
                 "errors": None if errors is None else errors.summary(),
-                **_told(model.report),
+                **asdict(model.report),
             },
         }
         write_bytes(self.out / "kinematics.json", json.dumps(told, indent=1).encode())
         written = ["kinematics.json", model.save(self.out / "forward.npz").name]
-        written += self._draw(recording, chain, errors, tolerance)
-        print(f"In {self.out}: {', '.join(written)}.")
-
-    def _draw(
-        self,
-        recording: MarkerRecording,
-        chain: KinematicChain,
-        errors: PoseErrors | None,
-        tolerance: Any,
-    ) -> list[str]:
-        """The picture's name, or none where it cannot be drawn; nothing else is lost then."""
-        from mcpilco.show.plots.identification import draw_kinematics
-
-        assert self.out is not None
         try:
-            path = self.out / "kinematics.png"
-            draw_kinematics(path, recording, chain, errors, tolerance)
-            return [path.name]
-        except McPilcoError as error:
+            draw_kinematics(self.out / "kinematics.png", recording, chain, errors, tolerance)
+            written.append("kinematics.png")
+        except McPilcoError as error:  # nothing else is lost then
             print(f"mcpilco: without kinematics.png: {error}", file=sys.stderr)
-            return []
-
-
-def _told(report: Report) -> dict[str, Any]:
-    return asdict(report)
+        print(f"In {self.out}: {', '.join(written)}.")
 
 
 def _print_chain(chain: KinematicChain) -> None:

@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import EnvKeywords, keywords, optional
-from mcpilco.cli.system import (
+from mcpilco.cli.options import (
+    Command,
+    EnvKeywords,
+    keywords,
     make_folder,
+    optional,
     register,
     require_at_least,
     require_new,
@@ -35,7 +38,7 @@ KINDS = ("excitation", "random")
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Command):
     """Record an env's sensors and inputs: a CSV a rollout, with the columns of its task."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
@@ -58,11 +61,7 @@ class Record:
     """show no progress"""
 
     def __call__(self) -> int:
-        """Record, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Record, and return the exit code."""
         self._check()
         use_one_thread()
         register()

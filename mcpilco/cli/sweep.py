@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import Learning, optional
-from mcpilco.cli.system import register, use_one_thread
+from mcpilco.cli.options import Learning, optional, register, use_one_thread
 from mcpilco.typing import InputError
 
 
@@ -38,11 +37,7 @@ class Sweep(Learning):
     """show no progress"""
 
     def __call__(self) -> int:
-        """Train, print the table, and return the exit code: 1 when a seed failed.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Train, print the table, and return the exit code: 1 when a seed failed."""
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
         from mcpilco.agent import with_package

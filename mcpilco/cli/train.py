@@ -17,8 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import Learning, optional
-from mcpilco.cli.system import register, require_at_least, use_one_thread
+from mcpilco.cli.options import Learning, optional, register, require_at_least, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -56,11 +55,7 @@ class Train(Learning):
     in its folder"""
 
     def __call__(self) -> int:
-        """Train, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Train, and return the exit code."""
         require_at_least(1, trials=self.trials)
         require_at_least(0, seed=self.seed)
         use_one_thread()

@@ -12,8 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import register
+from mcpilco.cli.options import Command, RunPath, optional, register
 from mcpilco.typing import InputError, McPilcoError
 
 _FIRST_WINDOW_S = 1.0
@@ -27,7 +26,7 @@ FILMS = ("gap.rrd", "crossing.rrd")
 
 
 @dataclass(frozen=True)
-class View:
+class View(Command):
     """Look at the rollouts of a run in the Rerun viewer, one trial after another.
 
     Or at what `mcpilco gap` has found, or what came of `mcpilco cross`.
@@ -52,11 +51,7 @@ class View:
     """instant of the picture [s]"""
 
     def __call__(self) -> int:
-        """Show, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Show, and return the exit code."""
         register()
         from mcpilco.agent import choose_trial
         from mcpilco.logbook import RunFolder

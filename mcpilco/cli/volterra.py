@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import optional
-from mcpilco.cli.system import make_folder, use_one_thread
+from mcpilco.cli.options import Command, make_folder, optional, use_one_thread
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ _SHOWN = 300
 
 
 @dataclass(frozen=True)
-class Volterra:
+class Volterra(Command):
     """Find the Volterra series from inputs to outputs, and say how well it predicts."""
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -53,11 +52,7 @@ class Volterra:
     """of what is drawn"""
 
     def __call__(self) -> int:
-        """Fit, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Fit, and return the exit code."""
         use_one_thread()
         from mcpilco.identification import save_volterra
 
@@ -69,7 +64,12 @@ class Volterra:
         mean, std = model.predict(test.inputs)
         save_volterra(model, self.out / "model.npz")
         _write_prediction(self.out / "prediction.csv", model, test, mean, std)
-        written = ["model.npz", "prediction.csv", *self._draw(model, test, mean, std)]
+        written = ["model.npz", "prediction.csv"]
+        try:
+            _picture(self.out / "volterra.png", model, test, mean, std)
+            written.append("volterra.png")
+        except McPilcoError as error:
+            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
         print(f"In {self.out}: {', '.join(written)}.")
         return 0
 
@@ -117,17 +117,6 @@ class Volterra:
             print(f"Highest evidence: {best.config.kernel}")
         return best
 
-    def _draw(
-        self, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
-    ) -> list[str]:
-        """The picture, if it can be drawn: prediction and maps of the first input and output."""
-        try:
-            _picture(self.out / "volterra.png", model, test, mean, std)
-        except McPilcoError as error:
-            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
-            return []
-        return ["volterra.png"]
-
 
 def _print_remarks(series: Series) -> None:
     for remark in series.remarks:
@@ -169,6 +158,7 @@ def _write_prediction(
 def _picture(
     path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
 ) -> None:
+    """Prediction and maps of the first input and output."""
     import numpy as np
 
     from mcpilco.files import replacing

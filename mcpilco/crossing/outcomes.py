@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -127,11 +128,8 @@ def judged(
     )
     with FreshEpisodes(place.env, place.kwargs, episodes, horizon) as fresh:
         outcomes = fresh.outcomes(begin, first, 0)
-    env = make_env(place.env, **place.kwargs)
-    try:
+    with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
         shown = run_episode(env, begin(), horizon, _task(place).dt, seed=shown_seed)
-    finally:
-        env.close()
     success = outcomes.get("is_success")
     return Outcome(
         episodes=episodes,
@@ -143,11 +141,8 @@ def judged(
 
 
 def _task(place: Place) -> TaskSpec:
-    env = make_env(place.env, **place.kwargs)
-    try:
+    with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
         return task_of(env, None, quiet=True)
-    finally:
-        env.close()
 
 
 # Files --------------------------------------------------------------------------------------------

@@ -50,24 +50,17 @@ def record_rollouts(
             f"--seconds must leave each rollout at least {FEWEST} steps of {task.dt:g} s, got "
             f"{seconds:g} s for {len(names)} of them; record for longer."
         )
-    act = _actor(policy, task, env, steps)
-    return _rollouts(env, task, act, steps, names, seed)
+    act, view = _actor(policy, task, env, steps), state_view(env, task)
 
+    def rollouts() -> Iterator[Recording]:
+        seeds = np.random.SeedSequence(seed).spawn(len(names))
+        for name, own in zip(names, seeds, strict=True):
+            rng = np.random.default_rng(own)
+            reset_seed = int(rng.integers(2**31))
+            rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
+            yield from_rollout(name, rollout, task)
 
-def _rollouts(
-    env: gym.Env,
-    task: TaskSpec,
-    act: Callable[[np.random.Generator], Act],
-    steps: int,
-    names: Sequence[str],
-    seed: int,
-) -> Iterator[Recording]:
-    view, seeds = state_view(env, task), np.random.SeedSequence(seed).spawn(len(names))
-    for name, own in zip(names, seeds, strict=True):
-        rng = np.random.default_rng(own)
-        reset_seed = int(rng.integers(2**31))
-        rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
-        yield from_rollout(name, rollout, task)
+    return rollouts()
 
 
 def _actor(

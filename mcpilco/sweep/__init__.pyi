@@ -2,7 +2,7 @@ from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
 from .folder import SweepFolder
 from .fresh import Act, FreshEpisodes, outcomes_one_by_one
-from .job import FORMAT, SeedJob, Settings, machine, one_thread, run_seed
+from .job import FORMAT, SeedJob, Settings, machine, one_thread, result_of, run_seed
 from .seeds import parse_seeds, sweep, sweep_progress
 from .statistics import (
     CONFIDENCE,
@@ -65,6 +65,7 @@ __all__ = [
     "rate",
     "rate_cell",
     "read_run",
+    "result_of",
     "run_seed",
     "same_amount",
     "spread",

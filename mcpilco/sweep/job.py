@@ -99,13 +99,13 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
             judge = stack.enter_context(_judge(settings, agent.horizon))
         rows = _Rows(agent, judge)
         agent.learn(agent.timesteps_of(settings.trials), callback=rows)
-    return {
-        "format": FORMAT,
-        "seed": seed,
-        "trials": rows.trials,
-        "machine": machine(),
-        "versions": versions(),
-    }
+    return result_of(seed, rows.trials)
+
+
+def result_of(seed: int, trials: list[dict[str, Any]]) -> dict[str, Any]:
+    """The rows of a seed's trials as a result: with where they were computed, and by what."""
+    about = {"format": FORMAT, "seed": seed, "trials": trials}
+    return {**about, "machine": machine(), "versions": versions()}
 
 
 def _judge(settings: Settings, horizon: int) -> FreshEpisodes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -248,25 +248,20 @@ def differences(runs: Sequence[Run]) -> list[Row]:
 
 def common_amounts(runs: Sequence[Run]) -> list[float]:
     """Amounts of experience that all runs have [s], rising."""
-    return [
-        amount for amount in all_amounts(runs[:1]) if all(_has(run, amount) for run in runs[1:])
-    ]
+
+    def has(run: Run, amount: float) -> bool:
+        return any(same_amount(float(own), amount) for own in run.amounts)
+
+    return [a for a in all_amounts(runs[:1]) if all(has(run, a) for run in runs[1:])]
 
 
 def all_amounts(runs: Sequence[Run]) -> list[float]:
     """Amounts of experience that any run has [s], rising, those that are the same once."""
-    return list(_distinct(sorted(float(amount) for run in runs for amount in run.amounts)))
-
-
-def _distinct(rising: Sequence[float]) -> Iterator[float]:
-    last = None
-    for amount in rising:
-        if last is None or not same_amount(amount, last):
-            yield (last := amount)
-
-
-def _has(run: Run, amount: float) -> bool:
-    return any(same_amount(float(own), amount) for own in run.amounts)
+    distinct: list[float] = []
+    for amount in sorted(float(amount) for run in runs for amount in run.amounts):
+        if not distinct or not same_amount(amount, distinct[-1]):
+            distinct.append(amount)
+    return distinct
 
 
 def same_amount(amount: float, other: float) -> bool:

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from envs.arms.perturbed import perturbed
-from envs.arms.random_motion import random_motion
-from envs.arms.scara import scara
-from envs.arms.ur10 import ur10
+from envs.arms.industrial import perturbed, scara, ur10
+from envs.arms.motions import random_motion
 from mcpilco.bodies import Chain, generalised_forces
 from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.identification.inverse_dynamics import (

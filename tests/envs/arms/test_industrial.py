@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.arms.perturbed import ANGLE, LENGTH, perturbed
-from envs.arms.random_motion import random_motion
-from envs.arms.scara import scara
-from envs.arms.ur10 import ur10
+from envs.arms.industrial import ANGLE, LENGTH, perturbed, scara, ur10
+from envs.arms.motions import random_motion
 from mcpilco.bodies import Chain, generalised_forces, mass_matrix
 
 ARMS = {"scara": scara, "ur10": ur10}

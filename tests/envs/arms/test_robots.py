@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from envs.arms import ARMS, control_times, follow, load, random_sinusoids, record_sinusoids
-from envs.arms.control import SAFE
+from envs.arms.robots import SAFE
 from mcpilco.identification import RigidBody, check_links, random_motions
 from mcpilco.typing import InputError
 

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from envs.arms.dh import Link
+from envs.arms.industrial import ur10
 from envs.arms.marked import marked_arm
-from envs.arms.random_motion import random_motion
-from envs.arms.ur10 import ur10
+from envs.arms.motions import random_motion
 from mcpilco.bodies import generalised_forces
 from mcpilco.dynamics import JointPolynomials
 from mcpilco.gp import GP

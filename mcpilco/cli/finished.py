@@ -1,4 +1,4 @@
-"""`mcpilco evaluate`: how good a run's policy is on fresh rollouts."""
+"""`mcpilco evaluate`, `export` and `report`: what is made of a finished run."""
 
 from __future__ import annotations
 
@@ -6,17 +6,29 @@ import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import RunPath, optional
-from mcpilco.cli.system import register, require_at_least, use_one_thread
+import tyro
+
+from mcpilco.cli.options import (
+    Command,
+    RunPath,
+    optional,
+    register,
+    require_at_least,
+    use_one_thread,
+)
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.agent import TrialAgent
 
+_STATISTICS = ("mean", "std", "min", "max")
+
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Command):
     """Judge the policy of a run on fresh rollouts."""
 
     run: RunPath
@@ -33,11 +45,7 @@ class Evaluate:
     """print one JSON object instead of a table"""
 
     def __call__(self) -> int:
-        """Evaluate, print, and return the exit code.
-
-        Raises:
-            McPilcoError: a wrong input; the sentence says which.
-        """
+        """Evaluate, print, and return the exit code."""
         require_at_least(1, episodes=self.episodes, horizon=self.horizon)
         require_at_least(0, seed=self.seed)
         use_one_thread()
@@ -91,12 +99,7 @@ def _report(samples: Mapping[str, Any]) -> dict[str, Any]:
         report["success_rate"] = float(np.mean(samples["is_success"]))
     for name, values in samples.items():
         if name != "is_success":
-            report[name] = {
-                "mean": float(values.mean()),
-                "std": float(values.std()),
-                "min": float(values.min()),
-                "max": float(values.max()),
-            }
+            report[name] = {kind: float(getattr(values, kind)()) for kind in _STATISTICS}
     return report
 
 
@@ -109,7 +112,7 @@ def _print_table(report: Mapping[str, Any]) -> None:
 
     table = Table(title=f"trial {report['trial']}: {report['episodes']} fresh rollouts")
     table.add_column("measure")
-    for statistic in ("mean", "std", "min", "max"):
+    for statistic in _STATISTICS:
         table.add_column(statistic, justify="right")
     for name, numbers in report.items():
         if isinstance(numbers, dict):
@@ -123,3 +126,55 @@ def _print_table(report: Mapping[str, Any]) -> None:
             f"success: {successes} of {report['episodes']} ({report['success_rate']:.0%})",
             highlight=False,
         )
+
+
+@dataclass(frozen=True)
+class Export(Command):
+    """Write a run's policy as plain arrays, to act with numpy alone."""
+
+    run: RunPath
+    """run folder"""
+    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
+    """the .npz file to write; one that is there is replaced"""
+    trial: Annotated[int | None, optional("INT", "the last")] = None
+    """whose policy"""
+
+    def __call__(self) -> int:
+        """Write, and return the exit code."""
+        register()
+        from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
+        from mcpilco.logbook import RunFolder
+        from mcpilco.policies import SumOfGaussians
+
+        run = RunFolder.open(self.run)
+        trial = finished_trial(run, self.trial)
+        agent = agent_of(run, trial)
+        if not isinstance(agent.policy, SumOfGaussians):
+            raise InputError(
+                f"export writes policies of the class SumOfGaussians, got {self.run} with a "
+                f"{type(agent.policy).__name__} of the algorithm {agent.algo}."
+            )
+        assert isinstance(agent, ModelBasedAgent), "only they have such policies"
+        path = write_policy(self.file, agent.policy, agent.task, agent.estimator)
+        print(f"Policy of trial {trial}: {path}")
+        return 0
+
+
+@dataclass(frozen=True)
+class Report(Command):
+    """Write a run as one HTML page that needs no other file."""
+
+    run: RunPath
+    """run folder"""
+    out: Annotated[Path | None, optional("FILE", "report.html in the run folder")] = None
+    """the page"""
+
+    def __call__(self) -> int:
+        """Write the page, print its path, and return the exit code."""
+        use_one_thread()
+        register()
+        from mcpilco.logbook import RunFolder
+        from mcpilco.show.report import write_report
+
+        print(write_report(RunFolder.open(self.run), self.out))
+        return 0

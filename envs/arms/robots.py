@@ -1,4 +1,4 @@
-"""A robot under computed torque: the inverse dynamics of the reference, and PD feedback.
+"""Robots that follow a reference by computed torque: models, control, and what sensors record.
 
     tau = tau_ff(q_r, q_r', q_r'') + K_p (q_r - q) + K_d (q_r' - q')
 
@@ -13,12 +13,30 @@ Reference: An, Atkeson, Hollerbach, Model-based control of a robot manipulator, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from envs.arms.sinusoids import Sinusoids
+from envs.arms.motions import Sinusoids, random_sinusoids
+from mcpilco.recordings import Recording
+from mcpilco.typing import InputError
+
+ARMS = {name: Path(__file__).with_name(f"{name}.xml") for name in ("arm_hand", "vision_head")}
+"""robots with motors that follow a reference, by name: 10 and 7 joints"""
+
+
+def load(name: str) -> mujoco.MjModel:
+    """The model of a robot.
+
+    Raises:
+        InputError: there is no robot of this name.
+    """
+    if name not in ARMS:
+        raise InputError(f"name must be one of {', '.join(ARMS)}, got {name!r}.")
+    return mujoco.MjModel.from_xml_path(str(ARMS[name]))
+
 
 BANDWIDTH = 25.0
 """of the feedback in each joint, with the inertia that it feels on average [rad/s]"""
@@ -98,7 +116,9 @@ def follow(
     forward = np.zeros((T, J)) if feedforward is None else feedforward
     noise = encoder_std * rng.normal(size=(T, J))
     low, high = model.actuator_ctrlrange.T
-    log = {name: np.empty((T, J)) for name in ("q", "dq", "sensed", "tau", "back")}
+    log = {
+        name: np.empty((T, J)) for name in ("position", "velocity", "encoder", "force", "feedback")
+    }
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q_r[0], dq_r[0]
     share = 1.0 - np.exp(-2.0 * np.pi * CUTOFF_HZ * dt)
@@ -117,16 +137,8 @@ def follow(
             break
         data.ctrl[:] = tau
         mujoco.mj_step(model, data, substeps)
-    return Followed(
-        time=time[:done],
-        reference=q_r[:done],
-        position=log["q"][:done],
-        velocity=log["dq"][:done],
-        encoder=log["sensed"][:done],
-        force=log["tau"][:done],
-        feedback=log["back"][:done],
-        stopped=done < T,
-    )
+    made = {name: values[:done] for name, values in log.items()}
+    return Followed(time[:done], q_r[:done], **made, stopped=done < T)
 
 
 def _inertia_at_joints(model: mujoco.MjModel) -> Float[np.ndarray, " J"]:
@@ -148,3 +160,60 @@ def control_times(
     """When the controller acts [s]."""
     dt = substeps * model.opt.timestep
     return dt * np.arange(round(seconds / dt))
+
+
+FORCE_NOISE = 0.05
+"""standard deviation of a force sensor's noise, relative to that of the force [-]"""
+
+
+def record_sinusoids(
+    model: mujoco.MjModel,
+    rng: np.random.Generator,
+    *,
+    seconds: float = 30.0,
+    encoder_std: float = 2e-4,
+    force_noise: float = FORCE_NOISE,
+    name: str = "sinusoids",
+) -> Recording:
+    """A recording of random sinusoids under PD feedback alone: nothing of the robot is known yet.
+
+    Its columns are `<joint>_position`, `<joint>_torque` and `<joint>_reference`, a row a step of
+    the controller.
+
+    Args:
+        model: of the robot.
+        rng: of the motion and of all noise.
+        seconds: of data [s].
+        encoder_std: standard deviation of the encoders' noise [rad or m].
+        force_noise: standard deviation of the force sensors' noise, relative to that of the force.
+        name: of the recording.
+
+
+    Reference: Ting et al., sections IV-B and IV-C, whose robots are controlled at 420 and 480 Hz.
+    """
+    motion = random_sinusoids(model, rng)
+    return measured(
+        model, follow(model, motion, seconds, rng, encoder_std=encoder_std), rng, force_noise, name
+    )
+
+
+def measured(
+    model: mujoco.MjModel,
+    followed: Followed,
+    rng: np.random.Generator,
+    force_noise: float = FORCE_NOISE,
+    name: str = "sinusoids",
+) -> Recording:
+    """A recording of a motion by sensors; the arguments are those of `record_sinusoids`."""
+    force = followed.force
+    noisy = force + force_noise * force.std(axis=0) * rng.normal(size=force.shape)
+    joints = [model.joint(j).name for j in range(model.njnt)]
+    return Recording(
+        name=name,
+        time=followed.time,
+        states=np.concatenate([followed.encoder, followed.reference], axis=1),
+        inputs=noisy,
+        state_names=(*(f"{j}_position" for j in joints), *(f"{j}_reference" for j in joints)),
+        input_names=tuple(f"{j}_torque" for j in joints),
+        angles=tuple(range(2 * len(joints))),
+    )
