@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from mcpilco.identification.collision import (
         CurrentModel,
-        Detections,
+        Detection,
         Event,
         ThresholdConfig,
         Thresholds,
@@ -331,7 +331,7 @@ def _print_alarms(name: str, alarms: Sequence[Event]) -> None:
         )
 
 
-def _print_pushes(found: Detections, push: np.ndarray) -> None:
+def _print_pushes(found: Detection, push: np.ndarray) -> None:
     """Which of the true pushes were found, and when."""
     import numpy as np
 
@@ -350,7 +350,7 @@ def _print_pushes(found: Detections, push: np.ndarray) -> None:
     print(f"  {hits} of {len(spans)} pushes found")
 
 
-def _table(found: Detections, joints: Sequence[str]) -> bytes:
+def _table(found: Detection, joints: Sequence[str]) -> bytes:
     """The output of the detector as a CSV, a row a sample."""
     import numpy as np
 

@@ -166,7 +166,7 @@ class InverseDynamics:
         from mcpilco.show.plots.style import new_axes
         from mcpilco.show.plots.torques import plot_torque
 
-        shown = test.rows(slice(0, 500))
+        shown = test[:500]
         with torch.no_grad():
             tau = model(shown.motion).numpy()
             std = model.std(shown.motion)

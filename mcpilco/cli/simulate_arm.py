@@ -66,7 +66,7 @@ class Simulate:
             column = getattr(log, name_.removeprefix(f"{joint}_"))
             table.append(column[:, log.joints.index(joint)])
         if log.pushes:
-            names, table = [*names, *FORCE], [*table, *log.push.T]
+            names, table = [*names, *FORCE], [*table, *log.force.T]
         rows = np.round(np.column_stack(table), 7).tolist()
         write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
 

@@ -39,7 +39,7 @@ from mcpilco.identification.collision import (
     CURRENT_TERMS,
     CurrentConfig,
     CurrentModel,
-    Detections,
+    Detection,
     ThresholdConfig,
     detect,
     events,
@@ -248,7 +248,7 @@ def judge(
     return found
 
 
-def joined(a: Detections, b: Detections) -> Detections:
+def joined(a: Detection, b: Detection) -> Detection:
     """Alarms of one or the other."""
     return replace(a, joints=a.joints | b.joints)
 
@@ -264,7 +264,7 @@ def outcomes(alarms: Any, sets: dict[str, Any], joints: tuple[str, ...]) -> dict
     }
 
 
-def hits(found: Detections, pushes: tuple[Push, ...]) -> list[float]:
+def hits(found: Detection, pushes: tuple[Push, ...]) -> list[float]:
     """How long after the start of a push an alarm begins, for those in which one does [s]."""
     alarm = found.collision
     begins = alarm & ~np.concatenate([[False], alarm[:-1]])

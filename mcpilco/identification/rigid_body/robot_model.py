@@ -26,8 +26,8 @@ from mcpilco.bodies import INERTIAL
 from mcpilco.files import write_bytes
 from mcpilco.identification.rigid_body.body import RigidBody
 from mcpilco.identification.rigid_body.consistency import about_center, check_links
-from mcpilco.identification.rigid_body.motion import JointMotion
 from mcpilco.plant import FAR, RIGID, SUDDEN, Inertials, move_assets, put
+from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError
 
 

@@ -11,19 +11,13 @@ from jaxtyping import Float
 
 from mcpilco.identification.noisy_inputs import Moments
 from mcpilco.identification.rigid_body.body import RigidBody
-from mcpilco.identification.rigid_body.motion import (
-    JointMotion,
-    encoder_noise,
-    local_cubics,
-    zero_phase,
-)
 from mcpilco.identification.rigid_body.projection import project
 from mcpilco.identification.rigid_body.robot_model import (
     Feedback,
     follow_reference,
     with_parameters,
 )
-from mcpilco.recordings import Segment
+from mcpilco.recordings import JointMotion, Segment, encoder_noise, local_cubics, zero_phase
 from mcpilco.typing import InputError
 
 REFITS = 4
@@ -86,9 +80,9 @@ class Rows:
                 dq=motion.dq + noise.dq,
                 ddq=motion.ddq + noise.ddq,
             )
-            noisier = more.regressor(body)
-        commanded = None if reference is None else reference.regressor(body)
-        return cls(motion.regressor(body), motion.tau, noisier, commanded)
+            noisier = body.regressor_of(more)
+        commanded = None if reference is None else body.regressor_of(reference)
+        return cls(body.regressor_of(motion), motion.tau, noisier, commanded)
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
@@ -196,7 +190,9 @@ def _left_out(body: RigidBody, whole: RigidBody, motion: JointMotion) -> Float[n
     values = whole.nominal.reshape(-1, whole.width).copy()
     values[:, : -len(kept)] = 0.0
     values[:, -len(kept) :][:, kept] = 0.0
-    return motion.regressor(whole) @ values.ravel() if values.any() else np.zeros_like(motion.tau)
+    return (
+        whole.regressor_of(motion) @ values.ravel() if values.any() else np.zeros_like(motion.tau)
+    )
 
 
 def simulated_regressor(
@@ -224,6 +220,7 @@ def simulated_regressor(
 
     def simulate(theta: np.ndarray) -> np.ndarray:
         robot = with_parameters(model, body, project(body, theta, metric).theta)
-        return filtered(follow_reference(robot, reference, dt, feedback)).regressor(body)
+        motion = filtered(follow_reference(robot, reference, dt, feedback))
+        return body.regressor_of(motion)
 
     return simulate
