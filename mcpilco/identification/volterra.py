@@ -11,8 +11,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -26,18 +26,14 @@ from mcpilco.kernels import IPK, PK, SEDMPK, MonomialBasis, VolterraKernel, Volt
 from mcpilco.recordings import Series, lagged, suspicions, usable
 from mcpilco.typing import InputError, McPilcoError
 
-KERNELS: Mapping[str, Callable[[int, int, Sequence[int], int], VolterraKernel]] = {
-    "pk": lambda width, degree, batch, channels: PK(width, degree, batch),
-    "ipk": lambda width, degree, batch, channels: IPK(width, degree, batch),
-    "mpk": lambda width, degree, batch, channels: VolterraMPK(width, degree, batch),
-    "sed-mpk": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels
-    ),
-    "sed-mpk-hierarchical": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels, hierarchical=True
-    ),
+KERNELS: Mapping[str, Callable[..., VolterraKernel]] = {
+    "pk": PK,
+    "ipk": IPK,
+    "mpk": VolterraMPK,
+    "sed-mpk": SEDMPK,
+    "sed-mpk-hierarchical": partial(SEDMPK, hierarchical=True),
 }
-"""priors by name: of width, degree, batch and channels"""
+"""priors by name: of width, degree and batch, and SEDMPK of channels"""
 
 MANY_ORDERS = 10**6
 """entries of a covariance over all orders of the lags, beyond which it is not written out"""
@@ -90,8 +86,9 @@ def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples
         samples: how many there are to fit to.
     """
     width = channels * (config.lags + 1)
-    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), channels)
-    full = isinstance(kernel, SEDMPK)
+    full = config.kernel.startswith("sed-mpk")
+    each = {"channels": channels} if full else {}
+    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), **each)
     orders = width ** (config.degree * (2 if full else 1))
     features = MonomialBasis.size(width, config.degree)
     small = features < min(samples, config.fit_samples) and orders <= MANY_ORDERS
@@ -348,30 +345,18 @@ def load_volterra(path: str | Path) -> VolterraModel:
     """
     about, groups = read_groups(Path(path))
     try:
-        return _model(about, groups)
+        if about["format"] != FORMAT:
+            raise ValueError(f"format {about['format']!r}, expected {FORMAT}")
+        config = VolterraConfig(**about["config"])
+        inputs, outputs = tuple(about["input_names"]), tuple(about["output_names"])
+        X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
+        gp = prior(config, outputs, len(inputs), len(X))
+        gp.load_arrays(groups["prior"])
+        scaling, report = Scaling(**groups["scaling"]), Report.of_json(about["report"])
+        posterior = gp.condition(X, Y)
+        return VolterraModel(config, inputs, outputs, scaling, gp, X, Y, posterior, report)
     except (KeyError, TypeError, ValueError, AttributeError, McPilcoError) as error:
         raise damaged(Path(path), f"no Volterra model: {error}") from error
-
-
-def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> VolterraModel:
-    if about["format"] != FORMAT:
-        raise ValueError(f"format {about['format']!r}, expected {FORMAT}")
-    config = VolterraConfig(**about["config"])
-    names = tuple(about["input_names"]), tuple(about["output_names"])
-    X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
-    gp = prior(config, names[1], len(names[0]), len(X))
-    gp.load_arrays(groups["prior"])
-    return VolterraModel(
-        config=config,
-        input_names=names[0],
-        output_names=names[1],
-        scaling=Scaling(**groups["scaling"]),
-        gp=gp,
-        X=X,
-        Y=Y,
-        posterior=gp.condition(X, Y),
-        report=Report.of_json(about["report"]),
-    )
 
 
 def fit_percent(z: Float[np.ndarray, " N"], predicted: Float[np.ndarray, " N"]) -> float:

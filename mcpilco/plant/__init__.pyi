@@ -22,13 +22,11 @@ from .arithmetic import (
 )
 from .corrected_mjcf import (
     FAR,
-    RIGID,
-    SUDDEN,
     CorrectedModel,
-    move_assets,
     passive_forces,
-    put,
+    save_mjcf,
     write_corrected_mjcf,
+    write_joint_terms,
 )
 from .correction import (
     Addition,
@@ -79,12 +77,10 @@ __all__ = [
     "MINIMUM",
     "MULTIPLY",
     "OFFSET",
-    "RIGID",
     "SCALE",
     "SINE",
     "SQRT",
     "SUBTRACT",
-    "SUDDEN",
     "TANH",
     "TURN",
     "Addition",
@@ -126,7 +122,6 @@ __all__ = [
     "friction_features",
     "larger",
     "mass_matrix",
-    "move_assets",
     "numbers_of",
     "order_of",
     "own_effects",
@@ -135,9 +130,9 @@ __all__ = [
     "physics_features",
     "plant_for",
     "plant_of",
-    "put",
     "read_correction",
     "register_plant",
+    "save_mjcf",
     "simulate",
     "sin",
     "sizes",
@@ -149,4 +144,5 @@ __all__ = [
     "true_state",
     "write_corrected_mjcf",
     "write_correction",
+    "write_joint_terms",
 ]

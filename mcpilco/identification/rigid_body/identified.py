@@ -308,9 +308,7 @@ def identify(
         after=check_links(body, found.theta),
         force=_rms(judged.tau),
         error=_rms(judged.tau - judged.Y @ found.theta),
-        nominal_error=_rms(np.concatenate(nominal))
-        if len(held)
-        else np.full(len(found.scale), np.nan),
+        nominal_error=_rms(np.concatenate(nominal)) if len(held) else found.scale * np.nan,
         cutoff=cutoff,
         rows=(len(rows), len(held)),
         report=_report(body, base, beta, half, recipe, found),
@@ -336,8 +334,9 @@ def _half_widths(
     """
     block = np.arange(len(scaled)) * BLOCKS // len(scaled)
     parts = [scaled[block != left_out] for left_out in range(BLOCKS)]
-    how = {"seed": seed, "scale": np.ones(scaled.tau.shape[1]), "base": base}
-    betas = np.array([base.of(estimate(body, part, recipe, **how).theta) for part in parts])
+    ones = np.ones(scaled.tau.shape[1])
+    fits = [estimate(body, part, recipe, seed=seed, scale=ones, base=base) for part in parts]
+    betas = np.array([base.of(fit.theta) for fit in fits])
     spread = np.sqrt((BLOCKS - 1) / BLOCKS * ((betas - betas.mean(axis=0)) ** 2).sum(axis=0))
     return float(t_distribution.ppf(0.5 + 0.5 * LEVEL, BLOCKS - 1)) * spread
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -46,10 +47,17 @@ class Rows:
         return len(self.Y)
 
     def __getitem__(self, rows: slice | np.ndarray) -> Rows:
-        noisier = None if self.noisier is None else self.noisier[rows]
-        reference = None if self.reference is None else self.reference[rows]
-        simulate = self.simulate and _then(self.simulate, lambda Y: Y[rows])
-        return Rows(self.Y[rows], self.tau[rows], noisier, reference, simulate)
+        return self._changed(lambda Y: Y[rows], self.tau[rows])
+
+    def _changed(self, change: Callable[[np.ndarray], np.ndarray], tau: np.ndarray) -> Rows:
+        """With other forces, and all regressors changed alike."""
+        Y, noisier, reference = (
+            None if regressor is None else change(regressor)
+            for regressor in (self.Y, self.noisier, self.reference)
+        )
+        simulate = self.simulate
+        then = None if simulate is None else lambda theta: change(simulate(theta))
+        return Rows(cast(np.ndarray, Y), tau, noisier, reference, then)
 
     @property
     def metric(self) -> Float[np.ndarray, "D D"]:
@@ -101,18 +109,7 @@ class Rows:
 
     def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
         """All divided by a number a joint."""
-        by = scale[:, None]
-        return Rows(
-            self.Y / by,
-            self.tau / scale,
-            None if self.noisier is None else self.noisier / by,
-            None if self.reference is None else self.reference / by,
-            self.simulate and _then(self.simulate, lambda Y: Y / by),
-        )
-
-
-def _then(simulate: Simulate, change: Callable[[np.ndarray], np.ndarray]) -> Simulate:
-    return lambda theta: change(simulate(theta))
+        return self._changed(lambda Y: Y / scale[:, None], self.tau / scale)
 
 
 def force_errors(rows: Rows) -> Float[np.ndarray, " J"]:
