@@ -57,7 +57,7 @@ from .equations.step import (
     system_of,
     true_state,
 )
-from .mjcf import chain_of, plant_of
+from .mjcf import chain_of, load_mjcf, plant_of
 from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
@@ -121,6 +121,7 @@ __all__ = [
     "free_parameters",
     "friction_features",
     "larger",
+    "load_mjcf",
     "mass_matrix",
     "numbers_of",
     "order_of",
