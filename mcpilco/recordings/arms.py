@@ -54,10 +54,6 @@ class ArmSamples(Samples):
         """[q, q', q'', e_q, e_q', i_c], thesis eq. (4.8)."""
         return np.hstack([self.standard, self.eq, self.deq, self.ic])
 
-    def every(self, count: int) -> ArmSamples:
-        """About so many of the samples, at a constant step, thesis section 4.6.1."""
-        return self[np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)]
-
 
 def slopes(x: Float[np.ndarray, "N J"], dt: float, window: int) -> Float[np.ndarray, "N J"]:
     """Slope of the straight line through the last `window` samples of x; NaN at the first ones."""

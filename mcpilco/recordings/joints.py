@@ -81,12 +81,6 @@ class JointData(Samples):
                 )
         return super().joined(parts)
 
-    def thinned(self, most: int) -> JointData:
-        """At most so many samples, at a constant step."""
-        if len(self) <= most:
-            return self
-        return self[np.linspace(0, len(self) - 1, most).round().astype(int)]
-
 
 def check_joint_data(data: JointData) -> None:
     """Nothing, where a model can be learned from these data.

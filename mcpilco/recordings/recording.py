@@ -33,6 +33,12 @@ class Samples:
         chosen = {name: array[rows] for name, array in self._arrays().items()}
         return replace(self, **chosen)  # type: ignore[type-var]
 
+    def thinned(self, most: int) -> Self:
+        """At most so many of the samples, at a constant step, thesis section 4.6.1."""
+        if len(self) <= most:
+            return self
+        return self[np.linspace(0, len(self) - 1, most).round().astype(int)]
+
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The samples of all parts, one behind the other; all else is that of the first."""

@@ -190,8 +190,8 @@ def of_motions(train: ArmSamples, model: CurrentModel, config: CurrentConfig) ->
     """PP, each joint fitted to samples at which it moves; it knows nothing of rests."""
     features, predictors = model.features, []
     for j, gp in enumerate(gps := prior(features, config)):
-        moving = train[~model.quiet(train)[:, j]].every(config.points)
-        some = moving.every(config.fit_points)
+        moving = train[~model.quiet(train)[:, j]].thinned(config.points)
+        some = moving.thinned(config.fit_points)
         X = regressors(some, inputs_of(some, features, config), j)
         gp.fit(X, torch.from_numpy(some.i[:, j : j + 1]), max_iterations=config.iterations)
         whole, _ = conditioned(tuple(gps), moving, features, SAMPLING_S, config)

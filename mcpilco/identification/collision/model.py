@@ -249,8 +249,8 @@ def fit_currents(
     config = config or CurrentConfig()
     check_free(samples, body.chain.joints, config.quiet_speed, rests=config.kind == "FC")
     features = CurrentFeatures(body, config.quiet_speed, config.gate)
-    train = samples.every(config.points)
-    some = train.every(config.fit_points)
+    train = samples.thinned(config.points)
+    some = train.thinned(config.fit_points)
     gps = tuple(prior(features, config))
     inputs = inputs_of(some, features, config)
     for j, gp in enumerate(gps):
