@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from envs.arms.waypoints import Targets
+from mcpilco.recordings import ArmRecording
 from mcpilco.typing import InputError
 
 MODEL = Path(__file__).with_name("sticky_arm.xml")
@@ -70,29 +71,16 @@ class Push:
 
 
 @dataclass(frozen=True)
-class ArmLog:
-    """T samples of an arm, as its sensors report them, and what nobody measures."""
+class ArmLog(ArmRecording):
+    """Samples of the arm as its sensors report them, and the truth about who pushed it.
 
-    time: Float[np.ndarray, " T"]
-    """[s]"""
-    position: Float[np.ndarray, "T J"]
-    """[rad]"""
-    velocity: Float[np.ndarray, "T J"]
-    """[rad/s]"""
-    current: Float[np.ndarray, "T J"]
-    """of the motors [A]"""
-    target_position: Float[np.ndarray, "T J"]
-    """[rad]"""
-    target_velocity: Float[np.ndarray, "T J"]
-    """[rad/s]"""
-    target_current: Float[np.ndarray, "T J"]
-    """what the controller says that it wants, see `Drives.tells` [A]"""
-    push: Float[np.ndarray, "T 3"]
-    """truth: force at the tool, in the world [N]"""
-    joints: tuple[str, ...]
+    The target current is what the controller says that it wants, see `Drives.tells`.
+    """
+
+    joints: tuple[str, ...] = ()
     """names"""
     pushes: tuple[Push, ...] = ()
-    """truth"""
+    """truth, as is `force`"""
 
 
 @dataclass(frozen=True)
@@ -140,6 +128,7 @@ class StickyArm:
         position, velocity, current, reported, push = self._simulate(targets, feed, every, pushes)
         noise, shape = self.drives, position.shape
         return ArmLog(
+            name="sticky arm",
             time=SAMPLING_S * np.arange(len(position)),
             position=position + noise.position_noise * rng.normal(size=shape),
             velocity=velocity + noise.velocity_noise * rng.normal(size=shape),
@@ -147,7 +136,7 @@ class StickyArm:
             target_position=targets.q[targets.lead :: every],
             target_velocity=targets.dq[targets.lead :: every],
             target_current=reported,
-            push=push,
+            force=push,
             joints=self.joints,
             pushes=tuple(pushes),
         )

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from mcpilco.identification.collision import (
         CurrentModel,
-        Detections,
+        Detection,
         Event,
         ThresholdConfig,
         Thresholds,
@@ -113,7 +113,7 @@ class Simulate(Command):
             column = getattr(log, name_.removeprefix(f"{joint}_"))
             table.append(column[:, log.joints.index(joint)])
         if log.pushes:
-            names, table = [*names, *FORCE], [*table, *log.push.T]
+            names, table = [*names, *FORCE], [*table, *log.force.T]
         rows = np.round(np.column_stack(table), 7).tolist()
         write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
 
@@ -372,7 +372,7 @@ def _print_alarms(name: str, alarms: Sequence[Event]) -> None:
         )
 
 
-def _print_pushes(found: Detections, push: np.ndarray) -> None:
+def _print_pushes(found: Detection, push: np.ndarray) -> None:
     """Which of the true pushes were found, and when."""
     import numpy as np
 
@@ -391,7 +391,7 @@ def _print_pushes(found: Detections, push: np.ndarray) -> None:
     print(f"  {hits} of {len(spans)} pushes found")
 
 
-def _table(found: Detections, joints: Sequence[str]) -> bytes:
+def _table(found: Detection, joints: Sequence[str]) -> bytes:
     """The output of the detector as a CSV, a row a sample."""
     import numpy as np
 

@@ -161,7 +161,7 @@ class InverseDynamics(Command):
         from mcpilco.show.plots.identification import plot_torque
         from mcpilco.show.plots.style import new_axes
 
-        shown = test.rows(slice(0, 500))
+        shown = test[:500]
         with torch.no_grad():
             tau = model(shown.motion).numpy()
             std = model.std(shown.motion)

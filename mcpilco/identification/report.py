@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.gp import JITTERS
+from mcpilco.gp import GP, JITTERS
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,17 @@ class Report:
     """names of the parameters that the data do not determine"""
     warnings: tuple[str, ...] = ()
     """sentences for a person: what looks wrong, and what to record instead"""
+
+    @classmethod
+    def of_gps(cls, gps: Iterable[GP], **more: tuple) -> Report:
+        """Of Gaussian processes that were fitted, all outputs together; `more` are other fields."""
+        fits = [gp.report for gp in gps if gp.report is not None]
+        return cls(
+            converged=all(fit.converged for fit in fits),
+            iterations=sum(fit.iterations for fit in fits),
+            evidence=tuple(-nlml for fit in fits for nlml in fit.nlml),
+            **more,
+        )
 
     @classmethod
     def of_json(cls, saved: Mapping[str, Any]) -> Report:

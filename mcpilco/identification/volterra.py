@@ -1,8 +1,7 @@
 """Volterra series from recordings: an output as a polynomial of past inputs.
 
 `fit_volterra` makes a `VolterraModel` from a `mcpilco.recordings.Series` and a `VolterraConfig`;
-`save_volterra` and `load_volterra` keep it as a file of plain arrays. At the end two systems whose
-series are known, on which methods are compared.
+`save_volterra` and `load_volterra` keep it as a file of plain arrays.
 
 Reference: thesis chapter 6.
 """
@@ -12,13 +11,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.signal import lfilter
 from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
@@ -28,18 +26,14 @@ from mcpilco.kernels import IPK, PK, SEDMPK, MonomialBasis, VolterraKernel, Volt
 from mcpilco.recordings import Series, lagged, suspicions, usable
 from mcpilco.typing import InputError, McPilcoError
 
-KERNELS: Mapping[str, Callable[[int, int, Sequence[int], int], VolterraKernel]] = {
-    "pk": lambda width, degree, batch, channels: PK(width, degree, batch),
-    "ipk": lambda width, degree, batch, channels: IPK(width, degree, batch),
-    "mpk": lambda width, degree, batch, channels: VolterraMPK(width, degree, batch),
-    "sed-mpk": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels
-    ),
-    "sed-mpk-hierarchical": lambda width, degree, batch, channels: SEDMPK(
-        width, degree, batch, channels=channels, hierarchical=True
-    ),
+KERNELS: Mapping[str, Callable[..., VolterraKernel]] = {
+    "pk": PK,
+    "ipk": IPK,
+    "mpk": VolterraMPK,
+    "sed-mpk": SEDMPK,
+    "sed-mpk-hierarchical": partial(SEDMPK, hierarchical=True),
 }
-"""priors by name: of width, degree, batch and channels"""
+"""priors by name: of width, degree and batch, and SEDMPK of channels"""
 
 MANY_ORDERS = 10**6
 """entries of a covariance over all orders of the lags, beyond which it is not written out"""
@@ -92,8 +86,9 @@ def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples
         samples: how many there are to fit to.
     """
     width = channels * (config.lags + 1)
-    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), channels)
-    full = isinstance(kernel, SEDMPK)
+    full = config.kernel.startswith("sed-mpk")
+    each = {"channels": channels} if full else {}
+    kernel = KERNELS[config.kernel](width, config.degree, (len(outputs),), **each)
     orders = width ** (config.degree * (2 if full else 1))
     features = MonomialBasis.size(width, config.degree)
     small = features < min(samples, config.fit_samples) and orders <= MANY_ORDERS
@@ -350,63 +345,18 @@ def load_volterra(path: str | Path) -> VolterraModel:
     """
     about, groups = read_groups(Path(path))
     try:
-        return _model(about, groups)
+        if about["format"] != FORMAT:
+            raise ValueError(f"format {about['format']!r}, expected {FORMAT}")
+        config = VolterraConfig(**about["config"])
+        inputs, outputs = tuple(about["input_names"]), tuple(about["output_names"])
+        X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
+        gp = prior(config, outputs, len(inputs), len(X))
+        gp.load_arrays(groups["prior"])
+        scaling, report = Scaling(**groups["scaling"]), Report.of_json(about["report"])
+        posterior = gp.condition(X, Y)
+        return VolterraModel(config, inputs, outputs, scaling, gp, X, Y, posterior, report)
     except (KeyError, TypeError, ValueError, AttributeError, McPilcoError) as error:
         raise damaged(Path(path), f"no Volterra model: {error}") from error
-
-
-def _model(about: Mapping[str, Any], groups: Mapping[str, Mapping[str, Any]]) -> VolterraModel:
-    if about["format"] != FORMAT:
-        raise ValueError(f"format {about['format']!r}, expected {FORMAT}")
-    config = VolterraConfig(**about["config"])
-    names = tuple(about["input_names"]), tuple(about["output_names"])
-    X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
-    gp = prior(config, names[1], len(names[0]), len(X))
-    gp.load_arrays(groups["prior"])
-    return VolterraModel(
-        config=config,
-        input_names=names[0],
-        output_names=names[1],
-        scaling=Scaling(**groups["scaling"]),
-        gp=gp,
-        X=X,
-        Y=Y,
-        posterior=gp.condition(X, Y),
-        report=Report.of_json(about["report"]),
-    )
-
-
-MEMORY = 6
-"""of `third_order` [samples]"""
-
-
-def third_order(u: Float[np.ndarray, " T"]) -> Float[np.ndarray, " N"]:
-    """Noiseless outputs of times 6, ..., T - 1: degree 3 with few of the 119 monomials.
-
-    Reference: thesis eq. (6.36); Spinelli, Piroddi, Lovera, 2005.
-    """
-    x0, x1, x2, x3, x4, x5, x6 = lagged(u[:, None], MEMORY).T
-    linear = x0 + 0.6 * x1 + 0.35 * (x2 + x4) + 0.9 * x3 + 0.2 * (x5 + x6)
-    quadratic = 0.25 * x0 * x1 - x1 * x2 - 0.25 * x3**2 + 0.5 * (x0**2 + x0 * x2 + x1 * x3)
-    return linear + quadratic + 0.75 * x2**3
-
-
-def third_order_h2() -> Float[np.ndarray, "7 7"]:
-    """Its map h_2, symmetric."""
-    h = np.zeros((MEMORY + 1, MEMORY + 1))
-    h[0, 1], h[1, 2], h[3, 3], h[0, 0], h[0, 2], h[1, 3] = 0.25, -1.0, -0.25, 0.5, 0.5, 0.5
-    return 0.5 * (h + h.T)
-
-
-def wiener(u: Float[np.ndarray, " T"], degree: int) -> Float[np.ndarray, " T"]:
-    """Noiseless outputs x + x^2 + ... + x^degree of a resonant filter's output x, from rest.
-
-        x = 10 q^-1 / (1 - 1.8036 q^-1 + 0.8338 q^-2) u
-
-    Reference: thesis eq. (6.38); Stoddard, Welsh, 2018.
-    """
-    x = lfilter([0.0, 10.0], [1.0, -1.8036, 0.8338], u)
-    return sum(x**i for i in range(1, degree + 1))
 
 
 def fit_percent(z: Float[np.ndarray, " N"], predicted: Float[np.ndarray, " N"]) -> float:

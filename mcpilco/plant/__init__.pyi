@@ -22,13 +22,11 @@ from .arithmetic import (
 )
 from .corrected_mjcf import (
     FAR,
-    RIGID,
-    SUDDEN,
     CorrectedModel,
-    move_assets,
     passive_forces,
-    put,
+    save_mjcf,
     write_corrected_mjcf,
+    write_joint_terms,
 )
 from .correction import (
     Addition,
@@ -59,7 +57,7 @@ from .equations.step import (
     system_of,
     true_state,
 )
-from .mjcf import chain_of, plant_of
+from .mjcf import chain_of, load_mjcf, plant_of
 from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
@@ -79,12 +77,10 @@ __all__ = [
     "MINIMUM",
     "MULTIPLY",
     "OFFSET",
-    "RIGID",
     "SCALE",
     "SINE",
     "SQRT",
     "SUBTRACT",
-    "SUDDEN",
     "TANH",
     "TURN",
     "Addition",
@@ -125,8 +121,8 @@ __all__ = [
     "free_parameters",
     "friction_features",
     "larger",
+    "load_mjcf",
     "mass_matrix",
-    "move_assets",
     "numbers_of",
     "order_of",
     "own_effects",
@@ -135,9 +131,9 @@ __all__ = [
     "physics_features",
     "plant_for",
     "plant_of",
-    "put",
     "read_correction",
     "register_plant",
+    "save_mjcf",
     "simulate",
     "sin",
     "sizes",
@@ -149,4 +145,5 @@ __all__ = [
     "true_state",
     "write_corrected_mjcf",
     "write_correction",
+    "write_joint_terms",
 ]

@@ -61,22 +61,59 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
     left += [f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned]
     model.finish()
-    move_assets(model.spec, source.parent, path.parent)
-    try:
-        model.spec.compile()
-    except ValueError as error:
-        raise InputError(f"{source} cannot be corrected so that MuJoCo loads it: {error}") from None
-    write_bytes(path, model.spec.to_xml().encode())
+    save_mjcf(model.spec, source, path)
     return left
 
 
-def move_assets(spec: mujoco.MjSpec, before: Path, after: Path) -> None:
-    """Lets the paths of meshes and textures lead to their files from another folder."""
-    if before.resolve() == after.resolve():
-        return
-    for folder in ("meshdir", "texturedir"):
-        old = before / getattr(spec, folder)
-        setattr(spec, folder, os.path.relpath(old.resolve(), after.resolve()))
+def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
+    """Writes a changed model; the paths of meshes and textures still lead to their files.
+
+    Args:
+        spec: the model.
+        source: file that it was read from.
+        path: the file to write.
+
+    Raises:
+        InputError: MuJoCo refuses the model.
+        RunFolderError: the file cannot be written.
+    """
+    before, after = source.parent, path.parent
+    if before.resolve() != after.resolve():
+        for folder in ("meshdir", "texturedir"):
+            old = before / getattr(spec, folder)
+            setattr(spec, folder, os.path.relpath(old.resolve(), after.resolve()))
+    try:
+        spec.compile()
+    except ValueError as error:
+        raise InputError(f"{source} cannot be changed so that MuJoCo loads it: {error}") from None
+    write_bytes(path, spec.to_xml().encode())
+
+
+def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> None:
+    """Replaces forces of a joint; those that are not named stay.
+
+    Args:
+        joint: of an `MjSpec`.
+        terms: viscous, coulomb, armature, and the force stiffness q + offset against the motion, a
+            spring about where it is 0.
+        degrees: whether the model's angles are in degrees.
+    """
+    if "viscous" in terms:
+        put(joint, "damping", 0, terms["viscous"])
+    if "coulomb" in terms:
+        if joint.frictionloss == 0.0 and terms["coulomb"] > 0.0:
+            joint.solimp_friction, joint.solref_friction = RIGID, SUDDEN
+        joint.frictionloss = terms["coulomb"]
+    if "armature" in terms:
+        joint.armature = terms["armature"]
+    if "stiffness" in terms or "offset" in terms:
+        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        unit = math.radians(1.0) if hinge and degrees else 1.0
+        before = float(np.ravel(joint.stiffness)[0])
+        offset = terms.get("offset", -before * float(joint.springref) * unit)
+        k = terms.get("stiffness", before) or abs(offset) / FAR
+        put(joint, "stiffness", 0, k)
+        joint.springref = -offset / k / unit if k else 0.0
 
 
 class CorrectedModel:

@@ -28,6 +28,24 @@ SWITCHES = sum(
 """options of a model that switch off what a plant has"""
 
 
+def load_mjcf(path: str | Path, wanted: str = "--model must be an MJCF file") -> mujoco.MjModel:
+    """The model in a file.
+
+    Args:
+        path: of the file.
+        wanted: beginning of the message where there is no such file.
+
+    Raises:
+        InputError: there is no such file, or MuJoCo cannot load it.
+    """
+    if not Path(path).is_file():
+        raise InputError(f"{wanted}, got {str(path)!r}, which is no file.")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
+
+
 def plant_of(path: str | Path) -> Plant:
     """The plant of an MJCF file: an open chain of hinges and slides that motors move.
 
@@ -41,12 +59,7 @@ def plant_of(path: str | Path) -> Plant:
             not symmetric about 0, one name for several things; the message names it.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"--plant must be the id of an env or an MJCF file, got {str(path)!r}.")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
+    model = load_mjcf(path, "--plant must be the id of an env or an MJCF file")
     _require(str(path), _faults(model) | _faults_of_actuators(model))
     if model.nv == 0 or model.nu == 0:
         raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")

@@ -5,7 +5,8 @@ rows in the order of their time stamps and leaves out those that repeat or run b
 read becomes one of
 
 - `Recording`: states and inputs on a uniform grid, with gaps and noise (`read_recording`); a
-  robot's `Segment` (`read_robot`) and `JointData` (`joint_data`) are made of recordings;
+  robot's `Segment` (`read_robot`), its `JointMotion` (`zero_phase`, `local_cubics`) and
+  `JointData` (`joint_data`) are made of recordings;
 - `ArmRecording` and its `ArmSamples`: positions, currents and targets of an arm (`read_arm`);
 - `MarkerRecording`: poses of markers that a camera saw (`read_markers`);
 - `Series`: inputs and outputs, sample by sample (`read_series`).

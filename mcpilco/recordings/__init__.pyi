@@ -10,6 +10,7 @@ from .arms import (
 )
 from .excitations import PARTS, Part, excitation
 from .for_plant import read_for_plant
+from .joint_motion import JointMotion, encoder_noise, local_cubics, motion_cutoff, zero_phase
 from .joints import (
     ARRAYS,
     JointData,
@@ -36,6 +37,7 @@ __all__ = [
     "ArmRecording",
     "ArmSamples",
     "JointData",
+    "JointMotion",
     "MarkerRecording",
     "Part",
     "Recording",
@@ -45,6 +47,7 @@ __all__ = [
     "arm_samples",
     "check_joint_data",
     "columns_of",
+    "encoder_noise",
     "excitation",
     "from_rollout",
     "held_out",
@@ -53,7 +56,9 @@ __all__ = [
     "kinds_of",
     "lagged",
     "load_robot",
+    "local_cubics",
     "marker_recording",
+    "motion_cutoff",
     "noise_std",
     "read_arm",
     "read_for_plant",
@@ -71,4 +76,5 @@ __all__ = [
     "usable",
     "write_markers",
     "write_recording",
+    "zero_phase",
 ]

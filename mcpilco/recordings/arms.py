@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.recordings.reader import LogRows, read_rows
+from mcpilco.recordings.recording import Samples
 from mcpilco.recordings.stamps import sampling_time
 from mcpilco.typing import InputError, RecordingError
 
@@ -24,7 +24,7 @@ WINDOW = 3
 
 
 @dataclass(frozen=True)
-class ArmSamples:
+class ArmSamples(Samples):
     """N samples of J joints; those of several recordings stand one behind the other."""
 
     time: Float[np.ndarray, " N"]
@@ -44,9 +44,6 @@ class ArmSamples:
     i: Float[np.ndarray, "N J"]
     """current measured [A]"""
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     @property
     def standard(self) -> Float[np.ndarray, "N D"]:
         """x = [q, q', q''], thesis section 4.4.1."""
@@ -56,18 +53,6 @@ class ArmSamples:
     def augmented(self) -> Float[np.ndarray, "N D"]:
         """[q, q', q'', e_q, e_q', i_c], thesis eq. (4.8)."""
         return np.hstack([self.standard, self.eq, self.deq, self.ic])
-
-    def __getitem__(self, rows: slice | np.ndarray) -> ArmSamples:
-        return ArmSamples(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def every(self, count: int) -> ArmSamples:
-        """About so many of the samples, at a constant step, thesis section 4.6.1."""
-        return self[np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)]
-
-    @classmethod
-    def joined(cls, parts: Sequence[ArmSamples]) -> ArmSamples:
-        """One behind the other."""
-        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
 def slopes(x: Float[np.ndarray, "N J"], dt: float, window: int) -> Float[np.ndarray, "N J"]:
@@ -124,31 +109,12 @@ _KNOWN = 0.5
 """share of the samples at which all must be known [-]"""
 
 
-class ArmLog(Protocol):
-    """T samples of J joints, of a simulated arm, a driver or a file."""
-
-    @property
-    def time(self) -> Float[np.ndarray, " T"]: ...
-    @property
-    def position(self) -> Float[np.ndarray, "T J"]: ...
-    @property
-    def velocity(self) -> Float[np.ndarray, "T J"]: ...
-    @property
-    def current(self) -> Float[np.ndarray, "T J"]: ...
-    @property
-    def target_position(self) -> Float[np.ndarray, "T J"]: ...
-    @property
-    def target_velocity(self) -> Float[np.ndarray, "T J"]: ...
-    @property
-    def target_current(self) -> Float[np.ndarray, "T J"]: ...
-
-
 @dataclass(frozen=True)
 class ArmRecording:
-    """The recording of an arm in a file; NaN where a cell is empty."""
+    """T samples of J joints, of a file, a driver or a simulated arm; NaN where a cell is empty."""
 
     name: str
-    """stem of the file"""
+    """stem of the file, or whose samples these are"""
     time: Float[np.ndarray, " T"]
     """from 0, increasing [s]"""
     position: Float[np.ndarray, "T J"]
@@ -164,7 +130,7 @@ class ArmRecording:
     target_current: Float[np.ndarray, "T J"]
     """[A]"""
     force: Float[np.ndarray, "T 3"] | None = None
-    """at the end of the arm, known in a simulation [N]"""
+    """at the end of the arm, in the world, known in a simulation [N]"""
     remarks: tuple[str, ...] = ()
     """sentences on what was left out"""
 
@@ -229,7 +195,7 @@ def _thinned(rows: LogRows, dt: float | None) -> LogRows:
     return rows.every(step)
 
 
-def arm_samples(log: ArmLog, window: int = WINDOW) -> ArmSamples:
+def arm_samples(log: ArmRecording, window: int = WINDOW) -> ArmSamples:
     """The samples of a recording at which all is known.
 
     Derivatives see the past only, as a detector does; the first samples after a gap have none and

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.kernels import Kind
 from mcpilco.recordings.reader import read_recordings
-from mcpilco.recordings.recording import Recording
+from mcpilco.recordings.recording import Recording, Samples
 from mcpilco.recordings.smoothing import smoothed
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError
@@ -29,7 +30,7 @@ REPEATED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class JointData:
+class JointData(Samples):
     """N samples of a robot with J joints, in any order."""
 
     q: Float[np.ndarray, "N J"]
@@ -57,21 +58,13 @@ class JointData:
             if shape != expected:
                 raise InputError(f"JointData.{name} must have the shape {expected}, got {shape}.")
 
-    def __len__(self) -> int:
-        return len(self.q)
-
     @property
     def motion(self) -> Float[Tensor, "N Q"]:
         """[q, q', q''], what models map to torques."""
         return torch.as_tensor(np.concatenate([self.q, self.dq, self.ddq], 1), dtype=torch.float64)
 
-    def rows(self, index: Int[np.ndarray, " n"] | slice) -> JointData:
-        """Some of the samples."""
-        q, dq, ddq, tau = (getattr(self, name)[index] for name in ARRAYS)
-        return JointData(q, dq, ddq, tau, self.joints, self.kinds)
-
     @classmethod
-    def joined(cls, parts: Sequence[JointData]) -> JointData:
+    def joined(cls, parts: Sequence[Self]) -> Self:
         """The samples of all parts, one behind the other.
 
         Raises:
@@ -86,16 +79,7 @@ class JointData:
                     f"all data must be of the joints {', '.join(first.joints)}, got "
                     f"{', '.join(part.joints)}; give recordings of one robot."
                 )
-        q, dq, ddq, tau = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS
-        )
-        return cls(q, dq, ddq, tau, first.joints, first.kinds)
-
-    def thinned(self, most: int) -> JointData:
-        """At most so many samples, at a constant step."""
-        if len(self) <= most:
-            return self
-        return self.rows(np.linspace(0, len(self) - 1, most).round().astype(int))
+        return super().joined(parts)
 
 
 def check_joint_data(data: JointData) -> None:
@@ -252,4 +236,4 @@ def held_out(data: JointData, share: float) -> tuple[JointData, JointData]:
     if not 0.0 < share < 1.0:
         raise InputError(f"the held-out share must be between 0 and 1, got {share}.")
     first = len(data) - max(1, round(share * len(data)))
-    return data.rows(slice(0, first)), data.rows(slice(first, None))
+    return data[:first], data[first:]

@@ -12,10 +12,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from mcpilco.recordings.reader import LogRows, read_rows
+from mcpilco.recordings.recording import Samples
 from mcpilco.recordings.table import write_table
 from mcpilco.typing import InputError, RecordingError
 
@@ -27,7 +28,7 @@ _UNIT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class MarkerRecording:
+class MarkerRecording(Samples):
     """N frames of a camera. A marker that a frame does not show has NaN for its pose."""
 
     time: Float[np.ndarray, " N"]
@@ -41,24 +42,10 @@ class MarkerRecording:
     joint_names: tuple[str, ...]
     marker_names: tuple[str, ...]
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     @cached_property
     def seen(self) -> Bool[np.ndarray, "N markers"]:
         """Which frames show which marker."""
         return np.isfinite(self.positions[..., 0])
-
-    def rows(self, rows: Int[np.ndarray, " rows"]) -> MarkerRecording:
-        """Some of the frames."""
-        return MarkerRecording(
-            self.time[rows],
-            self.q[rows],
-            self.positions[rows],
-            self.quaternions[rows],
-            self.joint_names,
-            self.marker_names,
-        )
 
     def columns(self) -> dict[str, Float[np.ndarray, " N"]]:
         """Named columns: what `marker_recording` reads."""

@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -207,11 +208,7 @@ def read_recordings(
     paths: Iterable[str | Path],
     state_names: Sequence[str],
     input_names: Sequence[str],
-    *,
-    angles: Sequence[int] = (),
-    velocities: Pairs = (),
-    columns: Mapping[str, str] | None = None,
-    dt: float | None = None,
+    **options: Any,
 ) -> tuple[list[Recording], list[RecordingError]]:
     """The recordings that can be read, and a sentence on each that cannot.
 
@@ -220,17 +217,7 @@ def read_recordings(
     good, bad = [], []
     for path in paths:
         try:
-            good.append(
-                read_recording(
-                    path,
-                    state_names,
-                    input_names,
-                    angles=angles,
-                    velocities=velocities,
-                    columns=columns,
-                    dt=dt,
-                )
-            )
+            good.append(read_recording(path, state_names, input_names, **options))
         except RecordingError as error:
             bad.append(error)
     return good, bad

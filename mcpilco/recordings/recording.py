@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,6 +16,35 @@ from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
 Gaps = tuple[tuple[float, float], ...]
+
+
+class Samples:
+    """Base of the dataclasses whose arrays have a row for each of N samples."""
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        found = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
+
+    def __len__(self) -> int:
+        return len(next(iter(self._arrays().values())))
+
+    def __getitem__(self, rows: slice | np.ndarray) -> Self:
+        """Some of the samples."""
+        chosen = {name: array[rows] for name, array in self._arrays().items()}
+        return replace(self, **chosen)  # type: ignore[type-var]
+
+    def thinned(self, most: int) -> Self:
+        """At most so many of the samples, at a constant step, thesis section 4.6.1."""
+        if len(self) <= most:
+            return self
+        return self[np.linspace(0, len(self) - 1, most).round().astype(int)]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The samples of all parts, one behind the other; all else is that of the first."""
+        each = [part._arrays() for part in parts]
+        together = {name: np.concatenate([arrays[name] for arrays in each]) for name in each[0]}
+        return replace(parts[0], **together)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)

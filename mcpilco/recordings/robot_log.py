@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.plant import chain_of
+from mcpilco.plant import chain_of, load_mjcf
 from mcpilco.recordings.reader import read_recordings
 from mcpilco.recordings.recording import Recording
 from mcpilco.recordings.table import read_table
@@ -73,13 +73,7 @@ def load_robot(path: str | Path) -> mujoco.MjModel:
     Raises:
         InputError: there is no such file, it is no MJCF, or not such a robot.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"--model must be an MJCF file, got {str(path)!r}, which is no file.")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
+    model = load_mjcf(path)
     chain_of(model)
     for b in range(model.nbody):
         if model.body_jntnum[b] > 1:

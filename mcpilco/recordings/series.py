@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.recordings.reader import LogRows, read_rows
+from mcpilco.recordings.recording import Samples
 from mcpilco.typing import InputError, RecordingError
 
 _FEWEST = 20
@@ -25,7 +26,7 @@ _OFF_ZERO = 2.0
 
 
 @dataclass(frozen=True)
-class Series:
+class Series(Samples):
     """Inputs and outputs measured at times k = 0, 1, ..., T - 1, one sampling time apart."""
 
     inputs: Float[np.ndarray, "T U"]
@@ -52,13 +53,6 @@ class Series:
                 f"{np.shape(inputs)} and {np.shape(outputs)}."
             )
         return cls(u, y, _names("u", u.shape[1]), _names("y", y.shape[1]))
-
-    def __len__(self) -> int:
-        return len(self.inputs)
-
-    def __getitem__(self, rows: slice) -> Series:
-        """Some of the times, in their order."""
-        return replace(self, inputs=self.inputs[rows], outputs=self.outputs[rows])
 
 
 def _names(letter: str, count: int) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import rerun as rr
 from jaxtyping import Bool, Float
 
 from mcpilco.bodies import Chain
-from mcpilco.identification.collision import Detections, Event
+from mcpilco.identification.collision import Detection, Event
 from mcpilco.recordings import ArmSamples
 from mcpilco.show.blueprint import ABOUT, TIMELINE, WORLD, build_watch, entity
 from mcpilco.show.bodies import chain_scene
@@ -59,7 +59,7 @@ def write_collision_film(
     name: str,
     chain: Chain,
     samples: ArmSamples,
-    found: Detections,
+    found: Detection,
     told: Sequence[Event],
     push: Float[np.ndarray, "N 3"] | None = None,
 ) -> Path:
@@ -134,7 +134,7 @@ def _log_push(track: Track, tips: Float[np.ndarray, "N 3"], push: Float[np.ndarr
     track.moving(path, 0, len(push), arrows.partition(acts.astype(int).tolist()))
 
 
-def _log_joint(track: _Timed, joint: str, j: int, samples: ArmSamples, found: Detections) -> None:
+def _log_joint(track: _Timed, joint: str, j: int, samples: ArmSamples, found: Detection) -> None:
     """A joint's current and residual, with its thresholds and alarms."""
     log_line(track, entity(CURRENTS, joint, "expected"), 0, found.expected[:, j], _EXPECTED)
     log_line(track, entity(CURRENTS, joint, "measured"), 0, samples.i[:, j], _MEASURED)

@@ -39,7 +39,7 @@ from mcpilco.identification.collision import (
     CURRENT_TERMS,
     CurrentConfig,
     CurrentModel,
-    Detections,
+    Detection,
     ThresholdConfig,
     detect,
     events,
@@ -190,8 +190,8 @@ def of_motions(train: ArmSamples, model: CurrentModel, config: CurrentConfig) ->
     """PP, each joint fitted to samples at which it moves; it knows nothing of rests."""
     features, predictors = model.features, []
     for j, gp in enumerate(gps := prior(features, config)):
-        moving = train[~model.quiet(train)[:, j]].every(config.points)
-        some = moving.every(config.fit_points)
+        moving = train[~model.quiet(train)[:, j]].thinned(config.points)
+        some = moving.thinned(config.fit_points)
         X = regressors(some, inputs_of(some, features, config), j)
         gp.fit(X, torch.from_numpy(some.i[:, j : j + 1]), max_iterations=config.iterations)
         whole, _ = conditioned(tuple(gps), moving, features, SAMPLING_S, config)
@@ -248,7 +248,7 @@ def judge(
     return found
 
 
-def joined(a: Detections, b: Detections) -> Detections:
+def joined(a: Detection, b: Detection) -> Detection:
     """Alarms of one or the other."""
     return replace(a, joints=a.joints | b.joints)
 
@@ -264,7 +264,7 @@ def outcomes(alarms: Any, sets: dict[str, Any], joints: tuple[str, ...]) -> dict
     }
 
 
-def hits(found: Detections, pushes: tuple[Push, ...]) -> list[float]:
+def hits(found: Detection, pushes: tuple[Push, ...]) -> list[float]:
     """How long after the start of a push an alarm begins, for those in which one does [s]."""
     alarm = found.collision
     begins = alarm & ~np.concatenate([[False], alarm[:-1]])

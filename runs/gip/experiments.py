@@ -93,7 +93,7 @@ def efficiency(seed: int, sizes: Sizes) -> dict[str, Any]:
     gmse: dict[str, list[float]] = {name: [] for name in EFFICIENT}
     for count in sizes.curve:
         for name in EFFICIENT:
-            some = train.rows(slice(0, count))
+            some = train[:count]
             model = fit_inverse_dynamics(
                 some, name, chain=robot, friction=False, tuned_on=sizes.tuned_on, seed=seed
             )

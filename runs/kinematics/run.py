@@ -203,7 +203,7 @@ def forward(cell: str, seed: int, quick: bool) -> dict[str, Any]:
     chain = find_chain(given.recording)
     marker = chain.markers[-1]
     rows = rows_for_fit(given.recording, marker, samples, seed)
-    chosen = given.recording.rows(rows)
+    chosen = given.recording[rows]
     order = [given.arm.joints.index(joint.name) for joint in chain.joints]
     q_test = torch.as_tensor(given.q_test[:, order])
     truth = true_pose(given.arm, given.q_test)
@@ -265,7 +265,7 @@ def control(seed: int, quick: bool) -> dict[str, Any]:
     chain = find_chain(given.recording)
     samples = 40 if quick else 300
     rows = rows_for_fit(given.recording, chain.markers[-1], samples, seed)
-    chosen = given.recording.rows(rows)
+    chosen = given.recording[rows]
     model = fit_forward(chosen, chain, samples)
     order = [given.arm.joints.index(joint.name) for joint in chain.joints]
     goals = random_way_points(2 if quick else TARGETS, given.arm.kinds, given.rng, 0.5)

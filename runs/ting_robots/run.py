@@ -37,21 +37,24 @@ from mcpilco.identification import (
     ALL_METHODS,
     PROJECTIONS,
     Feedback,
-    JointMotion,
     Recipe,
     RigidBody,
     Rows,
     check_links,
-    encoder_noise,
     force_errors,
-    local_cubics,
-    motion_cutoff,
     simulated_regressor,
     solve,
-    zero_phase,
 )
 from mcpilco.logbook import read_json
-from mcpilco.recordings import Recording, Segment
+from mcpilco.recordings import (
+    JointMotion,
+    Recording,
+    Segment,
+    encoder_noise,
+    local_cubics,
+    motion_cutoff,
+    zero_phase,
+)
 from mcpilco.sweep import machine as processor
 from mcpilco.sweep import markdown
 from mcpilco.typing import McPilcoError

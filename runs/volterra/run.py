@@ -30,6 +30,7 @@ from threadpoolctl import threadpool_limits
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from harness import fill, folder, keep, kept, places
+from volterra.systems import MEMORY, third_order, third_order_h2, wiener
 
 from mcpilco.files import replacing
 from mcpilco.gp import GP, WeightSpaceGP
@@ -38,11 +39,7 @@ from mcpilco.identification import (
     VolterraModel,
     fit_percent,
     fit_volterra,
-    third_order,
-    third_order_h2,
-    wiener,
 )
-from mcpilco.identification.volterra import MEMORY
 from mcpilco.kernels import IPK
 from mcpilco.recordings import Series
 from mcpilco.show.plots.identification import plot_lags

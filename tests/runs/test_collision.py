@@ -12,7 +12,7 @@ import pytest
 from harness import BEGIN, END
 
 from envs.arms.sticky_arm import Push
-from mcpilco.identification.collision import Detections
+from mcpilco.identification.collision import Detection
 
 pytestmark = pytest.mark.xdist_group("collision run")  # one process makes it for all of them
 
@@ -69,7 +69,7 @@ def test_a_push_is_found_where_an_alarm_begins_while_it_acts(run):
     alarm = np.zeros((500, 1), dtype=bool)
     alarm[60:70] = alarm[200:300] = True
     nothing = np.zeros((500, 1))
-    found = Detections(time, nothing, nothing, nothing, alarm, alarm)
+    found = Detection(time, nothing, nothing, nothing, alarm, alarm)
     push = Push(time[50], 1.0, duration_s=0.4)
     late = dataclasses.replace(push, start_s=time[220])  # the alarm was on before
     assert run.hits(found, (push, late)) == pytest.approx([0.08])

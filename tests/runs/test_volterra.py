@@ -6,8 +6,10 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from harness import BEGIN, END
+from volterra.systems import MEMORY, third_order, third_order_h2, wiener
 
 
 @pytest.fixture
@@ -65,3 +67,19 @@ def test_the_noise_is_what_the_ratio_says(few) -> None:
     noise = (noisy.outputs - quiet.outputs).std()
     assert noise == pytest.approx(0.1 * quiet.outputs.std(), rel=0.05)
     assert few.noise_of(noisy, cell, 0, 2000) == pytest.approx(0.1 * quiet.outputs.std())
+
+
+def test_the_quadratic_part_of_the_third_order_system_is_its_map() -> None:
+    """What is even in the input is quadratic."""
+    u = np.random.default_rng(10).normal(size=40)
+    X = np.stack([u[MEMORY - t : len(u) - t] for t in range(MEMORY + 1)], 1)
+    even = 0.5 * (third_order(u) + third_order(-u))
+    np.testing.assert_allclose(even, np.einsum("ij,ni,nj->n", third_order_h2(), X, X))
+
+
+def test_the_wiener_system_is_its_recursion() -> None:
+    u = np.random.default_rng(11).normal(size=30)
+    x = np.zeros(32)
+    for k in range(1, 30):
+        x[k] = 1.8036 * x[k - 1] - 0.8338 * (x[k - 2] if k > 1 else 0.0) + 10.0 * u[k - 1]
+    np.testing.assert_allclose(wiener(u, 3), x[:30] + x[:30] ** 2 + x[:30] ** 3)

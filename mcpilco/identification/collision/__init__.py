@@ -6,7 +6,7 @@ motion. `thresholds` says how far a measured current may be from the expected on
 `CollisionDetector` compares them sample by sample, `detect` a whole recording, and `events` gathers
 the alarms.
 
-Read `features`, `model`, `detector`; `file` keeps model and thresholds.
+Read `features`, `model`, `detector`.
 """
 
 import lazy_loader

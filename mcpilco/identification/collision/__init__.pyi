@@ -1,7 +1,6 @@
 from .detector import (
     CollisionDetector,
     Detection,
-    Detections,
     Event,
     Sample,
     ThresholdConfig,
@@ -9,6 +8,8 @@ from .detector import (
     debounced,
     detect,
     events,
+    load_collision_model,
+    save_collision_model,
     thresholds,
 )
 from .features import (
@@ -19,7 +20,6 @@ from .features import (
     quiet,
     unidentified,
 )
-from .file import load_collision_model, save_collision_model
 from .model import CurrentConfig, CurrentModel, fit_currents
 
 __all__ = [
@@ -29,7 +29,6 @@ __all__ = [
     "CurrentFeatures",
     "CurrentModel",
     "Detection",
-    "Detections",
     "Event",
     "Sample",
     "ThresholdConfig",

@@ -1,17 +1,24 @@
-"""From residuals of the currents to alarms: thresholds, and collisions sample by sample."""
+"""From residuals of the currents to alarms: thresholds, and collisions sample by sample.
+
+Model and thresholds are kept as one file of plain arrays and JSON.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mcpilco.identification.collision.model import CurrentModel
+from mcpilco.files import damaged, read_groups, write_groups
+from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
+from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, conditioned, prior
+from mcpilco.identification.rigid_body import RigidBody, chain_of_json
 from mcpilco.recordings import ArmSamples, RunningSlope
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
 Rule = Literal["current", "deviations"]
 _TAIL = 10
@@ -139,22 +146,25 @@ class Sample:
 
 @dataclass(frozen=True)
 class Detection:
-    """The detector's verdict on one sample."""
+    """The detector's verdict on a sample, or on N that follow one another."""
 
-    time: float
+    time: Float[np.ndarray, "*b"]
     """[s]"""
-    collision: bool
-    """any joint's residual has been too large for long enough"""
-    joints: Bool[np.ndarray, " J"]
-    """in which joints"""
-    residual: Float[np.ndarray, " J"]
+    expected: Float[np.ndarray, "*b J"]
+    """current without a collision [A]"""
+    residual: Float[np.ndarray, "*b J"]
     """current measured less expected [A]; NaN while derivatives are not known yet"""
-    expected: Float[np.ndarray, " J"]
-    """[A]"""
-    threshold: Float[np.ndarray, " J"]
+    threshold: Float[np.ndarray, "*b J"]
     """what the residual must not exceed [A]"""
-    resting: Bool[np.ndarray, " J"]
+    joints: Bool[np.ndarray, "*b J"]
+    """alarms: in which joints the residual has been too large for long enough"""
+    resting: Bool[np.ndarray, "*b J"]
     """which joints are quasi-static"""
+
+    @property
+    def collision(self) -> Bool[np.ndarray, "*b"]:
+        """An alarm in any joint."""
+        return np.asarray(self.joints.any(axis=-1))
 
 
 class CollisionDetector:
@@ -188,29 +198,18 @@ class CollisionDetector:
         self._check(sample)
         if self._last is not None and not 0.0 < sample.time - self._last < _LATE * self.model.dt:
             self.reset()
-        self._last = sample.time
+        self._last, time = sample.time, np.array(sample.time)
         dq = self._velocity(sample.position) if sample.velocity is None else sample.velocity
         ddq = self._acceleration(dq)
         if not np.isfinite(ddq).all():
-            return self._unknown(sample, dq)
+            unknown, no = np.full(len(dq), np.nan), np.zeros(len(dq), dtype=bool)
+            return Detection(time, unknown, unknown, unknown, no, no)
         row = _row(sample, dq, ddq)
         expected, threshold = self.model.mean(row)[0], self.limits(self.model, row)[0]
         residual = sample.current - expected
         self._over = np.where(np.abs(residual) >= threshold, self._over + 1, 0)
         joints = self._over >= self.limits.config.debounce
-        return Detection(
-            time=sample.time,
-            collision=bool(joints.any()),
-            joints=joints,
-            residual=residual,
-            expected=expected,
-            threshold=threshold,
-            resting=self.model.quiet(row)[0],
-        )
-
-    def _unknown(self, sample: Sample, dq: np.ndarray) -> Detection:
-        nothing, no = np.full(len(dq), np.nan), np.zeros(len(dq), dtype=bool)
-        return Detection(sample.time, False, no, nothing, nothing, nothing, no)
+        return Detection(time, expected, residual, threshold, joints, self.model.quiet(row)[0])
 
     def _check(self, sample: Sample) -> None:
         J = len(self.model.joints)
@@ -226,48 +225,13 @@ class CollisionDetector:
                 )
 
 
-def _row(sample: Sample, dq: np.ndarray, ddq: np.ndarray) -> ArmSamples:
-    return ArmSamples(
-        np.array([sample.time]),
-        *(
-            array[None]
-            for array in (
-                sample.position,
-                dq,
-                ddq,
-                sample.target_position - sample.position,
-                sample.target_velocity - dq,
-                sample.target_current,
-                sample.current,
-            )
-        ),
-    )
+def _row(s: Sample, dq: np.ndarray, ddq: np.ndarray) -> ArmSamples:
+    errors = s.target_position - s.position, s.target_velocity - dq
+    columns = (s.position, dq, ddq, *errors, s.target_current, s.current)
+    return ArmSamples(np.array([s.time]), *(column[None] for column in columns))
 
 
-@dataclass(frozen=True)
-class Detections:
-    """A detector's verdicts on N samples that follow one another."""
-
-    time: Float[np.ndarray, " N"]
-    """[s]"""
-    expected: Float[np.ndarray, "N J"]
-    """[A]"""
-    residual: Float[np.ndarray, "N J"]
-    """[A]"""
-    threshold: Float[np.ndarray, "N J"]
-    """[A]"""
-    joints: Bool[np.ndarray, "N J"]
-    """alarms"""
-    resting: Bool[np.ndarray, "N J"]
-    """which joints are quasi-static"""
-
-    @property
-    def collision(self) -> Bool[np.ndarray, " N"]:
-        """An alarm in any joint."""
-        return np.asarray(self.joints.any(axis=1))
-
-
-def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Detections:
+def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Detection:
     """The verdicts of a `CollisionDetector` on a whole recording, computed at once."""
     expected, threshold = model.mean(samples), limits(model, samples)
     residual = samples.i - expected
@@ -276,7 +240,7 @@ def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Dete
     late = np.diff(samples.time) >= _LATE * model.dt
     for part in np.split(np.arange(len(samples)), np.flatnonzero(late) + 1):
         joints[part] = debounced(over[part], limits.config.debounce)
-    return Detections(samples.time, expected, residual, threshold, joints, model.quiet(samples))
+    return Detection(samples.time, expected, residual, threshold, joints, model.quiet(samples))
 
 
 @dataclass(frozen=True)
@@ -295,7 +259,7 @@ class Event:
     """whether the joint that raised it first was quasi-static then"""
 
 
-def events(found: Detections, joints: Sequence[str], pause_s: float = 0.2) -> list[Event]:
+def events(found: Detection, joints: Sequence[str], pause_s: float = 0.2) -> list[Event]:
     """The alarms of a recording, those less than a pause apart together.
 
     Args:
@@ -320,3 +284,63 @@ def events(found: Detections, joints: Sequence[str], pause_s: float = 0.2) -> li
             )
         )
     return gathered
+
+
+FORMAT = "mcpilco collision model 1"
+
+
+def save_collision_model(path: str | Path, model: CurrentModel, limits: Thresholds) -> Path:
+    """The path of the file written; equal models give equal bytes.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    body = model.features.body
+    about = {
+        "format": FORMAT,
+        "dt": model.dt,
+        "config": asdict(model.config),
+        "thresholds": asdict(limits.config),
+        "chain": asdict(body.chain),
+    }
+    groups = {
+        "samples": vars(model.train),
+        "robot": {"nominal": body.nominal},
+        "limits": {"moving": limits.moving, "resting": limits.resting},
+    }
+    groups |= {f"gp{j}": gp.to_arrays() for j, gp in enumerate(model.gps)}
+    return write_groups(Path(path), about, groups)
+
+
+def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
+    """The model and thresholds in a file; nothing in it is executed.
+
+    Raises:
+        RunFolderError: the file is missing, damaged, or something else.
+    """
+    path = Path(path)
+    about, groups = read_groups(path)
+    if about.get("format") != FORMAT:
+        raise RunFolderError(
+            f"{path} is no model of `mcpilco collisions learn` ({FORMAT!r}), got "
+            f"{about.get('format')!r}; name the file that it wrote."
+        )
+    try:
+        config = CurrentConfig(**about["config"])
+        chain = chain_of_json(about["chain"])
+        features = CurrentFeatures(
+            RigidBody(chain, CURRENT_TERMS, groups["robot"]["nominal"]),
+            config.quiet_speed,
+            config.gate,
+        )
+        gps = tuple(prior(features, config))
+        for j, gp in enumerate(gps):
+            gp.load_arrays(groups[f"gp{j}"])
+        train = ArmSamples(**groups["samples"])
+        model, _ = conditioned(gps, train, features, float(about["dt"]), config)
+        limits = Thresholds(ThresholdConfig(**about["thresholds"]), **groups["limits"])
+        if not np.shape(limits.moving) == np.shape(limits.resting) == (features.joints,):
+            raise ValueError("thresholds of another number of joints")
+    except (KeyError, TypeError, ValueError, IndexError, McPilcoError) as error:
+        raise damaged(path, error) from error
+    return model, limits

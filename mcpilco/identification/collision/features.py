@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -55,19 +56,17 @@ class CurrentFeatures:
             raise InputError(
                 f"the robot must have the terms {CURRENT_TERMS}, got {self.body.terms}."
             )
-        Y = self.body.regressor(*random_motions(self.body, _MOTIONS, np.random.default_rng(0)))
-        kept = tuple(base_parameters(Y[:, j]).independent for j in range(self.joints))
-        object.__setattr__(self, "_kept", kept)
 
     @property
     def joints(self) -> int:
         """J."""
         return len(self.body.chain.bodies)
 
-    @property
+    @cached_property
     def kept(self) -> tuple[Int[np.ndarray, " p"], ...]:
         """For each joint, the parameters of the robot that its current depends on."""
-        return self._kept  # type: ignore[attr-defined]
+        Y = self.body.regressor(*random_motions(self.body, _MOTIONS, np.random.default_rng(0)))
+        return tuple(base_parameters(Y[:, j]).independent for j in range(self.joints))
 
     def __call__(
         self,

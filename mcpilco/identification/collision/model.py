@@ -249,24 +249,17 @@ def fit_currents(
     config = config or CurrentConfig()
     check_free(samples, body.chain.joints, config.quiet_speed, rests=config.kind == "FC")
     features = CurrentFeatures(body, config.quiet_speed, config.gate)
-    train = samples.every(config.points)
-    some = train.every(config.fit_points)
+    train = samples.thinned(config.points)
+    some = train.thinned(config.fit_points)
     gps = tuple(prior(features, config))
     inputs = inputs_of(some, features, config)
     for j, gp in enumerate(gps):
         y = torch.from_numpy(some.i[:, j : j + 1])
         gp.fit(regressors(some, inputs, j), y, max_iterations=config.iterations)
     model, jitter = conditioned(gps, train, features, dt, config)
-    reports = [gp.report for gp in gps if gp.report is not None]
     untold = unidentified(train, features)
-    return model, Report(
-        converged=all(report.converged for report in reports),
-        iterations=sum(report.iterations for report in reports),
-        evidence=tuple(-value for report in reports for value in report.nlml),
-        jitter=jitter,
-        unidentified=untold,
-        warnings=about_unidentified(untold),
-    )
+    warnings = about_unidentified(untold)
+    return model, Report.of_gps(gps, jitter=jitter, unidentified=untold, warnings=warnings)
 
 
 def conditioned(

@@ -128,19 +128,14 @@ def fit_network(
     targets = ((tau - scales["tau_mean"]) / scales["tau_std"]).float()
     generator = torch.Generator().manual_seed(seed)
     layers = network(len(data.joints), units).float()
-    _initialise(layers, generator)
+    for layer in layers:
+        if isinstance(layer, nn.Linear):  # Glorot's weights
+            nn.init.xavier_normal_(layer.weight, generator=generator)
+            nn.init.zeros_(layer.bias)
     _descend(layers, inputs, targets, epochs, generator)
     report = Report(converged=True, iterations=epochs * -(-len(X) // BATCH))
     fitted = Fitted.to("nn", data, report, units=units, **built)
     return NetworkInverseDynamics(fitted, layers.double(), scales)
-
-
-def _initialise(layers: nn.Sequential, generator: torch.Generator) -> None:
-    """Glorot's weights, from the generator."""
-    for layer in layers:
-        if isinstance(layer, nn.Linear):
-            nn.init.xavier_normal_(layer.weight, generator=generator)
-            nn.init.zeros_(layer.bias)
 
 
 def _descend(
@@ -241,7 +236,7 @@ def save_inverse_dynamics(path: str | Path, model: InverseDynamics) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    return write_groups(Path(path), model.fitted.to_json(), model.to_groups())
+    return write_groups(Path(path), asdict(model.fitted), model.to_groups())
 
 
 def load_inverse_dynamics(path: str | Path) -> InverseDynamics:

@@ -288,13 +288,8 @@ def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
                 f"{100 * share:.0f} % of the torque of joint {joint!r} is taken for noise; record "
                 "faster or larger motions of it, or with a load."
             )
-    return Report(
-        converged=all(fit.converged for fit in fits),
-        iterations=sum(fit.iterations for fit in fits),
-        evidence=tuple(-fit.nlml[0] for fit in fits),
-        jitter=tuple(process.jitter for process in processes),
-        warnings=tuple(warnings),
-    )
+    jitter = tuple(process.jitter for process in processes)
+    return Report.of_gps(gps, jitter=jitter, warnings=tuple(warnings))
 
 
 def restored(

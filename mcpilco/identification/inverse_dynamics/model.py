@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -42,20 +42,11 @@ class Fitted:
         as_read = json.loads(json.dumps(built))  # equal before and after a file
         return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, as_read)
 
-    def to_json(self) -> dict[str, Any]:
-        """A mapping for JSON, which `of_json` reads."""
-        return asdict(self)
-
     @classmethod
     def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
-        """From the mapping that `to_json` made."""
-        return cls(
-            saved["kernel"],
-            tuple(saved["joints"]),
-            tuple(saved["torque_std"]),
-            Report.of_json(saved["report"]),
-            saved["built"],
-        )
+        """From its `asdict` in a file, which has lists for tuples."""
+        lists = {name: tuple(saved[name]) for name in ("joints", "torque_std")}
+        return cls(**{**saved, **lists, "report": Report.of_json(saved["report"])})
 
 
 class InverseDynamics(ABC):

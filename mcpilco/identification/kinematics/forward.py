@@ -260,13 +260,8 @@ def _report(
         warnings.append("the marginal likelihood was still rising when the fit was stopped.")
     if left_out:
         warnings.append(f"{left_out} samples contradict all others and are left out.")
-    return Report(
-        converged=fitted.converged,
-        iterations=fitted.iterations,
-        evidence=tuple(-nlml for nlml in fitted.nlml),
-        jitter=jitter_of(K.diagonal(dim1=-2, dim2=-1), cholesky(K, gp.names)),
-        warnings=tuple(warnings),
-    )
+    jitter = jitter_of(K.diagonal(dim1=-2, dim2=-1), cholesky(K, gp.names))
+    return Report.of_gps([gp], jitter=jitter, warnings=tuple(warnings))
 
 
 @dataclass(frozen=True, eq=False)

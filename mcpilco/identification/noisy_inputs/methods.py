@@ -7,6 +7,7 @@ search for it converged, for data without intercept.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -162,29 +163,20 @@ def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
     return Solution(fit.coef_ * size / scale, steps < MOST_ITERATIONS, steps)
 
 
-def joint_factor_analysis(
-    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
-) -> Solution:
-    """b_true of the model without priors: eqs. (1) and (4); of its start, for nothing moves it."""
-    config = NoisyInputConfig(starts=(0.5,), reliability="search", a0=None)
-    fit = fit_noisy_inputs(Moments.of(X, y), config, warn=False)
-    return Solution(fit.b_true, fit.converged, len(fit.bounds))
+FACTOR_ANALYSIS = NoisyInputConfig(starts=(0.5,), reliability="search", a0=None)
+"""the model without priors: eqs. (1) and (4), of its start, for nothing moves it"""
 
 
-def bayesian_noisy(
-    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
-) -> Solution:
-    """b_noise, eq. (3): to predict from noisy inputs."""
-    fit = fit_noisy_inputs(Moments.of(X, y), warn=False)
-    return Solution(fit.b_noise, fit.converged, len(fit.bounds))
+def behind_noise(
+    what: Literal["b_noise", "b_true"], config: NoisyInputConfig | None = None
+) -> Method:
+    """b_noise, eq. (3), to predict from noisy inputs; or b_true, from inputs without noise."""
 
+    def method(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
+        fit = fit_noisy_inputs(Moments.of(X, y), config, warn=False)
+        return Solution(getattr(fit, what), fit.converged, len(fit.bounds))
 
-def bayesian_true(
-    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
-) -> Solution:
-    """b_true: to predict from inputs without noise."""
-    fit = fit_noisy_inputs(Moments.of(X, y), warn=False)
-    return Solution(fit.b_true, fit.converged, len(fit.bounds))
+    return method
 
 
 METHODS: Mapping[str, Method] = {
@@ -193,9 +185,9 @@ METHODS: Mapping[str, Method] = {
     "stepwise": stepwise,
     "PLS": partial_least_squares,
     "LASSO": lasso,
-    "JFA b_true": joint_factor_analysis,
-    "VB b_noise": bayesian_noisy,
-    "VB b_true": bayesian_true,
+    "JFA b_true": behind_noise("b_true", FACTOR_ANALYSIS),
+    "VB b_noise": behind_noise("b_noise"),
+    "VB b_true": behind_noise("b_true"),
 }
 """by the names that tables have"""
 

@@ -2,12 +2,11 @@
 
 A `RigidBody` is an open chain whose forces are linear in its parameters, tau = Y theta;
 `base_parameters` says on which sums of them the forces depend. `identify` leads from stretches of a
-log to an `Identified` robot: filtered motions (`zero_phase`, `local_cubics`) give weighted `Rows`,
-a `Recipe` names the regression and the projection on parameters of bodies that can exist, and
-`check_links` says link by link which cannot. `write_identified_mjcf` writes the result into an
-MJCF.
+log to an `Identified` robot: filtered motions (`JointMotion` of `mcpilco.recordings`) give weighted
+`Rows`, a `Recipe` names the regression and the projection on parameters of bodies that can exist,
+and `check_links` says link by link which cannot. `write_identified_mjcf` writes an MJCF.
 
-Read `body`, `motion`, `rows`, `consistency`, `projection`, then `identified`; `robot_model` is
+Read `body`, `rows`, `consistency`, `projection`, then `identified`; `robot_model` is
 needed for MJCF files and for simulated instruments.
 """
 

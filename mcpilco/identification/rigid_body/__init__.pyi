@@ -10,7 +10,6 @@ from .identified import (
     identify,
     solve,
 )
-from .motion import JointMotion, encoder_noise, local_cubics, motion_cutoff, zero_phase
 from .projection import Projection, from_virtual, project, project_virtual, to_virtual
 from .robot_model import Feedback, write_identified_mjcf
 from .rows import Rows, force_errors, simulated_regressor
@@ -23,7 +22,6 @@ __all__ = [
     "Estimate",
     "Feedback",
     "Identified",
-    "JointMotion",
     "LinkCheck",
     "Projection",
     "Recipe",
@@ -32,14 +30,11 @@ __all__ = [
     "base_parameters",
     "chain_of_json",
     "check_links",
-    "encoder_noise",
     "estimate",
     "force_errors",
     "from_virtual",
     "identify",
     "inertia_of",
-    "local_cubics",
-    "motion_cutoff",
     "project",
     "project_virtual",
     "pseudo_inertia",
@@ -48,5 +43,4 @@ __all__ = [
     "solve",
     "to_virtual",
     "write_identified_mjcf",
-    "zero_phase",
 ]

@@ -17,6 +17,7 @@ from scipy.linalg import qr, solve_triangular
 
 from mcpilco.bodies import INERTIAL, SLIDE, Body, Chain, inertial_parameters, regressor
 from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
+from mcpilco.recordings import JointMotion
 from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
@@ -152,6 +153,15 @@ class RigidBody:
         for place, term in enumerate(self.terms, len(INERTIAL)):
             Y[:, each, each, place] = TERMS[term].column(q, dq, ddq)
         return Y.reshape(len(q), joints, joints * self.width)
+
+    def regressor_of(self, motion: JointMotion) -> Float[np.ndarray, "N J D"]:
+        """`regressor` of a filtered motion, with its `dry` for the columns of dry friction."""
+        Y = self.regressor(motion.q, motion.dq, motion.ddq)
+        if "coulomb" in self.terms:
+            N, J, _ = Y.shape
+            each, place = np.arange(J), len(INERTIAL) + self.terms.index("coulomb")
+            Y.reshape(N, J, J, self.width)[:, each, each, place] = motion.dry
+        return Y
 
 
 def chain_of_json(saved: Mapping[str, Any]) -> Chain:

@@ -32,10 +32,9 @@ from mcpilco.identification.rigid_body.body import (
     random_motions,
 )
 from mcpilco.identification.rigid_body.consistency import LinkCheck, check_links
-from mcpilco.identification.rigid_body.motion import encoder_noise, motion_cutoff
 from mcpilco.identification.rigid_body.projection import Projection, project, project_virtual
 from mcpilco.identification.rigid_body.rows import Rows, force_errors, rows_of_segment
-from mcpilco.recordings import Segment
+from mcpilco.recordings import Segment, encoder_noise, motion_cutoff
 from mcpilco.typing import InputError
 
 NEGLIGIBLE = 1e-10
@@ -109,6 +108,7 @@ def estimate(
     *,
     seed: int = 0,
     scale: Float[np.ndarray, " J"] | None = None,
+    base: BaseParameters | None = None,
 ) -> Estimate:
     """The parameters of a robot.
 
@@ -118,6 +118,7 @@ def estimate(
         recipe: how they are found.
         seed: of the folds of cross validations.
         scale: what to divide each joint's rows by, where it is known [N m or N].
+        base: sums that the rows determine; all else stays nominal. By default nothing does.
 
     Raises:
         InputError: the method needs what the rows do not have.
@@ -126,9 +127,10 @@ def estimate(
     if scale is None:
         scale = force_errors(rows) if recipe.rows == "weighted" else np.ones(rows.tau.shape[1])
     scaled = rows.scaled(scale)
-    raw = solve(scaled, recipe.method, seed)
-    found = PROJECTIONS[recipe.projection](body, raw.b, scaled.metric)
-    return Estimate(found.theta, raw.b, scale, raw, found)
+    solution = solve(scaled, recipe.method, seed)
+    raw = solution.b if base is None else base.near(base.of(solution.b), body.nominal)
+    projection = PROJECTIONS[recipe.projection](body, raw, scaled.metric)
+    return Estimate(projection.theta, raw, scale, solution, projection)
 
 
 def solve(rows: Rows, method: str, seed: int = 0) -> Solution:
@@ -283,23 +285,22 @@ def identify(
         split = len(rows) - round(held_out * len(rows))
         train.append(rows[:split])
         test.append(rows[split:])
-        known = motion.regressor(whole) @ whole.nominal
+        known = whole.regressor_of(motion) @ whole.nominal
         nominal.append((motion.tau - known)[split:])
     base = base_parameters(
         body.regressor(*random_motions(body, _RANDOM_MOTIONS, np.random.default_rng(0)))
     )
     rows, held = Rows.joined(train), Rows.joined(test)
     _require_rows(rows, base, segments)
-    scale = force_errors(rows) if recipe.rows == "weighted" else np.ones(rows.tau.shape[1])
-    scaled = rows.scaled(scale)
-    found = _fit(body, base, scaled, recipe, seed)
+    found = estimate(body, rows, recipe, seed=seed, base=base)
+    scaled = rows.scaled(found.scale)
     half = _half_widths(body, base, *_with_last_instruments(scaled, recipe, found), seed)
     beta = base.of(found.theta)
     judged = held if len(held) else rows
     return Identified(
         body=body,
         recipe=recipe,
-        estimate=replace(found, scale=scale),
+        estimate=found,
         base=base,
         beta=beta,
         half_width=half,
@@ -307,21 +308,11 @@ def identify(
         after=check_links(body, found.theta),
         force=_rms(judged.tau),
         error=_rms(judged.tau - judged.Y @ found.theta),
-        nominal_error=_rms(np.concatenate(nominal)) if len(held) else np.full(len(scale), np.nan),
+        nominal_error=_rms(np.concatenate(nominal)) if len(held) else found.scale * np.nan,
         cutoff=cutoff,
         rows=(len(rows), len(held)),
         report=_report(body, base, beta, half, recipe, found),
     )
-
-
-def _fit(
-    body: RigidBody, base: BaseParameters, scaled: Rows, recipe: Recipe, seed: int
-) -> Estimate:
-    """Parameters of rows that are scaled already; what they do not determine stays nominal."""
-    solution = solve(scaled, recipe.method, seed)
-    raw = base.near(base.of(solution.b), body.nominal)
-    projection = PROJECTIONS[recipe.projection](body, raw, scaled.metric)
-    return Estimate(projection.theta, raw, np.ones(scaled.tau.shape[1]), solution, projection)
 
 
 def _with_last_instruments(scaled: Rows, recipe: Recipe, found: Estimate) -> tuple[Rows, Recipe]:
@@ -342,12 +333,10 @@ def _half_widths(
     Reference: Shao, Tu, The jackknife and bootstrap, 1995, section 2.3 (delete-d jackknife).
     """
     block = np.arange(len(scaled)) * BLOCKS // len(scaled)
-    betas = np.array(
-        [
-            base.of(_fit(body, base, scaled[block != left_out], recipe, seed).theta)
-            for left_out in range(BLOCKS)
-        ]
-    )
+    parts = [scaled[block != left_out] for left_out in range(BLOCKS)]
+    ones = np.ones(scaled.tau.shape[1])
+    fits = [estimate(body, part, recipe, seed=seed, scale=ones, base=base) for part in parts]
+    betas = np.array([base.of(fit.theta) for fit in fits])
     spread = np.sqrt((BLOCKS - 1) / BLOCKS * ((betas - betas.mean(axis=0)) ** 2).sum(axis=0))
     return float(t_distribution.ppf(0.5 + 0.5 * LEVEL, BLOCKS - 1)) * spread
 

@@ -16,18 +16,16 @@ import copy
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.bodies import INERTIAL
-from mcpilco.files import write_bytes
 from mcpilco.identification.rigid_body.body import RigidBody
 from mcpilco.identification.rigid_body.consistency import about_center, check_links
-from mcpilco.identification.rigid_body.motion import JointMotion
-from mcpilco.plant import FAR, RIGID, SUDDEN, Inertials, move_assets, put
+from mcpilco.plant import FAR, Inertials, save_mjcf, write_joint_terms
+from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError
 
 
@@ -63,39 +61,9 @@ def write_identified_mjcf(
     for link, block in zip(body.chain.bodies, theta.reshape(-1, body.width), strict=True):
         inertials.replace(link.name, *about_center(block[: len(INERTIAL)]))
         terms = dict(zip(body.terms, block[len(INERTIAL) :], strict=True))
-        _write_terms(joints[link.joint], terms, bool(spec.compiler.degree))
+        write_joint_terms(joints[link.joint], terms, bool(spec.compiler.degree))
     inertials.write()
-    move_assets(spec, source.parent, path.parent)
-    try:
-        spec.compile()
-    except ValueError as error:
-        raise InputError(f"MuJoCo refuses {source} with what was identified: {error}") from None
-    write_bytes(path, spec.to_xml().encode())
-
-
-def _write_terms(joint: Any, terms: dict[str, float], degrees: bool) -> None:
-    if "viscous" in terms:
-        put(joint, "damping", 0, terms["viscous"])
-    if "coulomb" in terms:
-        if joint.frictionloss == 0.0 and terms["coulomb"] > 0.0:
-            joint.solimp_friction, joint.solref_friction = RIGID, SUDDEN
-        joint.frictionloss = terms["coulomb"]
-    if "armature" in terms:
-        joint.armature = terms["armature"]
-    if "stiffness" in terms or "offset" in terms:
-        _write_spring(joint, terms.get("stiffness"), terms.get("offset"), degrees)
-
-
-def _write_spring(joint: Any, k: float | None, offset: float | None, degrees: bool) -> None:
-    """A joint's force k q + offset, as a spring about where it is 0."""
-    hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
-    unit = math.radians(1.0) if hinge and degrees else 1.0
-    before = float(np.ravel(joint.stiffness)[0])
-    offset = -before * float(joint.springref) * unit if offset is None else offset
-    k = before if k is None else k
-    k = k or abs(offset) / FAR
-    put(joint, "stiffness", 0, k)
-    joint.springref = -offset / k / unit if k else 0.0
+    save_mjcf(spec, source, path)
 
 
 EXPLAINED = 0.5
@@ -109,7 +77,6 @@ _TERMS = {
     "armature": "dof_armature",
     "stiffness": "jnt_stiffness",
 }
-_FAR = 1e6  # from a constant force's spring to its rest [rad or m]
 
 
 @dataclass(frozen=True)
@@ -188,7 +155,7 @@ def with_parameters(
 def _set_offset(model: mujoco.MjModel, joint: int, terms: dict[str, float]) -> None:
     """A constant force, as where the joint's spring is at rest."""
     if "offset" in terms:
-        k = model.jnt_stiffness[joint] or abs(terms["offset"]) / _FAR
+        k = model.jnt_stiffness[joint] or abs(terms["offset"]) / FAR
         model.jnt_stiffness[joint] = k
         model.qpos_spring[joint] = -terms["offset"] / k if k else 0.0
 

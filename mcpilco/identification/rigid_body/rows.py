@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -11,19 +12,13 @@ from jaxtyping import Float
 
 from mcpilco.identification.noisy_inputs import Moments
 from mcpilco.identification.rigid_body.body import RigidBody
-from mcpilco.identification.rigid_body.motion import (
-    JointMotion,
-    encoder_noise,
-    local_cubics,
-    zero_phase,
-)
 from mcpilco.identification.rigid_body.projection import project
 from mcpilco.identification.rigid_body.robot_model import (
     Feedback,
     follow_reference,
     with_parameters,
 )
-from mcpilco.recordings import Segment
+from mcpilco.recordings import JointMotion, Segment, encoder_noise, local_cubics, zero_phase
 from mcpilco.typing import InputError
 
 REFITS = 4
@@ -52,10 +47,17 @@ class Rows:
         return len(self.Y)
 
     def __getitem__(self, rows: slice | np.ndarray) -> Rows:
-        noisier = None if self.noisier is None else self.noisier[rows]
-        reference = None if self.reference is None else self.reference[rows]
-        simulate = self.simulate and _then(self.simulate, lambda Y: Y[rows])
-        return Rows(self.Y[rows], self.tau[rows], noisier, reference, simulate)
+        return self._changed(lambda Y: Y[rows], self.tau[rows])
+
+    def _changed(self, change: Callable[[np.ndarray], np.ndarray], tau: np.ndarray) -> Rows:
+        """With other forces, and all regressors changed alike."""
+        Y, noisier, reference = (
+            None if regressor is None else change(regressor)
+            for regressor in (self.Y, self.noisier, self.reference)
+        )
+        simulate = self.simulate
+        then = None if simulate is None else lambda theta: change(simulate(theta))
+        return Rows(cast(np.ndarray, Y), tau, noisier, reference, then)
 
     @property
     def metric(self) -> Float[np.ndarray, "D D"]:
@@ -86,9 +88,9 @@ class Rows:
                 dq=motion.dq + noise.dq,
                 ddq=motion.ddq + noise.ddq,
             )
-            noisier = more.regressor(body)
-        commanded = None if reference is None else reference.regressor(body)
-        return cls(motion.regressor(body), motion.tau, noisier, commanded)
+            noisier = body.regressor_of(more)
+        commanded = None if reference is None else body.regressor_of(reference)
+        return cls(body.regressor_of(motion), motion.tau, noisier, commanded)
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
@@ -107,18 +109,7 @@ class Rows:
 
     def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
         """All divided by a number a joint."""
-        by = scale[:, None]
-        return Rows(
-            self.Y / by,
-            self.tau / scale,
-            None if self.noisier is None else self.noisier / by,
-            None if self.reference is None else self.reference / by,
-            self.simulate and _then(self.simulate, lambda Y: Y / by),
-        )
-
-
-def _then(simulate: Simulate, change: Callable[[np.ndarray], np.ndarray]) -> Simulate:
-    return lambda theta: change(simulate(theta))
+        return self._changed(lambda Y: Y / scale[:, None], self.tau / scale)
 
 
 def force_errors(rows: Rows) -> Float[np.ndarray, " J"]:
@@ -196,7 +187,9 @@ def _left_out(body: RigidBody, whole: RigidBody, motion: JointMotion) -> Float[n
     values = whole.nominal.reshape(-1, whole.width).copy()
     values[:, : -len(kept)] = 0.0
     values[:, -len(kept) :][:, kept] = 0.0
-    return motion.regressor(whole) @ values.ravel() if values.any() else np.zeros_like(motion.tau)
+    return (
+        whole.regressor_of(motion) @ values.ravel() if values.any() else np.zeros_like(motion.tau)
+    )
 
 
 def simulated_regressor(
@@ -224,6 +217,7 @@ def simulated_regressor(
 
     def simulate(theta: np.ndarray) -> np.ndarray:
         robot = with_parameters(model, body, project(body, theta, metric).theta)
-        return filtered(follow_reference(robot, reference, dt, feedback)).regressor(body)
+        motion = filtered(follow_reference(robot, reference, dt, feedback))
+        return body.regressor_of(motion)
 
     return simulate

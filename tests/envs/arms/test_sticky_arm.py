@@ -98,14 +98,14 @@ def test_a_push_has_its_torque_about_the_first_joint(arm, targets):
     log = arm.follow(targets, np.random.default_rng(2), [Push(2.0, 30.0), Push(4.0, -10.0)])
     at = pushed(log)
     assert 0.7 < at.sum() * SAMPLING_S < 0.9
-    assert not log.push[~at].any()
+    assert not log.force[~at].any()
     data, site = mujoco.MjData(arm.model), arm.model.site("tool").id
     k = int(2.2 / SAMPLING_S)
     data.qpos[:] = log.position[k]
     mujoco.mj_kinematics(arm.model, data)
-    moment = np.cross(data.site_xpos[site], log.push[k])
+    moment = np.cross(data.site_xpos[site], log.force[k])
     assert moment[2] == pytest.approx(30.0, rel=0.01)
-    assert log.push[k, 2] == 0.0
+    assert log.force[k, 2] == 0.0
 
 
 def test_equal_seeds_give_equal_logs(targets):

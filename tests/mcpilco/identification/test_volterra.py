@@ -14,14 +14,11 @@ from mcpilco.identification import (
     fit_volterra,
     load_volterra,
     save_volterra,
-    third_order,
-    third_order_h2,
     volterra,
-    wiener,
 )
-from mcpilco.identification.volterra import MEMORY
 from mcpilco.recordings import Series
 from mcpilco.typing import InputError, RunFolderError
+from runs.volterra.systems import wiener
 
 NOISE = 0.05
 SHORT = VolterraConfig(lags=2, degree=2, kernel="mpk")
@@ -196,25 +193,6 @@ def test_maps_that_are_not_there_are_refused(model) -> None:
 def test_a_series_that_cannot_be_is_refused(change, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         replace(SHORT, **change)
-
-
-# The systems --------------------------------------------------------------------------------------
-
-
-def test_the_quadratic_part_of_the_third_order_system_is_its_map() -> None:
-    """What is even in the input is quadratic."""
-    u = np.random.default_rng(10).normal(size=40)
-    X = np.stack([u[MEMORY - t : len(u) - t] for t in range(MEMORY + 1)], 1)
-    even = 0.5 * (third_order(u) + third_order(-u))
-    np.testing.assert_allclose(even, np.einsum("ij,ni,nj->n", third_order_h2(), X, X))
-
-
-def test_the_wiener_system_is_its_recursion() -> None:
-    u = np.random.default_rng(11).normal(size=30)
-    x = np.zeros(32)
-    for k in range(1, 30):
-        x[k] = 1.8036 * x[k - 1] - 0.8338 * (x[k - 2] if k > 1 else 0.0) + 10.0 * u[k - 1]
-    np.testing.assert_allclose(wiener(u, 3), x[:30] + x[:30] ** 2 + x[:30] ** 3)
 
 
 def test_fit_is_one_hundred_for_the_truth_and_zero_for_its_mean() -> None:

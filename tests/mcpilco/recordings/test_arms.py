@@ -139,10 +139,10 @@ def test_no_derivative_is_taken_across_a_gap():
 
 def test_a_constant_step_thins_samples():
     found = arm_samples(log(3, 3))
-    thin = found.every(50)
+    thin = found.thinned(50)
     assert len(thin) == 50
     assert (thin.time[0], thin.time[-1]) == (found.time[0], found.time[-1])
-    assert len(found.every(10**6)) == len(found)
+    assert len(found.thinned(10**6)) == len(found)
     assert len(ArmSamples.joined([thin, thin])) == 100
 
 

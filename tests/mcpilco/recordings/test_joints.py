@@ -52,7 +52,7 @@ def test_a_joint_that_stands_still_is_refused(data):
 
 def test_too_few_samples_are_refused(data):
     with pytest.raises(InputError, match="2 joints need at least 50 samples, got 20"):
-        check_joint_data(data.rows(slice(0, 20)))
+        check_joint_data(data[:20])
 
 
 def test_repeated_rows_are_refused(data):

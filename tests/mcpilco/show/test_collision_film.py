@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mcpilco.identification.collision import Detections, events
+from mcpilco.identification.collision import Detection, events
 from mcpilco.show.collision_film import write_collision_film
 from tests.mcpilco.identification.collision.free_arm import arm, body, samples
 from tests.mcpilco.show.test_recording import chunks, rrd
@@ -22,7 +22,7 @@ def told():
     alarms = np.zeros_like(some.q, dtype=bool)
     alarms[20:24, 0] = alarms[22:24, 3] = True
     residual = np.where(alarms, 2.0, 0.1)
-    found = Detections(
+    found = Detection(
         some.time, some.i - residual, residual, np.ones_like(residual), alarms, alarms
     )
     force = np.zeros((len(some), 3))

@@ -70,7 +70,7 @@ def repeated(values):
         (changed(positions=unseen, quaternions=unseen), "marker m2 is never seen; turn it"),
         (changed(q=repeated, positions=repeated, quaternions=repeated), "1 of 40 samples repeat"),
         (changed(time=repeated), "samples 6 and 7 have the times.*time must rise"),
-        (changed().rows(np.arange(4)), "at least 6 samples for 3 joints, got 4; record each"),
+        (changed()[:4], "at least 6 samples for 3 joints, got 4; record each"),
         (changed(q=lambda q: q[:, :2], joint_names=lambda n: n[:2]), "need 3 joints, got 2"),
         (changed(q=lambda q: q[::-1]), "no chain passes the tests.*at .* times the tolerance"),
         (changed(positions=lambda p: p + np.arange(40)[:, None, None]), "no marker stands still"),

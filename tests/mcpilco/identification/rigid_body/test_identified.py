@@ -20,10 +20,10 @@ from mcpilco.identification import (
     force_errors,
     identify,
     solve,
-    zero_phase,
 )
 from mcpilco.identification.noisy_inputs import bayesian, methods
 from mcpilco.identification.rigid_body import projection
+from mcpilco.recordings import zero_phase
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.rigid_body.log import DT, heavier, model, segment
 

@@ -16,11 +16,10 @@ from mcpilco.identification import (
     check_links,
     identify,
     refine,
-    zero_phase,
 )
 from mcpilco.identification.rigid_body import identified
 from mcpilco.identification.rigid_body.robot_model import follow_reference, with_parameters
-from mcpilco.recordings import Segment
+from mcpilco.recordings import Segment, zero_phase
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.rigid_body.arms import arm
 from tests.mcpilco.identification.rigid_body.log import DT, JOINTS, heavier, model

@@ -15,14 +15,15 @@ Reference: Janot, Vandanjon, Gautier, A generic instrumental variable approach f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, savgol_filter, sosfiltfilt, welch
 
-from mcpilco.identification.rigid_body.body import TERMS, RigidBody
+from mcpilco.plant import CoulombFriction
+from mcpilco.recordings.recording import Samples
+from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
 ORDER = 4
@@ -43,7 +44,7 @@ _SECONDS = 4.0  # of the windows of a spectrum
 
 
 @dataclass(frozen=True)
-class JointMotion:
+class JointMotion(Samples):
     """N rows of J joints; nothing is masked."""
 
     q: Float[np.ndarray, "N J"]
@@ -57,30 +58,6 @@ class JointMotion:
     dry: Float[np.ndarray, "N J"]
     """what dry friction of 1 N m or 1 N would be, by the filter of the forces: it jumps, and a
     filtered jump is no jump of filtered velocities"""
-
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def regressor(self, body: RigidBody) -> Float[np.ndarray, "N J D"]:
-        """Forces for each of a robot's parameters, as `RigidBody.regressor`, with `dry`."""
-        Y = body.regressor(self.q, self.dq, self.ddq)
-        if "coulomb" in body.terms:
-            N, J, _ = Y.shape
-            each, place = np.arange(J), body.width - len(body.terms) + body.terms.index("coulomb")
-            Y.reshape(N, J, J, body.width)[:, each, each, place] = self.dry
-        return Y
-
-    def __getitem__(self, rows: slice) -> JointMotion:
-        return JointMotion(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    @classmethod
-    def joined(cls, motions: Sequence[JointMotion]) -> JointMotion:
-        """All rows of several, one behind the other."""
-        return cls(*(np.concatenate([getattr(m, f.name) for m in motions]) for f in fields(cls)))
-
-
-Filter = Callable[[np.ndarray, np.ndarray, np.ndarray, float], JointMotion]
-"""from positions (T, J), velocities (T, J) or NaN, forces (T, J) and dt to fewer rows"""
 
 
 def zero_phase(
@@ -113,7 +90,7 @@ def zero_phase(
     q, dq, tau = (sosfiltfilt(smooth, part, axis=0) for part in (q, dq, tau))
     dq = np.where(np.isfinite(dq), dq, np.gradient(q, dt, axis=0))
     ddq = np.gradient(dq, dt, axis=0)
-    dry = sosfiltfilt(smooth, TERMS["coulomb"].column(q, dq, ddq), axis=0)
+    dry = sosfiltfilt(smooth, _dry(q, dq), axis=0)
     step = max(1, int(1.0 / (ROWS_A_PERIOD * cutoff * dt)))
     return JointMotion(q, dq, ddq, tau, dry)[ends:-ends:step]
 
@@ -149,7 +126,7 @@ def local_cubics(
     positions = cubics(q, 0)
     speeds = np.where(measured, cubics(known, 0), cubics(q, 1))
     accelerations = np.where(measured, cubics(known, 1), cubics(q, 2))
-    dry = TERMS["coulomb"].column(positions, speeds, accelerations)
+    dry = _dry(positions, speeds)
     motion = JointMotion(positions, speeds, accelerations, tau, dry)
     return motion[window:-window:step]
 
@@ -179,6 +156,11 @@ def encoder_noise(q: Float[np.ndarray, "T J"], dt: float) -> Float[np.ndarray, "
         dt: its step [s].
     """
     return np.sqrt(_spectrum(q, dt)[2] * 0.5 / dt)
+
+
+def _dry(q: Float[np.ndarray, "T J"], dq: Float[np.ndarray, "T J"]) -> Float[np.ndarray, "T J"]:
+    """Dry friction of 1 N m or 1 N, as a force that the motor supplies."""
+    return CoulombFriction.force(q, dq, -1.0, TURN_OVER)
 
 
 def _spectrum(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcpilco.identification import encoder_noise, local_cubics, motion_cutoff, zero_phase
+from mcpilco.recordings import encoder_noise, local_cubics, motion_cutoff, zero_phase
 from mcpilco.typing import InputError
 
 DT = 0.002
