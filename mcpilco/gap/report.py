@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,17 +71,9 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "format": FORMAT,
         "plant": gap.plant.name,
         "verdict": gap.verdict,
-        "effects": [
-            {
-                "name": named.name,
-                "target": named.target,
-                "parameters": {symbol: vars(e) for symbol, e in named.parameters.items()},
-                "probability": named.probability,
-                "family": list(named.family),
-            }
-            for named in gap.named
-        ],
-        "where": [_place(part) for part in gap.where],
+        "effects": [asdict(named) for named in gap.named],
+        # a joint only where the disagreement is in one
+        "where": [{k: v for k, v in vars(part).items() if k != "joint" or v} for part in gap.where],
         "error": _error(gap),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
@@ -89,26 +81,24 @@ def to_json(gap: Gap) -> dict[str, Any]:
     }
 
 
-def _place(part: Disagreement) -> dict[str, Any]:
-    """A disagreement; the joint only where it is one in a joint."""
-    return {name: value for name, value in vars(part).items() if name != "joint" or value}
-
-
 def _error(gap: Gap) -> dict[str, Any] | None:
     if gap.comparison is None:
         return None
     compared = gap.comparison
-    return {
-        "horizon_s": compared.horizon_s,
-        "nominal": compared.nominal,
-        "refit": compared.refit,
-        "corrected": compared.corrected,
-        "noise_floor": compared.noise_floor,
-        "closed": vars(compared.closed),
-        "hidden": compared.hidden,
-        "channels": compared.channels,
-        "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
-    }
+    plain = [
+        "horizon_s",
+        "nominal",
+        "refit",
+        "corrected",
+        "noise_floor",
+        "closed",
+        "hidden",
+        "channels",
+    ]
+    steps = [{"added": step.added, **vars(step.error)} for step in compared.steps]
+    values = {name: getattr(compared, name) for name in plain}
+    own = {"closed": vars(compared.closed), "channels": compared.channels, "steps": steps}
+    return values | own
 
 
 def write_json(gap: Gap, path: Path) -> None:
