@@ -85,20 +85,17 @@ def _error(gap: Gap) -> dict[str, Any] | None:
     if gap.comparison is None:
         return None
     compared = gap.comparison
-    plain = [
-        "horizon_s",
-        "nominal",
-        "refit",
-        "corrected",
-        "noise_floor",
-        "closed",
-        "hidden",
-        "channels",
-    ]
-    steps = [{"added": step.added, **vars(step.error)} for step in compared.steps]
-    values = {name: getattr(compared, name) for name in plain}
-    own = {"closed": vars(compared.closed), "channels": compared.channels, "steps": steps}
-    return values | own
+    return {
+        "horizon_s": compared.horizon_s,
+        "nominal": compared.nominal,
+        "refit": compared.refit,
+        "corrected": compared.corrected,
+        "noise_floor": compared.noise_floor,
+        "closed": vars(compared.closed),
+        "hidden": compared.hidden,
+        "channels": compared.channels,
+        "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
+    }
 
 
 def write_json(gap: Gap, path: Path) -> None:
