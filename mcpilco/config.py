@@ -161,10 +161,9 @@ class ModelConfig(Checked):
             f"delay goes with memory 0 and sampling step, got memory {self.memory} and sampling "
             f"{self.sampling}.",
         )
-        features = self.path_features
         _require(
-            features % 2 == 0,
-            f"path_features must be even, as many cosines as sines, got {features}.",
+            self.path_features % 2 == 0,
+            f"path_features must be even, as many cosines as sines, got {self.path_features}.",
         )
         self._positive("noise_floor")
         self._above("plausible", 1)

@@ -201,11 +201,6 @@ class TaskSpec:
             start_std=self.start_std + zeros,
         )
 
-    @property
-    def observation_width(self) -> int | None:
-        """How many numbers an observation has; None where the task names only some of them."""
-        return None if self.observed else len(self.measured_states)
-
     def to_json(self) -> dict[str, Any]:
         """Everything but the cost, which is a function."""
         return {f.name: _as_list(getattr(self, f.name)) for f in fields(self) if f.name != "cost"}

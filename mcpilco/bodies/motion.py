@@ -15,14 +15,11 @@ from mcpilco.compiling import digest
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 """inertial parameters of a body, about the origin of its frame, which is in its joint: mass [kg],
 first moment [kg m], inertia [kg m^2]"""
+ByJoint = Float[np.ndarray, "N J"]
+"""a number for each joint, at N samples"""
 
 
-def accelerations(
-    chain: Chain,
-    q: Float[np.ndarray, "N J"],
-    dq: Float[np.ndarray, "N J"],
-    tau: Float[np.ndarray, "N J"],
-) -> Float[np.ndarray, "N J"]:
+def accelerations(chain: Chain, q: ByJoint, dq: ByJoint, tau: ByJoint) -> ByJoint:
     """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2].
 
     Args:
@@ -35,18 +32,13 @@ def accelerations(
     return _accelerations(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
 
 
-def generalised_forces(
-    chain: Chain,
-    q: Float[np.ndarray, "N J"],
-    dq: Float[np.ndarray, "N J"],
-    ddq: Float[np.ndarray, "N J"],
-) -> Float[np.ndarray, "N J"]:
+def generalised_forces(chain: Chain, q: ByJoint, dq: ByJoint, ddq: ByJoint) -> ByJoint:
     """tau = M(q) q'' + bias(q, q') [N or N m]: inverse dynamics, see `accelerations`."""
     arrays = (np.ascontiguousarray(array, float) for array in (q, dq, ddq))
     return _generalised_forces(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
 
 
-def mass_matrix(chain: Chain, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
+def mass_matrix(chain: Chain, q: ByJoint) -> Float[np.ndarray, "N J J"]:
     """M(q) [kg, kg m or kg m^2]: the forces that unit accelerations take, without gravity."""
     weightless = replace(chain, gravity=(0.0, 0.0, 0.0))
     rest = np.zeros_like(q)
@@ -54,12 +46,7 @@ def mass_matrix(chain: Chain, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, 
     return np.stack(columns, axis=2)
 
 
-def regressor(
-    chain: Chain,
-    q: Float[np.ndarray, "N J"],
-    dq: Float[np.ndarray, "N J"],
-    ddq: Float[np.ndarray, "N J"],
-) -> Float[np.ndarray, "N J J 10"]:
+def regressor(chain: Chain, q: ByJoint, dq: ByJoint, ddq: ByJoint) -> Float[np.ndarray, "N J J 10"]:
     """Y of tau[n, j] = sum_k Y[n, j, k] theta_k, theta_k the `INERTIAL` parameters of body k.
 
     Without the motors' armature. In the frame of body k, whose origin accelerates by a (less

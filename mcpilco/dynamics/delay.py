@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.dynamics.dynamics import regressors
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics.features import AngleAugmentation, Inputs, States
 from mcpilco.plant import Program
 from mcpilco.typing import InputError
 
@@ -53,9 +53,7 @@ class Delay:
         """How many past commands are on their way."""
         return self.whole + (self.part > 0.0)
 
-    def acting(
-        self, commands: Float[Tensor, "*b M_plus_1 U"]
-    ) -> tuple[Float[Tensor, "*b U"], Float[Tensor, "*b U"]]:
+    def acting(self, commands: Float[Tensor, "*b M_plus_1 U"]) -> tuple[Inputs, Inputs]:
         """The mean of the command that acts during a step, and by how much it changes in it.
 
         Args:
@@ -71,9 +69,9 @@ class Delay:
 def turning_regressors(
     augmentation: AngleAugmentation,
     features: Program | None,
-    states: Float[Tensor, "*b X"],
-    acting: Float[Tensor, "*b U"],
-    turned: Float[Tensor, "*b U"],
+    states: States,
+    acting: Inputs,
+    turned: Inputs,
 ) -> Float[Tensor, "*b D"]:
     """Regressors of the GPs in a step in which two commands act: [z, mean, change, features].
 

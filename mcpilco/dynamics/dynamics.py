@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.data import Transitions
-from mcpilco.dynamics.features import AngleAugmentation
+from mcpilco.dynamics.features import AngleAugmentation, Inputs, States
 from mcpilco.gp import Posterior
 from mcpilco.plant import Program
 from mcpilco.task import TaskSpec
@@ -87,8 +87,8 @@ def speed_integration(task: TaskSpec) -> Increment:
 def regressors(
     augmentation: AngleAugmentation,
     features: Program | None,
-    states: Float[Tensor, "*b X"],
-    inputs: Float[Tensor, "*b U"],
+    states: States,
+    inputs: Inputs,
 ) -> Float[Tensor, "*b D"]:
     """Regressors of the GPs: [z, u], and features of both where there are any."""
     plain = augmentation.regressors(states, inputs)
@@ -138,12 +138,7 @@ class GPDynamics:
         """E: one standard normal number for each predicted change."""
         return len(self.predicted)
 
-    def step(
-        self,
-        states: Float[Tensor, "*b X"],
-        inputs: Float[Tensor, "*b U"],
-        noise: Float[Tensor, "*b E"],
-    ) -> Float[Tensor, "*b X"]:
+    def step(self, states: States, inputs: Inputs, noise: Float[Tensor, "*b E"]) -> States:
         """The next states, reparametrised by standard normal numbers.
 
         Reference: thesis eqs. (5.3) to (5.7) and section 5.4.2.
@@ -158,18 +153,11 @@ class GPDynamics:
         mean = self.posterior.mean(self.regressors(states, inputs))
         return self.advance(states, inputs, mean)
 
-    def regressors(
-        self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b D"]:
+    def regressors(self, states: States, inputs: Inputs) -> Float[Tensor, "*b D"]:
         """The regressors at which the posterior is evaluated."""
         return regressors(self.augmentation, self.features, states, inputs)
 
-    def advance(
-        self,
-        states: Float[Tensor, "*b X"],
-        inputs: Float[Tensor, "*b U"],
-        delta: Float[Tensor, "*b E"],
-    ) -> Float[Tensor, "*b X"]:
+    def advance(self, states: States, inputs: Inputs, delta: Float[Tensor, "*b E"]) -> States:
         """The next states, given the predicted changes; a state stays rather than leave its bounds.
 
         Args:
@@ -179,12 +167,7 @@ class GPDynamics:
         """
         return self.moved(states, states @ self.A.T + inputs @ self.C.T, delta)
 
-    def moved(
-        self,
-        states: Float[Tensor, "*b X"],
-        drift: Float[Tensor, "*b X"],
-        delta: Float[Tensor, "*b E"],
-    ) -> Float[Tensor, "*b X"]:
+    def moved(self, states: States, drift: States, delta: Float[Tensor, "*b E"]) -> States:
         """drift + B delta, or the state itself where that is out of bounds."""
         following = drift + delta @ self.B.T
         inside = (following[..., self.predicted].abs() <= self.bounds).all(-1, keepdim=True)

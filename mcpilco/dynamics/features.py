@@ -13,6 +13,11 @@ from mcpilco.plant import CoulombFriction, ViscousFriction
 from mcpilco.task import FITTED_TURN_OVER
 from mcpilco.typing import InputError
 
+States = Float[Tensor, "*b X"]
+"""of a batch, each entry in its unit"""
+Inputs = Float[Tensor, "*b U"]
+"""of a batch, each entry in its unit"""
+
 
 def friction(dq: Float[Tensor, "*b J"]) -> Float[Tensor, "*b J 2"]:
     """The regressors of viscous and Coulomb friction of each joint: [q', tanh(q' / v_r)]."""
@@ -73,13 +78,11 @@ class AngleAugmentation:
         self.width = state_dim + len(angles)
         """Z"""
 
-    def __call__(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b Z"]:
+    def __call__(self, states: States) -> Float[Tensor, "*b Z"]:
         """The augmented state z."""
         angles = states[..., self.angles]
         return torch.cat([states[..., self.plain], angles.cos(), angles.sin()], -1)
 
-    def regressors(
-        self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b D"]:
+    def regressors(self, states: States, inputs: Inputs) -> Float[Tensor, "*b D"]:
         """Regressors of the GPs: [z, u]."""
         return torch.cat([self(states), inputs], -1)

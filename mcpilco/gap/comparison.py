@@ -222,7 +222,10 @@ def _steps(
         squares = by_window["corrected"] if last else _squares(fit, windows)
         if added:
             parts[" + ".join(added)] = squares
-    return tuple(ErrorStep(name, _with_interval(squares, draws)) for name, squares in parts.items())
+    return tuple(
+        ErrorStep(name, _interval(_rms(squares), _mean_rms(squares, draws)))
+        for name, squares in parts.items()
+    )
 
 
 def _squares(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
@@ -245,8 +248,7 @@ def error_reduction(before: Fit, after: Fit, windows: Windows) -> Interval:
         old, new = (_mean_rms(squares, drawn) for squares in ends)
         return 1.0 - new / old
 
-    low, high = np.percentile(part(_draws(len(windows))), [2.5, 97.5])
-    return Interval(float(part(np.ones((1, len(windows))))[0]), float(low), float(high))
+    return _interval(part(np.ones((1, len(windows))))[0], part(_draws(len(windows))))
 
 
 def error_over_noise(fit: Fit, windows: Windows) -> float:
@@ -261,9 +263,10 @@ def error_over_noise(fit: Fit, windows: Windows) -> float:
     return _rms(squares / usual)
 
 
-def _with_interval(squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]) -> Interval:
-    low, high = np.percentile(_mean_rms(squares, draws), [2.5, 97.5])
-    return Interval(_rms(squares), float(low), float(high))
+def _interval(value: Any, drawn: Float[np.ndarray, " R"]) -> Interval:
+    """A number with its interval, from what it is in resamples of the block bootstrap."""
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Interval(float(value), float(low), float(high))
 
 
 def _rms(squares: Float[np.ndarray, "W J"]) -> float:
@@ -274,7 +277,8 @@ def _mean_rms(
     squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
 ) -> Float[np.ndarray, " R"]:
     """Mean over the joints of the root of the mean over windows, each as often as it was drawn."""
-    return np.sqrt(_weighted_mean(squares, draws)).mean(axis=1)
+    known = np.isfinite(squares)
+    return np.sqrt(_ratio(draws @ np.where(known, squares, 0.0), draws @ known)).mean(axis=1)
 
 
 def _over_time(
@@ -285,13 +289,6 @@ def _over_time(
     seen = np.isfinite(by_time).sum(axis=1)
     total = np.nansum(by_time, axis=1)
     return np.sqrt(_ratio(draws @ total, draws @ seen))
-
-
-def _weighted_mean(
-    values: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
-) -> Float[np.ndarray, "R J"]:
-    known = np.isfinite(values)
-    return _ratio(draws @ np.where(known, values, 0.0), draws @ known)
 
 
 def _ratio(total: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -324,8 +321,7 @@ def _closed(
         closed = rms[baseline] - rms["corrected"]
         return np.where(gap > 0.0, closed / np.where(gap > 0.0, gap, 1.0), 0.0)
 
-    low, high = np.percentile(share(drawn), [2.5, 97.5])
-    return Interval(float(share(rms)), float(low), float(high))
+    return _interval(share(rms), share(drawn))
 
 
 @dataclass(frozen=True)

@@ -231,10 +231,8 @@ class GapProblem:
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Of the recordings to fit, and of those to compare on."""
-        return self._names(self.train), self._names(self.held_out)
-
-    def _names(self, numbers: Sequence[int]) -> tuple[str, ...]:
-        return tuple(self.recordings[n].name for n in numbers)
+        every = [recording.name for recording in self.recordings]
+        return tuple(every[n] for n in self.train), tuple(every[n] for n in self.held_out)
 
     def windows(self, numbers: Sequence[int] | None = None, **how: float) -> Windows:
         """Windows of some recordings, or of all.
@@ -248,13 +246,11 @@ class GapProblem:
 
     def without(self, spans: Sequence[Event]) -> GapProblem:
         """The same with a gap in the recordings at each event."""
-        by_name = {
-            recording.name: tuple(
-                (s.start_s, s.end_s) for s in spans if s.recording == recording.name
-            )
-            for recording in self.recordings
-        }
-        cut_up = (replace(r, gaps=(*r.gaps, *by_name[r.name])) for r in self.recordings)
+        gaps = [
+            (*r.gaps, *((s.start_s, s.end_s) for s in spans if s.recording == r.name))
+            for r in self.recordings
+        ]
+        cut_up = (replace(r, gaps=each) for r, each in zip(self.recordings, gaps, strict=True))
         return replace(self, recordings=tuple(cut_up))
 
     def model(self, windows: Windows) -> PlantModel:
@@ -323,11 +319,8 @@ def _split(recordings: Sequence[Recording], held_out: Sequence[str]) -> tuple[li
         return numbers, numbers
     lengths = np.array([len(recording) for recording in recordings])
     after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
-    first = (
-        min(int(np.argmax(after <= DATA.held_out)), numbers[-1])
-        if after[-1] <= DATA.held_out
-        else -1
-    )
+    fits = after <= DATA.held_out
+    first = int(np.argmax(fits)) if fits[-1] else -1
     return numbers[:first], numbers[first:]
 
 

@@ -106,8 +106,9 @@ def investigate(
     )
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown and (learned := _learn_force(problem, best, null, windows, masked)) is not None:
-        named = named if learned.fit.model.effects else ()
-        events, final = (*pushes, *learned.events), learned.fit
+        final, unexplained = learned
+        named = named if final.model.effects else ()
+        events = (*pushes, *unexplained)
         where = (*located_force(final, windows), *where)
     elif unknown and not surely_better(best, (null,), clear):
         named, final = (), null
@@ -155,9 +156,6 @@ def _corrected(best: Fit) -> Plant:
     return plant.where(**changed).having(pairs).with_learned(learned_of(best))
 
 
-# Windows ------------------------------------------------------------------------------------------
-
-
 def _windows(problem: GapProblem) -> Windows:
     """Windows of all recordings, side by side, or where they are few overlapping by half."""
     windows = problem.windows()
@@ -183,9 +181,6 @@ def _held_out(problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows
 def _without_spikes(fit: Fit, windows: Windows) -> Windows:
     """The windows without samples that a model shows to be misread."""
     return without_spikes(on_windows(fit, windows), windows)
-
-
-# Effects ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -232,11 +227,7 @@ def _fit_all_windows(
 ) -> tuple[Fit, Windows, Windows]:
     """A model fitted to all windows that it can explain, these, and those with events.
 
-    Args:
-        problem: plant and recordings.
-        best: the model.
-        everything: windows without events, of all recordings.
-        masked: windows that seem to hold an event.
+    Arguments as of `_explain`.
     """
     best, windows = refit_truncated(best, everything[everything.of(problem.train)])
     legible = without_spikes(best, windows)
@@ -268,9 +259,6 @@ def _still_missed(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows
     return masked[~fine], masked[fine]
 
 
-# Pushes and forces --------------------------------------------------------------------------------
-
-
 def _leave_out_pushes(
     problem: GapProblem, explained: _Explanation
 ) -> tuple[GapProblem, _Explanation, tuple[Event, ...], Disagreement | None]:
@@ -292,19 +280,13 @@ def _leave_out_pushes(
     return problem, _Explanation(anew.result, *fitted), pushes, None
 
 
-@dataclass(frozen=True)
-class _LearnedForce:
-    """A force that was learned in place of what no effect explains."""
-
-    fit: Fit
-    events: tuple[Event, ...]
-    """those that it does not explain either"""
-
-
 def _learn_force(
     problem: GapProblem, best: Fit, null: Fit, windows: Windows, masked: Windows
-) -> _LearnedForce | None:
-    """The residual as a force; None where it does not shrink the held-out error."""
+) -> tuple[Fit, tuple[Event, ...]] | None:
+    """A fit with the residual as a force, and the events that this does not explain either.
+
+    None where it does not shrink the held-out error.
+    """
     base = best if explains_most(best, null, windows) else null
     budget = ComputeBudget.at(windows.dt, BUDGET.learning_steps)
     base = replace(base, model=replace(base.model, budget=budget))
@@ -318,4 +300,4 @@ def _learn_force(
     missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _held_out(problem, events, fit)
-    return _LearnedForce(fit, events) if surely_better(fit, (null, best), clear) else None
+    return (fit, events) if surely_better(fit, (null, best), clear) else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,27 +71,14 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "format": FORMAT,
         "plant": gap.plant.name,
         "verdict": gap.verdict,
-        "effects": [
-            {
-                "name": named.name,
-                "target": named.target,
-                "parameters": {symbol: vars(e) for symbol, e in named.parameters.items()},
-                "probability": named.probability,
-                "family": list(named.family),
-            }
-            for named in gap.named
-        ],
-        "where": [_place(part) for part in gap.where],
+        "effects": [asdict(named) for named in gap.named],
+        # a joint only where the disagreement is in one
+        "where": [{k: v for k, v in vars(part).items() if k != "joint" or v} for part in gap.where],
         "error": _error(gap),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {"train": list(gap.train), "held_out": list(gap.held_out)},
     }
-
-
-def _place(part: Disagreement) -> dict[str, Any]:
-    """A disagreement; the joint only where it is one in a joint."""
-    return {name: value for name, value in vars(part).items() if name != "joint" or value}
 
 
 def _error(gap: Gap) -> dict[str, Any] | None:

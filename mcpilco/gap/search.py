@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -111,9 +112,8 @@ def search(
             continue
         before, best = best, without_superfluous(worth[0], tried, criterion)
         same = {*best.model.effects} == {*before.model.effects}
-        if same and before.chi2 - best.chi2 < SEARCH.bic_gain:
-            break
-        if level and closest.chi2 > SEARCH.hopeless * null.chi2:
+        stalled = same and before.chi2 - best.chi2 < SEARCH.bic_gain
+        if stalled or (level and closest.chi2 > SEARCH.hopeless * null.chi2):
             break
         beam = [best, *_followed([f for f in grown if f is not worth[0]], SEARCH.beam[level] - 1)]
     return SearchResult(best, null, (), tuple(scores), windows).with_best(best, tried.fits.values())
@@ -151,11 +151,8 @@ class Tried:
         new: dict[Effects, Fit] = {}
         for score in scores:
             key = frozenset({*fit.model.effects, score.instance})
-            if score.gain < SEARCH.promising:
-                continue
-            if key not in new and (
-                len(new) == most or (key in self.fits and self.fits[key].chi2 <= fit.chi2)
-            ):
+            tried = key in self.fits and self.fits[key].chi2 <= fit.chi2
+            if score.gain < SEARCH.promising or (key not in new and (len(new) == most or tried)):
                 continue
             if share.used_up:
                 break
@@ -182,8 +179,7 @@ class Tried:
         return {frozenset(each.model.effects): each for each in grown}
 
 
-def _chi2(fit: Fit) -> float:
-    return fit.chi2
+_chi2 = attrgetter("chi2")
 
 
 def _in_order(grown: Sequence[Fit], criterion: Criterion) -> list[Fit]:
@@ -330,9 +326,8 @@ def exchanged(result: SearchResult, candidates: Sequence[EffectInstance]) -> Sea
     share = best.model.budget.share(BUDGET.exchange)
     tried = Tried.by(result, candidates)
     for _ in range(SEARCH.exchange_rounds):
-        if share.used_up or not best.model.effects:
-            break
-        if best.chi2 > SEARCH.hopeless * null.chi2:
+        hopeless = best.chi2 > SEARCH.hopeless * null.chi2
+        if share.used_up or not best.model.effects or hopeless:
             break
         if structure(best, windows).whiteness < SEARCH.unfit:
             break

@@ -6,18 +6,21 @@ Reference: Rasmussen & Williams 2006, chapters 2 and 5 (below: R&W).
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import log, pi
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.optimize import minimize
-from torch import Tensor, nn
+from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from mcpilco.typing import NotPositiveDefiniteError
+
+if TYPE_CHECKING:
+    from mcpilco.gp.gp import GP
 
 logger = logging.getLogger(__name__)
 
@@ -98,24 +101,10 @@ _FORBIDDEN = 1e20
 """Stands for the nlml where a covariance matrix has no factor: a line search turns back from it."""
 
 
-class Hyperparametric(Protocol):
-    """The marginal likelihood of a GP as a function that an optimiser minimises."""
-
-    outputs: int
-
-    def parameters(self) -> Iterator[nn.Parameter]: ...
-
-    def get_logs(self) -> Float[np.ndarray, "E H"]: ...
-
-    def set_logs(self, logs: Float[np.ndarray, "E H"]) -> None: ...
-
-    def nlml(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"]) -> Float[Tensor, " E"]: ...
-
-
 class Evidence:
     """The marginal likelihood as an optimiser sees it; keeps the best point of each output."""
 
-    def __init__(self, gp: Hyperparametric, X: Tensor, Y: Tensor) -> None:
+    def __init__(self, gp: GP, X: Tensor, Y: Tensor) -> None:
         self._gp, self._X, self._Y = gp, X, Y
         self._parameters = list(gp.parameters())
         self.evaluations = 0

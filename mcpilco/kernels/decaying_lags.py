@@ -46,7 +46,6 @@ class SEDMPK(VolterraKernel):
     """[1/sample]"""
     scales = Positive()
     channel_weights = Positive()
-    constant = Positive()
     _later: Tensor
     _lag: Tensor
     _channel: Tensor
@@ -90,9 +89,6 @@ class SEDMPK(VolterraKernel):
     def decorrelation(self) -> Float[Tensor, "*b factors channels"]:
         """alpha_p, likewise."""
         return self._later @ self.decorrelation_steps
-
-    def offset_variance(self) -> Float[Tensor, "*b"]:
-        return self.constant
 
     def maps(self) -> list[Map]:
         return self._maps(self._metrics().unbind(-3))
@@ -159,10 +155,7 @@ class SEDMPK(VolterraKernel):
         alpha = self.decorrelation[..., channel, None]
         beta = self.decay[..., channel, None]
         S = torch.exp(-alpha * apart - beta * together)
-        if self.channels == 1:
-            return S
-        weights = self.channel_weights[..., None, channel, None]
-        return S * weights * (channel[:, None] == channel)
+        return S if self.channels == 1 else S * self._weights() * (channel[:, None] == channel)
 
     def _roots(self) -> Float[Tensor, "*b factors D D"]:
         """A_p of S_p = A_p A_p^T, all factors below one another.
@@ -180,8 +173,11 @@ class SEDMPK(VolterraKernel):
         A = torch.exp(-alpha * since.clamp(min=0.0) - beta * lag[:, None]) * new * (since >= 0.0)
         if self.channels == 1:
             return A
-        weights = self.channel_weights[..., None, channel, None]
-        return A * weights.sqrt() * (channel[:, None] == channel)
+        return A * self._weights().sqrt() * (channel[:, None] == channel)
+
+    def _weights(self) -> Float[Tensor, "*b 1 D 1"]:
+        """The weight of the channel of each lag."""
+        return self.channel_weights[..., None, self._channel, None]
 
 
 def _kron(a: Float[Tensor, "*b A A"], b: Float[Tensor, "*b D D"]) -> Float[Tensor, "*b AD AD"]:

@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Term, mean_square
+from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
 from mcpilco.kernels.monomials import MonomialBasis
 from mcpilco.typing import InputError
 
@@ -49,9 +49,11 @@ class VolterraKernel(Kernel):
             raise InputError(f"{type(self).__name__} needs a degree of at least 1, got {degree}.")
         self.degree = degree
 
-    @abstractmethod
+    constant = Positive()
+
     def offset_variance(self) -> Float[Tensor, "*b"]:
         """k_0, the prior variance of h_0."""
+        return self.constant
 
     @abstractmethod
     def maps(self) -> list[Map]:

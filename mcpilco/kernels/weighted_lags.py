@@ -23,15 +23,11 @@ class PK(VolterraKernel):
     """
 
     weights = Positive()
-    constant = Positive()
 
     def __init__(self, width: int, degree: int, batch: Sequence[int] = ()) -> None:
         super().__init__(width, degree, batch)
         self.weights = self.spread(1.0, degree, width)
         self.constant = self.spread(1.0)
-
-    def offset_variance(self) -> Float[Tensor, "*b"]:
-        return self.constant
 
     def maps(self) -> list[Map]:
         one = torch.ones_like(self.constant)
@@ -118,7 +114,6 @@ class VolterraMPK(VolterraKernel):
     """
 
     weight_steps = Positive()
-    constant = Positive()
     _later: Tensor
 
     def __init__(self, width: int, degree: int, batch: Sequence[int] = ()) -> None:
@@ -131,9 +126,6 @@ class VolterraMPK(VolterraKernel):
     def weights(self) -> tuple[Float[Tensor, "*b degree D"], ...]:
         """s_p of each degree, from the largest to the smallest."""
         return (self._later @ self.weight_steps).split(degrees(self.degree), -2)
-
-    def offset_variance(self) -> Float[Tensor, "*b"]:
-        return self.constant
 
     def maps(self) -> list[Map]:
         one = torch.ones_like(self.constant)

@@ -182,13 +182,10 @@ def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correcti
     plant, additions = content["plant"], content["effects"]
     if not isinstance(plant, str):
         raise InputError(f'"plant" must be the name of a plant, got {_short(plant)}.')
-    if not isinstance(additions, list):
-        raise InputError(f'"effects" must be a list, got {_short(additions)}.')
+    _require_kinds(content, "", effects=list, learned=list)
     parameters = _object(content["parameters"], '"parameters"')
     for name, value in parameters.items():
         _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
-    if not isinstance(content["learned"], list):
-        raise InputError(f'"learned" must be a list, got {_short(content["learned"])}.')
     learned = tuple(map(_learned, content["learned"]))
     own = {effect.name: effect for effect in own_effects(effects)}
     return Correction(plant, parameters, tuple(_addition(a, own) for a in additions), learned)
@@ -197,9 +194,7 @@ def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correcti
 def _addition(content: Any, own: Mapping[str, Effect]) -> Addition:
     content = {"file": ""} | _object(content, "an effect")
     content = _object(content, "an effect", ("name", "target", "parameters", "file"))
-    for key in ("name", "target", "file"):
-        if not isinstance(content[key], str):
-            raise InputError(f'"{key}" of an effect must be a word, got {_short(content[key])}.')
+    _require_kinds(content, " of an effect", name=str, target=str, file=str)
     values = _object(content["parameters"], f'"parameters" of {content["name"]}')
     infinite = {name: math.inf if value is None else value for name, value in values.items()}
     name, file = content["name"], content["file"]
@@ -221,11 +216,7 @@ def _grid(force: LearnedForce) -> dict[str, Any]:
 def _learned(content: Any) -> LearnedForce:
     content = _object(content, "a learned force", ("joint", "axes", "weights"))
     joint, axes, weights = content["joint"], content["axes"], content["weights"]
-    if not isinstance(joint, str):
-        raise InputError(f'"joint" of a learned force must be a word, got {_short(joint)}.')
-    for name, part in (("axes", axes), ("weights", weights)):
-        if not isinstance(part, list):
-            raise InputError(f'"{name}" of a learned force must be a list, got {_short(part)}.')
+    _require_kinds(content, " of a learned force", joint=str, axes=list, weights=list)
     for weight in weights:
         _require_value(f"a weight of the learned force at {joint}", weight, Symbol("weight", "-"))
     return LearnedForce(joint, tuple(map(_axis, axes)), tuple(map(float, weights)))
@@ -234,18 +225,10 @@ def _learned(content: Any) -> LearnedForce:
 def _axis(content: Any) -> Axis:
     content = {"closed": False} | _object(content, "an axis")
     content = _object(content, "an axis", ("of", "low", "high", "knots", "slow", "closed"))
-    if not isinstance(content["of"], str):
-        raise InputError(f'"of" of an axis must be a word, got {_short(content["of"])}.')
-    if not isinstance(content["knots"], int) or isinstance(content["knots"], bool):
-        raise InputError(f'"knots" of an axis must be a count, got {_short(content["knots"])}.')
+    _require_kinds(content, " of an axis", of=str, knots=int, closed=bool)
     for name in ("low", "high", "slow"):
         _require_value(f"{name} of the axis {content['of']}", content[name], Symbol(name, "-"))
-    if not isinstance(content["closed"], bool):
-        raise InputError(
-            f'"closed" of an axis must be true or false, got {_short(content["closed"])}.'
-        )
-    ends = {name: float(content[name]) for name in ("low", "high", "slow")}
-    return Axis(of=content["of"], knots=content["knots"], closed=content["closed"], **ends)
+    return Axis(**content | {name: float(content[name]) for name in ("low", "high", "slow")})
 
 
 def _object(content: Any, name: str, keys: tuple[str, ...] | None = None) -> dict[str, Any]:
@@ -256,6 +239,16 @@ def _object(content: Any, name: str, keys: tuple[str, ...] | None = None) -> dic
         expected = ", ".join(f'"{key}"' for key in keys)
         raise InputError(f"{name} must have {expected} and no more, got {_short(sorted(content))}.")
     return content
+
+
+_KINDS = {str: "a word", list: "a list", int: "a count", bool: "true or false"}
+
+
+def _require_kinds(content: Mapping[str, Any], owner: str, **kinds: type) -> None:
+    """Raises InputError where an entry is not of its JSON type."""
+    for key, kind in kinds.items():
+        if type(content[key]) is not kind:
+            raise InputError(f'"{key}"{owner} must be {_KINDS[kind]}, got {_short(content[key])}.')
 
 
 def _require_value(name: str, value: Any, symbol: Symbol) -> None:

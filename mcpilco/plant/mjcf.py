@@ -16,6 +16,7 @@ import numpy as np
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
+from mcpilco.plant.mjcf_inertials import matrix_of
 from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.task import TURN_OVER
@@ -185,7 +186,7 @@ def _chain(model: mujoco.MjModel) -> Chain:
     for b in range(1, model.nbody):
         parent, p0, R0 = frames[model.body_parentid[b]]
         origin = p0 + R0 @ model.body_pos[b]
-        R = R0 @ _matrix(model.body_quat[b])
+        R = R0 @ matrix_of(model.body_quat[b])
         name = model.body(b).name or f"body{b}"
         joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
         for count, j in enumerate(joints):
@@ -208,7 +209,7 @@ def _chain(model: mujoco.MjModel) -> Chain:
             )
             parent, origin, R = len(bodies) - 1, -anchor, np.eye(3)
         frames.append((parent, origin, R))
-        Ri = _matrix(model.body_iquat[b])
+        Ri = matrix_of(model.body_iquat[b])
         inertia = R @ Ri @ np.diag(model.body_inertia[b]) @ Ri.T @ R.T
         load = (float(model.body_mass[b]), origin + R @ model.body_ipos[b], inertia)
         loads.setdefault(parent, []).append(load)
@@ -319,9 +320,3 @@ def _vector(array: np.ndarray) -> Vector:
 def _rows(array: np.ndarray) -> Matrix:
     x, y, z = map(_vector, array)
     return x, y, z
-
-
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)

@@ -26,7 +26,7 @@ class Inertials:
         self._spec, self._model = spec, model
         self._mass = model.body_mass.copy()
         self._center = model.body_ipos.copy()
-        R = np.array([_matrix(quaternion) for quaternion in model.body_iquat])
+        R = np.array([matrix_of(quaternion) for quaternion in model.body_iquat])
         self._inertia = (R * model.body_inertia[:, None]) @ R.transpose(0, 2, 1)
         self._before = (self._mass.copy(), self._center.copy(), self._inertia.copy())
         self._members: dict[str, dict[int, Float[np.ndarray, "3 3"]]] = {}
@@ -47,7 +47,7 @@ class Inertials:
                 self._joints[owner[b]] = model.body_jntadr[b] + model.body_jntnum[b] - 1
             elif owner[parent]:
                 owner[b], R = owner[parent], self._members[owner[parent]][parent]
-                self._members[owner[b]][b] = R @ _matrix(model.body_quat[b])
+                self._members[owner[b]][b] = R @ matrix_of(model.body_quat[b])
                 self._origins[b] = self._origins[parent] + R @ model.body_pos[b]
 
     def scale_to(self, body: str, mass: float) -> None:
@@ -167,7 +167,8 @@ def _is_physical(inertia: Float[np.ndarray, "3 3"]) -> bool:
     return bool(a >= -ROUNDING * c and a + b >= (1.0 - ROUNDING) * c)
 
 
-def _matrix(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
+def matrix_of(quaternion: Float[np.ndarray, " 4"]) -> Float[np.ndarray, "3 3"]:
+    """The rotation of a unit quaternion."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)

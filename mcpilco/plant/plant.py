@@ -13,13 +13,7 @@ from mcpilco.plant.effects import CATALOGUE, Effect
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
 from mcpilco.plant.simulation.laws import code_of
-from mcpilco.plant.simulation.layout import (
-    CONSTANTS,
-    IDEAL_ACTUATOR,
-    IDEAL_SENSOR,
-    Layout,
-    Tables,
-)
+from mcpilco.plant.simulation.layout import CONSTANTS, IDEAL_ACTUATOR, IDEAL_SENSOR, Layout, Tables
 from mcpilco.plant.simulation.motion import simulate
 from mcpilco.plant.simulation.stepper import Stepper
 from mcpilco.typing import InputError
@@ -227,14 +221,10 @@ class Plant:
         places = [self._at(active, rows) for active in everything]
         for s, row in enumerate(parameters):
             known = dict(zip(names, row, strict=True))
-            each = [
-                *(
-                    [known[v] if isinstance(v, str) else v for v in base.values]
-                    for base in self.base
-                ),
-                *(added for _, added in self.added),
-                *(value[s] for value in values),
+            each: list[Sequence[float]] = [
+                [known[v] if isinstance(v, str) else v for v in base.values] for base in self.base
             ]
+            each += [added for _, added in self.added] + [value[s] for value in values]
             for active, at, numbers in zip(everything, places, each, strict=True):
                 active.effect.install(tables, s, at, numbers)
         return tables
@@ -243,14 +233,8 @@ class Plant:
         """Where an effect writes: its row among the forces, or the number of its target."""
         if isinstance(active.effect, JointForce):
             return next(rows)
-        layout = self.layout
-        names = {
-            "joint": layout.joints,
-            "body": layout.bodies,
-            "actuator": layout.actuators,
-            "sensor": layout.states,
-        }[active.effect.place]
-        return names.index(active.target)
+        places = {"joint": "joints", "body": "bodies", "actuator": "actuators", "sensor": "states"}
+        return getattr(self.layout, places[active.effect.place]).index(active.target)
 
     def simulate(
         self,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from mcpilco.plant.arithmetic import exp, larger, smaller
-from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, sizes
+from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, not_proportional, sizes
 from mcpilco.plant.simulation.layout import (
     DEAD_ZONE,
     DELAY,
@@ -77,7 +77,7 @@ class ActuatorDeadZone(ActuatorEffect):
         return larger(x - d, 0.0) + smaller(x + d, 0.0)
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [_nonlinear(part * scale.command) for part in (0.01, 0.05, 0.15)]
+        return not_proportional(0.01, 0.05, 0.15, unit=scale.command)
 
 
 class ActuatorSaturation(ActuatorEffect):
@@ -97,7 +97,7 @@ class ActuatorSaturation(ActuatorEffect):
         numbers[self.column] = min(numbers[self.column], values[0])
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [_nonlinear(part * scale.command) for part in (0.95, 0.8, 0.6, 0.4)]
+        return not_proportional(0.95, 0.8, 0.6, 0.4, unit=scale.command)
 
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
         model.limit(target, values[0])
@@ -121,7 +121,7 @@ class ActuatorDelay(ActuatorEffect):
     column = DELAY
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [_nonlinear(delay) for delay in (0.005, 0.02, 0.05)]
+        return not_proportional(0.005, 0.02, 0.05)
 
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
         return model.delay(target, values[0])
@@ -140,7 +140,7 @@ class ActuatorLag(ActuatorEffect):
         return goal + (x - goal) * exp(-since / T)
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [_nonlinear(lag) for lag in (0.005, 0.02, 0.06)]
+        return not_proportional(0.005, 0.02, 0.06)
 
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
         model.lag(target, values[0])
@@ -162,7 +162,7 @@ class Backlash(ActuatorEffect):
         return smaller(larger(previous, x - p), x + p)
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [_nonlinear(part * scale.command) for part in (0.01, 0.05, 0.15)]
+        return not_proportional(0.01, 0.05, 0.15, unit=scale.command)
 
 
 def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[..., Any]:
@@ -188,8 +188,3 @@ def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[...,
         return x
 
     return shaped
-
-
-def _nonlinear(value: float) -> Probe:
-    """A size whose signature does not simply grow with it."""
-    return Probe(np.array([[value]]), proportional=False)

@@ -180,3 +180,8 @@ class Effect(ABC):
 def sizes(*values: float) -> Probe:
     """One size of an effect."""
     return Probe(np.array([values]))
+
+
+def not_proportional(*values: float, unit: float = 1.0) -> list[Probe]:
+    """Sizes of an effect of one symbol, whose signature does not simply grow with it."""
+    return [Probe(np.array([[value * unit]]), proportional=False) for value in values]

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-import numpy as np
-
-from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, sizes
+from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, not_proportional, sizes
 from mcpilco.plant.simulation.layout import LATENCY, OFFSET, SCALE, Layout, Tables
 
 
@@ -67,4 +65,4 @@ class SensorDelay(SensorEffect):
         return False  # a state of the model would have to hold past states
 
     def probes(self, scale: Scale) -> list[Probe]:
-        return [Probe(np.array([[delay]]), proportional=False) for delay in (0.005, 0.02)]
+        return not_proportional(0.005, 0.02)

@@ -21,15 +21,7 @@ from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, sc
 from mcpilco.compiling import digest
 from mcpilco.plant.effects.learned import learned_force, place_on
 from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, shaped
-from mcpilco.plant.simulation.layout import (
-    DELAY,
-    GAIN,
-    LAG,
-    LATENCY,
-    OFFSET,
-    SCALE,
-    Tables,
-)
+from mcpilco.plant.simulation.layout import DELAY, GAIN, LAG, LATENCY, OFFSET, SCALE, Tables
 
 SOURCES = "bodies", "plant/simulation", "plant/effects"
 """folders of the code that is compiled here"""
@@ -53,17 +45,7 @@ A = np.array(
     ]
 )
 C = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
-ERROR = np.array(
-    [
-        71 / 57600,
-        0.0,
-        -71 / 16695,
-        71 / 1920,
-        -17253 / 339200,
-        22 / 525,
-        -1 / 40,
-    ]
-)
+ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 """fifth-order solution minus the fourth-order one"""
 
 
