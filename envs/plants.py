@@ -19,7 +19,6 @@ from mcpilco.plant import (
     Layout,
     Parameter,
     Plant,
-    plant_of,
     register_plant,
 )
 from mcpilco.typing import InputError
@@ -281,6 +280,8 @@ def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
         InputError: there is no such module or plant, or no env simulates it.
     """
     if name.endswith(".xml") and not simulated:
+        from mcpilco.plant import plant_of  # loads MuJoCo
+
         return plant_of(name)
     module, _, last = name.rpartition(":")
     if module:

@@ -11,8 +11,18 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from mcpilco.task import SMOOTH_TURN_OVER
 from mcpilco.typing import InputError
+
+TURN_OVER = 2e-3
+"""velocity v_r over which the dry friction of a simulated joint turns over, as tanh(v / v_r) [m/s
+or rad/s]: a joint at rest creeps no faster, and steps with error control can follow it"""
+FITTED_TURN_OVER = 0.02
+"""v_r of regressors that are fitted to measured motions [m/s or rad/s]: about the noise of a
+velocity, below which its sign is not known"""
+SMOOTH_TURN_OVER = 0.05
+"""v_r of features of a model [m/s or rad/s]: a policy's gradient passes through them in steps of
+dt, which must not leap over rest"""
+
 
 Number = TypeVar("Number", int, float)
 

@@ -15,16 +15,6 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from torch import Tensor
 
-TURN_OVER = 2e-3
-"""velocity v_r over which the dry friction of a simulated joint turns over, as tanh(v / v_r) [m/s
-or rad/s]: a joint at rest creeps no faster, and steps with error control can follow it"""
-FITTED_TURN_OVER = 0.02
-"""v_r of regressors that are fitted to measured motions [m/s or rad/s]: about the noise of a
-velocity, below which its sign is not known"""
-SMOOTH_TURN_OVER = 0.05
-"""v_r of features of a model [m/s or rad/s]: a policy's gradient passes through them in steps of
-dt, which must not leap over rest"""
-
 
 def unknown_cost(
     states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]

@@ -47,7 +47,7 @@ class NotPositiveDefiniteError(McPilcoError, ArithmeticError):
 
 @runtime_checkable
 class Policy(Protocol):
-    """What a rollout needs of a policy: inputs for a set of states."""
+    """A policy in a rollout: inputs for a set of states."""
 
     def __call__(
         self, states: Float[Tensor, "*b X"], dropout: Dropout | None = None, step: int = 0
@@ -56,7 +56,7 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Dynamics(Protocol):
-    """What a rollout needs of a model: one sampled step."""
+    """A model in a rollout: one sampled step."""
 
     @property
     def noise_dim(self) -> int:
@@ -119,7 +119,7 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class Cost(Protocol):
-    """What is minimised: one number for each state and input."""
+    """The cost that a search minimises: one number for each state and input."""
 
     def __call__(
         self, states: Float[Tensor, "*b X"], inputs: Float[Tensor, "*b U"]

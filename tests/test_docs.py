@@ -295,7 +295,13 @@ def test_every_link_and_picture_leads_somewhere(page: Path) -> None:
     targets = re.findall(r"\]\(([^)\s]+)\)", text(page))
     local = [target.partition("#")[0] for target in targets if "://" not in target]
     paths = [(page.parent / target).resolve() for target in local if target]
-    assert not [path for path in paths if not path.exists()]
+    rooms = {f"{init.parent.name}.md" for init in (ROOT / "mcpilco").glob("*/__init__.py")}
+    made = {"mcpilco.md", *(f"mcpilco.{room}" for room in rooms)}  # by docs/build_reference.py
+    assert not [
+        path
+        for path in paths
+        if not path.exists() and not (path.parent.name == "reference" and path.name in made)
+    ]
     if page.parent.name == "docs":  # the pages are built alone
         assert not [path for path in paths if not path.is_relative_to(page.parent)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 import tomllib
@@ -132,9 +133,22 @@ def packages() -> list[str]:
     return [".".join(path.parent.relative_to(ROOT).parts) for path in inits]
 
 
+def lines(paths: list[Path]) -> int:
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
+
+
 def test_the_top_has_few_files_and_rooms() -> None:
     assert len(list((ROOT / "mcpilco").glob("*.py"))) <= 7
     assert len(ROOMS) <= 20
+
+
+def test_the_house_has_few_files() -> None:
+    assert len(sources(*TOPS)) <= 320
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_is_of_a_size_to_read(room: str) -> None:
+    assert lines(sources(f"mcpilco/{room}")) <= 6000
 
 
 def _strongly_connected(edges: dict[str, set[str]]) -> Iterator[list[str]]:
@@ -208,9 +222,28 @@ def test_a_step_and_a_model_are_one_thing_each() -> None:
     assert classes["Model"] <= 1
 
 
+def _docstrings(path: Path) -> Iterator[tuple[int, str]]:
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            docstring = ast.get_docstring(node) or ""
+            yield getattr(node, "lineno", 1), docstring.partition("\n")[0]
+
+
+def test_no_docstring_begins_as_a_riddle() -> None:
+    riddles = [
+        f"{path.relative_to(ROOT)}:{line}: {first}"
+        for path in sources(*TOPS)
+        for line, first in _docstrings(path)
+        if re.match(r"What |Whether what", first)
+    ]
+    assert not riddles, "\n".join(riddles)
+
+
 # --- tests mirror the tree ------------------------------------------------------------------------
 
 ACROSS = {
+    "mcpilco/show/plots/test_volterra": "plots of a Volterra series",
+    "mcpilco/show/test_gap_film": "films of a gap, side by side",
     "baselines/sb3/test_presets": "presets of all algorithms",
     "mcpilco/agent/test_streams": "random streams of an agent",
     "mcpilco/cli/test_hostile": "files that are not what they should be",

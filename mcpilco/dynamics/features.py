@@ -9,8 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.config import FITTED_TURN_OVER
 from mcpilco.plant import CoulombFriction, ViscousFriction
-from mcpilco.task import FITTED_TURN_OVER
 from mcpilco.typing import InputError
 
 States = Float[Tensor, "*b X"]

@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
+from mcpilco.config import TURN_OVER
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
 from mcpilco.plant.mjcf_inertials import matrix_of
 from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.plant.simulation.layout import Layout
-from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
 SWITCHES = sum(

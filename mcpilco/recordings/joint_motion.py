@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, savgol_filter, sosfiltfilt, welch
 
+from mcpilco.config import TURN_OVER
 from mcpilco.plant import CoulombFriction
 from mcpilco.recordings.recording import Samples
-from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
 ORDER = 4

@@ -9,6 +9,7 @@ from .plots.training import (
 )
 from .recorder import Recorder, run_callbacks
 from .recording import write_recording
+from .report.gap_page import write_gap_report
 from .scene import Pose, Scene, Shape
 from .side_by_side import write_crossing_film, write_gap_film
 from .viewer import open_viewer, screenshot
@@ -33,5 +34,6 @@ __all__ = [
     "screenshot",
     "write_crossing_film",
     "write_gap_film",
+    "write_gap_report",
     "write_recording",
 ]

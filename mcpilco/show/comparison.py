@@ -88,7 +88,7 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
 
 
 def seeds_csv(runs: Sequence[Run]) -> bytes:
-    """What every seed of every run reached after each amount of experience."""
+    """The results of every seed of every run after each amount of experience, as CSV."""
     names = [*SHOWN, *dict.fromkeys(name for run in runs for name in run.measures), SPENT]
     rows = (
         (run.name, seed, k + 1, float(amount), *(_at(course, name, k) for name in names))

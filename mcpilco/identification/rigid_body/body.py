@@ -16,9 +16,9 @@ from jaxtyping import Float, Int
 from scipy.linalg import qr, solve_triangular
 
 from mcpilco.bodies import INERTIAL, SLIDE, Body, Chain, inertial_parameters, regressor
+from mcpilco.config import TURN_OVER
 from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
 from mcpilco.recordings import JointMotion
-from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
 

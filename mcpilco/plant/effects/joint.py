@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.config import TURN_OVER
 from mcpilco.plant.arithmetic import Tape, cos, exp, sin, tanh
 from mcpilco.plant.effects.base import MOST, Effect, Probe, Scale, Symbol, sizes
 from mcpilco.plant.simulation.layout import CONSTANTS, Layout, Tables
-from mcpilco.task import TURN_OVER
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:

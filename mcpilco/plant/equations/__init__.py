@@ -5,3 +5,5 @@ they leave on a tape, `step` writes one sampling interval of a plant, and `featu
 regressors that physics and friction suggest. `step` and `features` know plants and so load numba,
 which a `Program` does not need.
 """
+
+__all__: list[str] = []

@@ -4,3 +4,5 @@
 `motion` follows motions whose commands are all known, `stepper` those that go on from command to
 command.
 """
+
+__all__: list[str] = []

@@ -169,7 +169,7 @@ def plot_prediction(
     name: str,
     ax: Axes | None = None,
 ) -> Axes:
-    """What was measured, and what a model says of it with its 95 % interval.
+    """Draw a measured series and a model's prediction of it with its 95 % interval.
 
     Args:
         measured: outputs.
