@@ -16,7 +16,7 @@ from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
 from mcpilco.plant import Plant
 from mcpilco.policies import cart_pole_cost
-from mcpilco.show.scene import Pose, Scene, Shape
+from mcpilco.show import Pose, Scene, Shape
 from mcpilco.typing import Cost, InputError
 
 LENGTHSCALES = (1.5, 1.0)

@@ -15,7 +15,7 @@ from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
 from mcpilco.plant import Plant
 from mcpilco.policies import SaturatingCost
-from mcpilco.show.scene import Pose, Scene, Shape
+from mcpilco.show import Pose, Scene, Shape
 
 PENDUBOT = SwingUp(
     plant=pendubot(),

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation
 
-from mcpilco.show.scene import Scene, Shape
+from mcpilco.show import Scene, Shape
 
 Color = tuple[int, int, int]
 Point = tuple[float, float]

@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation
 
 from envs.drawing import HEIGHT, INPUT_COLOR, WIDTH
-from mcpilco.show.scene import Pose, Scene, Shape
+from mcpilco.show import Pose, Scene, Shape
 from mcpilco.typing import EnvError
 
 _KINDS: dict[mujoco.mjtGeom, tuple[Literal["box", "capsule", "sphere"], tuple[int, ...]]] = {

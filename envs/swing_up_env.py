@@ -17,8 +17,7 @@ from jaxtyping import Bool, Float, UInt8
 from envs.drawing import side_view
 from envs.swing_up import Effects, SwingUp, read_start
 from mcpilco.plant import Plant
-from mcpilco.show.bodies import chain_scene
-from mcpilco.show.scene import Scene
+from mcpilco.show import Scene, chain_scene
 from mcpilco.typing import InputError
 
 Picture = Callable[[Float[np.ndarray, " X"], float], UInt8[np.ndarray, "H W 3"]]

@@ -116,6 +116,8 @@ def sources(*folders: str) -> list[Path]:
 def source_of(package: str) -> Path:
     """The file with a package's public names: its stub where it loads them lazily."""
     folder = ROOT.joinpath(*package.split("."))
+    if not folder.is_dir():
+        return folder.with_suffix(".py")
     stub = folder / "__init__.pyi"
     return stub if stub.exists() else folder / "__init__.py"
 
@@ -209,6 +211,26 @@ def test_no_public_name_is_that_of_a_submodule(package: str) -> None:
         for name in node.names
     }
     assert not public_names(package) & named & modules
+
+
+MEASURED_INSIDE = {"runs/speed/parts.py"}  # times the parts of a compiled policy step
+
+
+def test_rooms_are_used_by_their_public_names() -> None:
+    """Another room, an env, a baseline or a run imports what a package's `__all__` lists."""
+    private = [
+        f"{path.relative_to(ROOT)}:{node.lineno}: {node.module}.{name.name}"
+        for path in sources(*TOPS, "runs")
+        if str(path.relative_to(ROOT)) not in MEASURED_INSIDE
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith("mcpilco.")
+        and (room := str(node.module).split(".")[1]) in ROOMS
+        and not path.is_relative_to(ROOT / "mcpilco" / room)
+        for name in node.names
+        if name.name not in public_names(str(node.module))
+    ]
+    assert not private, "\n".join(private)
 
 
 def test_a_step_and_a_model_are_one_thing_each() -> None:

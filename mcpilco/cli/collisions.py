@@ -229,7 +229,7 @@ class Detect(Command):
         from mcpilco.files import write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
         from mcpilco.recordings import arm_samples
-        from mcpilco.show.collision_film import write_collision_film
+        from mcpilco.show import write_collision_film
 
         model, limits = load_collision_model(self.model)
         self.out.mkdir(parents=True, exist_ok=True)

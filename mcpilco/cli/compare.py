@@ -33,7 +33,7 @@ class Compare(Command):
 
     def __call__(self) -> int:
         """Compare, print how each ends, and return the exit code: 1 when a folder is left out."""
-        from mcpilco.show.comparison import write_comparison
+        from mcpilco.show import write_comparison
         from mcpilco.sweep import line_up
 
         found = line_up(self.runs)

@@ -120,7 +120,7 @@ class Cross(Command):
         work.require_corrected()
 
     def _learn(self, work: Workflow, leg: str) -> None:
-        from mcpilco.show.recorder import run_callbacks
+        from mcpilco.show import run_callbacks
 
         run = work.train(leg, lambda run: run_callbacks(run, progress=not self.quiet))
         if not self.quiet:
@@ -142,8 +142,8 @@ class Cross(Command):
     def _draw(self, legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> None:
         """The page and the film; what cannot be drawn loses nothing else."""
         from mcpilco.agent import make_env
-        from mcpilco.show.report.crossing_page import write_crossing_report
-        from mcpilco.show.side_by_side import write_crossing_film
+        from mcpilco.show import write_crossing_film
+        from mcpilco.show.report import write_crossing_report
 
         about = f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
         with contextlib.closing(make_env(self.sim)) as env:

@@ -125,7 +125,7 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
     """
     from mcpilco.gap import summary
     from mcpilco.show import write_gap_film
-    from mcpilco.show.report.gap_page import write_gap_report
+    from mcpilco.show.report import write_gap_report
 
     for line in summary(gap):
         print(line)

@@ -158,8 +158,7 @@ class InverseDynamics(Command):
         """The file of the picture; a picture that cannot be drawn loses nothing else."""
         import torch
 
-        from mcpilco.show.plots.identification import plot_torque
-        from mcpilco.show.plots.style import new_axes
+        from mcpilco.show.plots import new_axes, plot_torque
 
         shown = test[:500]
         with torch.no_grad():

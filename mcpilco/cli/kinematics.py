@@ -76,7 +76,7 @@ class Kinematics(Command):
         tolerance: Any,
     ) -> None:
         from mcpilco.files import write_bytes
-        from mcpilco.show.plots.identification import draw_kinematics
+        from mcpilco.show.plots import draw_kinematics
 
         assert self.out is not None
         self.out.mkdir(parents=True, exist_ok=True)

@@ -100,10 +100,10 @@ def _print_table(summary: Any) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from mcpilco.sweep.summary import LEGEND, conclusion, table
+    from mcpilco.sweep import SUMMARY_LEGEND, conclusion, summary_table
 
-    header, rows = table(summary)
-    shown = Table(box=SIMPLE_HEAD, caption=LEGEND, padding=(0, 0, 0, 1), pad_edge=False)
+    header, rows = summary_table(summary)
+    shown = Table(box=SIMPLE_HEAD, caption=SUMMARY_LEGEND, padding=(0, 0, 0, 1), pad_edge=False)
     for name in header:
         heading = Text("\n".join(name.rsplit(" ", 1)))  # a unit is no markup
         shown.add_column(heading, justify="right", vertical="bottom")

@@ -114,7 +114,7 @@ class Train(Learning):
     def _learn(self, agent: Any, run: RunFolder) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
         from mcpilco.agent import learn_rest
-        from mcpilco.show.recorder import run_callbacks
+        from mcpilco.show import run_callbacks
 
         try:
             with (
@@ -149,7 +149,7 @@ class Train(Learning):
         if not self.live:
             yield
             return
-        from mcpilco.show.viewer import has_display
+        from mcpilco.show import has_display
 
         command = [sys.executable, "-m", "mcpilco.cli", "view", str(run.path), "--live"]
         with subprocess.Popen(command if has_display() else [*command, "--web"]) as viewer:

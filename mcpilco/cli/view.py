@@ -77,7 +77,7 @@ class View(Command):
 
     def _show(self, recording: Path, end_s: Any) -> None:
         """The recording in the viewer, or a picture of it."""
-        from mcpilco.show.viewer import open_viewer, screenshot
+        from mcpilco.show import open_viewer, screenshot
 
         if self.screenshot is None:
             open_viewer([recording], web=self.web)
@@ -97,8 +97,7 @@ class View(Command):
             raise InputError("--live follows one run: it takes no RUN_B, --trial or --screenshot.")
         import rerun as rr
 
-        from mcpilco.show.follow import Follower
-        from mcpilco.show.viewer import live_viewer
+        from mcpilco.show import Follower, live_viewer
 
         with live_viewer(web=self.web) as viewer, contextlib.suppress(KeyboardInterrupt):
             rec = rr.RecordingStream("mcpilco", send_properties=False)
@@ -117,7 +116,7 @@ class View(Command):
 def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
     """A film of the runs; returns its end [s]."""
     from mcpilco.logbook import read_history
-    from mcpilco.show.film import Reel, write_run_film
+    from mcpilco.show import Reel, write_run_film
 
     reels = []
     for run in runs:

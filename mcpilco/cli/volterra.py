@@ -162,8 +162,7 @@ def _picture(
     import numpy as np
 
     from mcpilco.files import replacing
-    from mcpilco.show.plots.identification import plot_lags, plot_prediction, plot_response
-    from mcpilco.show.plots.style import new_axes
+    from mcpilco.show.plots import new_axes, plot_lags, plot_prediction, plot_response
 
     one = slice(0, model.config.lags + 1)
     rows = slice(model.config.lags, model.config.lags + _SHOWN)

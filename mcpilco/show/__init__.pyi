@@ -1,3 +1,8 @@
+from .bodies import chain_scene
+from .collision_film import write_collision_film
+from .comparison import estimate_cell, solved_table, write_comparison
+from .film import Reel, write_run_film
+from .follow import Follower
 from .plots.rollouts import plot_costs, plot_input, plot_state, plot_states
 from .plots.training import (
     plot_coverage,
@@ -12,13 +17,19 @@ from .recording import write_recording
 from .report.gap_page import write_gap_report
 from .scene import Pose, Scene, Shape
 from .side_by_side import write_crossing_film, write_gap_film
-from .viewer import open_viewer, screenshot
+from .viewer import has_display, live_viewer, open_viewer, screenshot
 
 __all__ = [
+    "Follower",
     "Pose",
     "Recorder",
+    "Reel",
     "Scene",
     "Shape",
+    "chain_scene",
+    "estimate_cell",
+    "has_display",
+    "live_viewer",
     "open_viewer",
     "plot_costs",
     "plot_coverage",
@@ -32,8 +43,12 @@ __all__ = [
     "plot_times",
     "run_callbacks",
     "screenshot",
+    "solved_table",
+    "write_collision_film",
+    "write_comparison",
     "write_crossing_film",
     "write_gap_film",
     "write_gap_report",
     "write_recording",
+    "write_run_film",
 ]

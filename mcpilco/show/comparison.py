@@ -118,7 +118,11 @@ def differences_csv(rows: Iterable[Row]) -> bytes:
 def page(found: LineUp, rows: Sequence[Row], gains: Sequence[Row]) -> str:
     """All tables as one Markdown text."""
     runs, env = found.runs, found.runs[0].protocol.env
-    parts = [f"# {' and '.join(run.name for run in runs)} on {env}", about(runs), solved(runs)]
+    parts = [
+        f"# {' and '.join(run.name for run in runs)} on {env}",
+        about(runs),
+        solved_table(runs),
+    ]
     cautions = [*found.left_out, *found.cautions]
     if cautions:
         parts.append("\n".join(f"- {sentence}" for sentence in cautions))
@@ -136,7 +140,7 @@ def about(runs: Sequence[Run]) -> str:
     return markdown(("run", "algorithm", "preset", "seeds", "fresh rollouts a policy"), cells)
 
 
-def solved(runs: Sequence[Run]) -> str:
+def solved_table(runs: Sequence[Run]) -> str:
     """How much experience it takes."""
     first = {run.name: _told(c.succeeded_s for c in run.courses.values()) for run in runs}
     often = {run.name: _told(c.solved_s for c in run.courses.values()) for run in runs}
@@ -216,10 +220,10 @@ def _along(
     mine = [row for row in rows if (row.run, row.statistic) == line]
     for amount in amounts:
         at = (row.estimate for row in mine if same_amount(row.experience_s, amount))
-        yield cell(next(at, None), measure)
+        yield estimate_cell(next(at, None), measure)
 
 
-def cell(found: Estimate | None, measure: Measure) -> str:
+def estimate_cell(found: Estimate | None, measure: Measure) -> str:
     """A value and its interval."""
     if found is None:
         return ""

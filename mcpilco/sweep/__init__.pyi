@@ -22,13 +22,24 @@ from .statistics import (
     same_amount,
     spread,
 )
-from .summary import markdown, mean_cell, measures_of, rate_cell, spread_cell, summarise
+from .summary import (
+    SUMMARY_LEGEND,
+    conclusion,
+    markdown,
+    mean_cell,
+    measures_of,
+    rate_cell,
+    spread_cell,
+    summarise,
+    summary_table,
+)
 
 __all__ = [
     "CONFIDENCE",
     "FORMAT",
     "SHOWN",
     "SPENT",
+    "SUMMARY_LEGEND",
     "Act",
     "Course",
     "Engine",
@@ -48,6 +59,7 @@ __all__ = [
     "all_amounts",
     "bootstrapped",
     "common_amounts",
+    "conclusion",
     "differences",
     "estimate",
     "estimates",
@@ -71,6 +83,7 @@ __all__ = [
     "spread",
     "spread_cell",
     "summarise",
+    "summary_table",
     "sweep",
     "sweep_progress",
 ]

@@ -10,7 +10,7 @@ from typing import Any
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult
 from mcpilco.sweep.folder import SweepFolder
 from mcpilco.sweep.job import SeedJob, Settings
-from mcpilco.sweep.summary import LEGEND, conclusion, markdown, summarise, table
+from mcpilco.sweep.summary import SUMMARY_LEGEND, conclusion, markdown, summarise, summary_table
 from mcpilco.typing import InputError
 
 _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from the last hour
@@ -73,8 +73,8 @@ def sweep(
         (engine or LocalEngine()).run(jobs, keep)
     finally:  # also when it is interrupted
         summary = summarise(folder.results(), folder.failures())
-        text = markdown(*table(summary))
-        folder.write_summary(summary, f"{text}\n{LEGEND}\n\n{conclusion(summary)}\n")
+        text = markdown(*summary_table(summary))
+        folder.write_summary(summary, f"{text}\n{SUMMARY_LEGEND}\n\n{conclusion(summary)}\n")
     return summary
 
 

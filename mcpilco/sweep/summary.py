@@ -11,7 +11,7 @@ from mcpilco.data import title_of
 from mcpilco.logbook import measures_in
 from mcpilco.sweep.statistics import CONFIDENCE, mean, rate, spread
 
-LEGEND = (
+SUMMARY_LEGEND = (
     "after: experience; success: of the one test rollout, with its "
     f"{CONFIDENCE:.0%} Wilson interval; p: mean success over fresh rollouts of each policy, mean "
     f"over seeds with its {CONFIDENCE:.0%} bootstrap interval; all else: median (quartiles) over "
@@ -61,7 +61,7 @@ def summarise(
     }
 
 
-def table(summary: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def summary_table(summary: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The summary as a header and a row a trial; blank where the env does not report a number."""
     measures = measures_of(summary)
     titles = ("after [s]", "success [%]", "p [%]", "return", *map(title_of, measures), "CPU [s]")

@@ -10,8 +10,7 @@ from cartpole_swingup.run import EXPERIENCE, PUBLISHED
 from harness import write_picture
 from matplotlib.figure import Figure
 
-from mcpilco.show.plots.comparison import Curve, plain_log_axis, plot_curves
-from mcpilco.show.plots.style import SYSTEM
+from mcpilco.show.plots import SYSTEM, Curve, plain_log_axis, plot_curves
 from mcpilco.sweep import Measure, Run, estimate, measure_of
 
 _LINES = {"MC-PILCO": "--", "PILCO": ":"}

@@ -9,7 +9,7 @@ from typing import Any
 from cartpole_swingup.run import cells, spreads, table
 
 from mcpilco.logbook import read_json
-from mcpilco.show.comparison import cell, solved
+from mcpilco.show import estimate_cell, solved_table
 from mcpilco.sweep import (
     Run,
     all_amounts,
@@ -96,7 +96,7 @@ def overview(runs: Sequence[Run]) -> Sequence[str]:
     """How much experience all rows need, and how often they succeed with so much."""
     success = "#### Success of fresh rollouts [%], mean over seeds (95 % bootstrap interval)"
     until = "#### Experience until the task is solved"
-    return [until, solved(runs), success, reached(runs, "p")]
+    return [until, solved_table(runs), success, reached(runs, "p")]
 
 
 def reached(runs: Sequence[Run], key: str) -> str:
@@ -108,6 +108,6 @@ def reached(runs: Sequence[Run], key: str) -> str:
         for amount in AMOUNTS:
             known = any(same_amount(amount, own) for own in all_amounts([run]))
             values = list(run.at(amount, key).values()) if known else []
-            told.append(cell(estimate(values, measure, measure.statistics[0]), measure))
+            told.append(estimate_cell(estimate(values, measure, measure.statistics[0]), measure))
         rows.append((f"`{run.name}`", str(len(run.courses)), *told))
     return markdown(("row", "seeds", *AMOUNTS.values()), rows)

@@ -11,7 +11,7 @@ from harness import write_picture
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
+from mcpilco.show.plots import MODEL, PARTICLES, SYSTEM, add_legend
 
 COLOURS = {"PP": "tab:red", "SP": "tab:orange", "FC": MODEL, "PP of motions": PARTICLES}
 

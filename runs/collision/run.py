@@ -41,12 +41,15 @@ from mcpilco.identification.collision import (
     CurrentModel,
     Detection,
     ThresholdConfig,
+    condition_currents,
+    current_prior,
+    current_regressors,
     detect,
     events,
     fit_currents,
+    inputs_of,
     thresholds,
 )
-from mcpilco.identification.collision.model import conditioned, inputs_of, prior, regressors
 from mcpilco.recordings import ArmSamples, arm_samples
 from mcpilco.sweep import machine
 
@@ -189,12 +192,12 @@ def learn(train: ArmSamples, config: CurrentConfig) -> dict[str, Any]:
 def of_motions(train: ArmSamples, model: CurrentModel, config: CurrentConfig) -> CurrentModel:
     """PP, each joint fitted to samples at which it moves; it knows nothing of rests."""
     features, predictors = model.features, []
-    for j, gp in enumerate(gps := prior(features, config)):
+    for j, gp in enumerate(gps := current_prior(features, config)):
         moving = train[~model.quiet(train)[:, j]].thinned(config.points)
         some = moving.thinned(config.fit_points)
-        X = regressors(some, inputs_of(some, features, config), j)
+        X = current_regressors(some, inputs_of(some, features, config), j)
         gp.fit(X, torch.from_numpy(some.i[:, j : j + 1]), max_iterations=config.iterations)
-        whole, _ = conditioned(tuple(gps), moving, features, SAMPLING_S, config)
+        whole, _ = condition_currents(tuple(gps), moving, features, SAMPLING_S, config)
         predictors.append(whole.predictors[j])
     return replace(whole, predictors=tuple(predictors))
 

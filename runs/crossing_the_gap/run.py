@@ -39,7 +39,7 @@ from mcpilco.crossing import (
 from mcpilco.data import Stopwatch
 from mcpilco.logbook import read_json
 from mcpilco.plant import read_correction
-from mcpilco.show.recorder import run_callbacks
+from mcpilco.show import run_callbacks
 from mcpilco.sweep import Settings, machine, run_seed
 
 HERE = Path(__file__).parent

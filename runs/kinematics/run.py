@@ -34,18 +34,16 @@ from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm, random_marked
 from envs.arms.motions import RANGES, random_way_points, sinusoids, through
 from mcpilco.gp import GP
 from mcpilco.identification.kinematics import (
+    POSE_OUTPUTS,
     ForwardKinematics,
     Tolerance,
     find_chain,
     fit_forward,
-    reach,
-    triplet_tests,
-)
-from mcpilco.identification.kinematics.forward import (
-    OUTPUTS,
     orthonormal,
     pose_samples,
+    reach,
     rows_for_fit,
+    triplet_tests,
 )
 from mcpilco.kernels import RBF
 from mcpilco.recordings import MarkerRecording, marker_recording
@@ -232,7 +230,7 @@ def rbf_pose(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The same outputs, learned with an RBF kernel of the joint positions."""
     mean = Y.mean(0)
-    gp = GP(RBF(q.shape[1], (len(OUTPUTS),)), noise_floor=1e-5).fit(q, Y - mean)
+    gp = GP(RBF(q.shape[1], (len(POSE_OUTPUTS),)), noise_floor=1e-5).fit(q, Y - mean)
     Y_test = gp.condition(q, Y - mean).mean_and_variance(q_test)[0] + mean
     return Y_test[:, :3], orthonormal(Y_test[:, 3:6], Y_test[:, 6:9])
 

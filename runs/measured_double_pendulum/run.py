@@ -24,7 +24,7 @@ from envs.plants import double_pendulum
 from mcpilco.gap import Gap, investigate
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
-from mcpilco.show.report.gap_tables import effects, errors, events, steps
+from mcpilco.show.report import effects_table, errors_table, events_table, steps_table
 
 HERE = Path(__file__).parent
 NAMES = "double_chirp_both", "double_chirp_both_c"
@@ -77,7 +77,7 @@ def main() -> int:
     started = time.process_time()
     gap = find(arguments.data, arguments.dt, arguments.held_out)
     seconds = time.process_time() - started
-    parts = [effects(gap), errors(gap), steps(gap), events(gap)]
+    parts = [effects_table(gap), errors_table(gap), steps_table(gap), events_table(gap)]
     parts.append(f"{seconds:.0f} CPU seconds, on one thread.")
     fill(arguments.out / "README.md", parts, template=HERE / "README.md")
     print("\n\n".join(parts))

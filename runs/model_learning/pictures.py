@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from model_learning.forecasts import Forecast
 from model_learning.tables import SHOWN, Gathered
 
-from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend
+from mcpilco.show.plots import MODEL, PARTICLES, SYSTEM, add_legend
 
 _LINES = 60
 """particles that are drawn"""

@@ -42,8 +42,7 @@ from mcpilco.identification import (
 )
 from mcpilco.kernels import IPK
 from mcpilco.recordings import Series
-from mcpilco.show.plots.identification import plot_lags
-from mcpilco.show.plots.style import MODEL, SYSTEM, new_axes
+from mcpilco.show.plots import MODEL, SYSTEM, new_axes, plot_lags
 from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent

@@ -20,7 +20,15 @@ from .features import (
     quiet,
     unidentified,
 )
-from .model import CurrentConfig, CurrentModel, fit_currents
+from .model import (
+    CurrentConfig,
+    CurrentModel,
+    condition_currents,
+    current_prior,
+    current_regressors,
+    fit_currents,
+    inputs_of,
+)
 
 __all__ = [
     "CURRENT_TERMS",
@@ -35,10 +43,14 @@ __all__ = [
     "Thresholds",
     "about_unidentified",
     "check_free",
+    "condition_currents",
+    "current_prior",
+    "current_regressors",
     "debounced",
     "detect",
     "events",
     "fit_currents",
+    "inputs_of",
     "load_collision_model",
     "quiet",
     "save_collision_model",

@@ -15,7 +15,12 @@ from jaxtyping import Bool, Float
 
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
-from mcpilco.identification.collision.model import CurrentConfig, CurrentModel, conditioned, prior
+from mcpilco.identification.collision.model import (
+    CurrentConfig,
+    CurrentModel,
+    condition_currents,
+    current_prior,
+)
 from mcpilco.identification.rigid_body import RigidBody, chain_of_json
 from mcpilco.recordings import ArmSamples, RunningSlope
 from mcpilco.typing import InputError, McPilcoError, RunFolderError
@@ -333,11 +338,11 @@ def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
             config.quiet_speed,
             config.gate,
         )
-        gps = tuple(prior(features, config))
+        gps = tuple(current_prior(features, config))
         for j, gp in enumerate(gps):
             gp.load_arrays(groups[f"gp{j}"])
         train = ArmSamples(**groups["samples"])
-        model, _ = conditioned(gps, train, features, float(about["dt"]), config)
+        model, _ = condition_currents(gps, train, features, float(about["dt"]), config)
         limits = Thresholds(ThresholdConfig(**about["thresholds"]), **groups["limits"])
         if not np.shape(limits.moving) == np.shape(limits.resting) == (features.joints,):
             raise ValueError("thresholds of another number of joints")

@@ -251,18 +251,18 @@ def fit_currents(
     features = CurrentFeatures(body, config.quiet_speed, config.gate)
     train = samples.thinned(config.points)
     some = train.thinned(config.fit_points)
-    gps = tuple(prior(features, config))
+    gps = tuple(current_prior(features, config))
     inputs = inputs_of(some, features, config)
     for j, gp in enumerate(gps):
         y = torch.from_numpy(some.i[:, j : j + 1])
-        gp.fit(regressors(some, inputs, j), y, max_iterations=config.iterations)
-    model, jitter = conditioned(gps, train, features, dt, config)
+        gp.fit(current_regressors(some, inputs, j), y, max_iterations=config.iterations)
+    model, jitter = condition_currents(gps, train, features, dt, config)
     untold = unidentified(train, features)
     warnings = about_unidentified(untold)
     return model, Report.of_gps(gps, jitter=jitter, unidentified=untold, warnings=warnings)
 
 
-def conditioned(
+def condition_currents(
     gps: tuple[GP, ...],
     train: ArmSamples,
     features: CurrentFeatures,
@@ -279,7 +279,7 @@ def conditioned(
     predictors: list[Predictor] = []
     jitter: list[float] = []
     for j, gp in enumerate(gps):
-        X = regressors(train, inputs, j)
+        X = current_regressors(train, inputs, j)
         posterior = gp.condition(X, torch.from_numpy(train.i[:, j : j + 1]))
         variance = posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]
         jitter += jitter_of(variance, posterior.L)
@@ -290,7 +290,7 @@ def conditioned(
 # One Gaussian process a joint, of the regressors [phi, what f sees, velocity of the joint] -------
 
 
-def prior(features: CurrentFeatures, config: CurrentConfig) -> list[GP]:
+def current_prior(features: CurrentFeatures, config: CurrentConfig) -> list[GP]:
     """The Gaussian process of each joint, before any data."""
     J = features.joints
     seen = {"PP": 0, "SP": 3 * J, "FC": 6 * J}[config.kind]
@@ -300,7 +300,9 @@ def prior(features: CurrentFeatures, config: CurrentConfig) -> list[GP]:
     ]
 
 
-def regressors(samples: ArmSamples, inputs: tuple, joint: int) -> Float[torch.Tensor, "N D"]:
+def current_regressors(
+    samples: ArmSamples, inputs: tuple, joint: int
+) -> Float[torch.Tensor, "N D"]:
     """Regressors of a joint's Gaussian process at the samples; `inputs` are of `inputs_of`."""
     phi, z, _ = inputs
     return torch.from_numpy(np.column_stack([phi[joint], z, samples.dq[:, joint]]))

@@ -1,9 +1,19 @@
 from .chain import ChainJoint, KinematicChain, Tolerance, find_chain, scores
 from .controller import Path, Reach, reach
-from .forward import ForwardKinematics, PoseErrors, fit_forward, prediction_errors
+from .forward import (
+    POSE_OUTPUTS,
+    ForwardKinematics,
+    PoseErrors,
+    fit_forward,
+    orthonormal,
+    pose_samples,
+    prediction_errors,
+    rows_for_fit,
+)
 from .triplets import TripletTests, triplet_tests
 
 __all__ = [
+    "POSE_OUTPUTS",
     "ChainJoint",
     "ForwardKinematics",
     "KinematicChain",
@@ -14,8 +24,11 @@ __all__ = [
     "TripletTests",
     "find_chain",
     "fit_forward",
+    "orthonormal",
+    "pose_samples",
     "prediction_errors",
     "reach",
+    "rows_for_fit",
     "scores",
     "triplet_tests",
 ]

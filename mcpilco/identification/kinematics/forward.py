@@ -28,7 +28,7 @@ KERNELS: dict[str, Callable[[Sequence[str], Sequence[int]], Kernel]] = {
     "product": Kinematic,
 }
 """priors by name: with the order of the joints, and the thesis' (2.22) and (2.23) without"""
-OUTPUTS = ("x", "y", "z", "R11", "R21", "R31", "R12", "R22", "R32")
+POSE_OUTPUTS = ("x", "y", "z", "R11", "R21", "R31", "R12", "R22", "R32")
 """what is learned: the position [m] and two columns of the rotation matrix [-]"""
 _NOISE_FLOOR = 1e-5
 """least noise of an output [m or -]"""
@@ -54,7 +54,7 @@ class ForwardKinematics:
     q: Float[Tensor, "N J"]
     """joint positions of the samples [rad or m]"""
     Y: Float[Tensor, "N E"]
-    """their `OUTPUTS`"""
+    """their `POSE_OUTPUTS`"""
     report: Report
 
     def __post_init__(self) -> None:
@@ -83,7 +83,7 @@ class ForwardKinematics:
         X = regressors(q, self.kinds)
         K = self.posterior.kernel(X.reshape(-1, X.shape[-1]), self.posterior.X)  # E M N
         Y = (K @ self.posterior.alpha[..., None])[..., 0].mT + self._mean  # type: ignore[attr-defined]
-        Y = Y.reshape(*q.shape[:-1], len(OUTPUTS))
+        Y = Y.reshape(*q.shape[:-1], len(POSE_OUTPUTS))
         return Y[..., :3], orthonormal(Y[..., 3:6], Y[..., 6:9])
 
     def position_std(self, q: Float[Tensor, "N J"]) -> Float[Tensor, "N 3"]:
@@ -188,10 +188,10 @@ def rows_for_fit(recording: MarkerRecording, marker: str, samples: int, seed: in
 def pose_samples(
     recording: MarkerRecording, joints: Sequence[str], marker: str
 ) -> tuple[Float[Tensor, "N J"], Float[Tensor, "N E"]]:
-    """Joint positions in this order, and `OUTPUTS`, NaN where the marker is not seen."""
+    """Joint positions in this order, and `POSE_OUTPUTS`, NaN where the marker is not seen."""
     columns = [recording.joint_names.index(name) for name in joints]
     place = recording.marker_names.index(marker)
-    Y = np.full((len(recording), len(OUTPUTS)), np.nan)
+    Y = np.full((len(recording), len(POSE_OUTPUTS)), np.nan)
     seen = recording.seen[:, place]
     R = rotation(recording.quaternions[seen, place]).as_matrix()
     Y[seen] = np.concatenate([recording.positions[seen, place], R[:, :, 0], R[:, :, 1]], axis=1)
@@ -206,8 +206,8 @@ def regressors(q: Float[Tensor, "*b J"], kinds: Sequence[str]) -> Float[Tensor, 
 
 
 def _gp(kernel: str, kinds: Sequence[str]) -> GP:
-    prior = KERNELS[kernel](kinds, (len(OUTPUTS),))
-    return GP(prior, noise_floor=_NOISE_FLOOR, names=OUTPUTS)
+    prior = KERNELS[kernel](kinds, (len(POSE_OUTPUTS),))
+    return GP(prior, noise_floor=_NOISE_FLOOR, names=POSE_OUTPUTS)
 
 
 def orthonormal(

@@ -1,4 +1,7 @@
+from .comparison import Curve, plain_log_axis, plot_curves
+from .identification import draw_kinematics, plot_lags, plot_prediction, plot_response, plot_torque
 from .rollouts import plot_costs, plot_input, plot_state, plot_states
+from .style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes
 from .training import (
     plot_coverage,
     plot_errors,
@@ -9,14 +12,27 @@ from .training import (
 )
 
 __all__ = [
+    "MODEL",
+    "PARTICLES",
+    "SYSTEM",
+    "Curve",
+    "add_legend",
+    "draw_kinematics",
+    "new_axes",
+    "plain_log_axis",
     "plot_costs",
     "plot_coverage",
+    "plot_curves",
     "plot_errors",
     "plot_input",
+    "plot_lags",
     "plot_learning",
     "plot_policy",
+    "plot_prediction",
+    "plot_response",
     "plot_search",
     "plot_state",
     "plot_states",
     "plot_times",
+    "plot_torque",
 ]

@@ -1,8 +1,8 @@
-"""A run as one HTML page that needs nothing beside it: curves, calibration, policy, timings.
+"""Pages in HTML that need nothing beside them: of a run, of a gap, of a crossing.
 
-It reads the run folder alone: no environment is made, no policy is run on one.
+A run's page reads the run folder alone: no environment is made, no policy is run on one.
 """
 
-from mcpilco.show.report.page import write_report
+import lazy_loader
 
-__all__ = ["write_report"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

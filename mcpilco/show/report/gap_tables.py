@@ -9,7 +9,7 @@ MODELS = "nominal", "refit", "corrected", "noise_floor"
 """whose errors are told"""
 
 
-def effects(gap: Gap) -> str:
+def effects_table(gap: Gap) -> str:
     """The verdict, and what is named with its intervals."""
     rows = [
         (
@@ -28,7 +28,7 @@ def effects(gap: Gap) -> str:
     return f"Verdict: **{gap.verdict}**.\n\n{markdown(header, rows)}"
 
 
-def errors(gap: Gap) -> str:
+def errors_table(gap: Gap) -> str:
     """Free runs on the recordings that were held out, a row for each position.
 
     Args:
@@ -53,7 +53,7 @@ def errors(gap: Gap) -> str:
     )
 
 
-def steps(gap: Gap) -> str:
+def steps_table(gap: Gap) -> str:
     """How the held-out error shrinks as one thing after the other is added."""
     assert gap.comparison is not None
     rows = [
@@ -63,7 +63,7 @@ def steps(gap: Gap) -> str:
     return f"Step by step:\n\n{markdown(('with', 'error [noise std]'), rows)}"
 
 
-def events(gap: Gap) -> str:
+def events_table(gap: Gap) -> str:
     """The events that were left out."""
     rows = [(e.recording, f"{e.start_s:.1f}", f"{e.end_s:.1f}") for e in gap.events]
     if not rows:

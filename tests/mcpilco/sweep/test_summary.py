@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcpilco.sweep import summary
-from mcpilco.sweep.summary import mean, rate, spread, summarise, table
+from mcpilco.sweep.summary import mean, rate, spread, summarise, summary_table
 
 
 def make_result(seed, successes, cpu_s=10.0):
@@ -90,10 +90,10 @@ def test_summary_of_seeds():
 
 
 def test_table_has_a_row_a_trial_and_blanks_where_the_env_does_not_tell():
-    _, told = table(summarise({0: make_result(0, [True, False])}, {}))
+    _, told = summary_table(summarise({0: make_result(0, [True, False])}, {}))
     assert [row[0] for row in told] == ["3", "6"]
     assert [row[1] for row in told] == ["100.0 (21–100)", "0.0 (0–79)"]
-    header, (row,) = table(summarise({0: make_result(0, [None])}, {}))
+    header, (row,) = summary_table(summarise({0: make_result(0, [None])}, {}))
     cells = dict(zip(header, row, strict=True))
     blank = {"success [%]", "p [%]", "time up [s]", "mean abs cart [m]"}
     assert {name for name, cell in cells.items() if not cell} == blank
@@ -101,7 +101,7 @@ def test_table_has_a_row_a_trial_and_blanks_where_the_env_does_not_tell():
 
 def test_no_seed_gives_an_empty_table():
     found = summarise({}, {1: "lost"})
-    assert table(found)[1] == []
+    assert summary_table(found)[1] == []
     assert summary.conclusion(found) == "Seeds: 0; failed: seed 1; no CPU seconds a training."
 
 

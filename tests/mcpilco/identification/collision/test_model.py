@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.identification.collision import CurrentConfig, CurrentFeatures, fit_currents, quiet
-from mcpilco.identification.collision.model import conditioned, inputs_of, regressors
+from mcpilco.identification.collision import (
+    CurrentConfig,
+    CurrentFeatures,
+    condition_currents,
+    current_regressors,
+    fit_currents,
+    inputs_of,
+    quiet,
+)
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.collision.free_arm import DT, SMALL, body, fitted, samples
 
@@ -32,8 +39,8 @@ def test_the_fast_form_is_the_posterior(kind, what):
     mean, std = model.mean(test), model.std(test)
     for j in (0, 4):
         y = torch.from_numpy(model.train.i[:, j : j + 1])
-        posterior = model.gps[j].condition(regressors(model.train, own, j), y)
-        expected, variance = posterior.mean_and_variance(regressors(test, their, j))
+        posterior = model.gps[j].condition(current_regressors(model.train, own, j), y)
+        expected, variance = posterior.mean_and_variance(current_regressors(test, their, j))
         np.testing.assert_allclose(mean[:, j], expected[:, 0].detach().numpy(), atol=1e-8)
         noise = model.predictors[j].noise_std
         np.testing.assert_allclose(
@@ -89,7 +96,7 @@ def test_repeated_samples_are_told_by_their_jitter():
     for gp in (gps := tuple(map(copy_of, model.gps))):
         gp.noise_floor.zero_()
         gp.noise_excess = 1e-12
-    _, jitter = conditioned(gps, twice, model.features, DT, model.config)
+    _, jitter = condition_currents(gps, twice, model.features, DT, model.config)
     assert min(jitter) > 1e-11 > max(report.jitter)
 
 
