@@ -16,15 +16,15 @@ from pathlib import Path
 
 import tyro
 
-sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+sys.path.append(str(Path(__file__).parents[1]))  # what runs share, wherever it is run from
 
+from gap_tables import effects_table, errors_table, events_table, steps_table
 from harness import fill, use_one_thread
 
 from envs.plants import double_pendulum
 from mcpilco.gap import Gap, investigate
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_recordings
-from mcpilco.show.report import effects_table, errors_table, events_table, steps_table
 
 HERE = Path(__file__).parent
 NAMES = "double_chirp_both", "double_chirp_both_c"

@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
+from tests.mcpilco.gap.pushed import found  # noqa: F401  a fixture
 
 RUNS = Path(__file__).parent.parent.parent / "runs"
 
-sys.path.append(str(RUNS))  # harness.py
+sys.path.append(str(RUNS))  # harness.py and other modules that runs share
 
 
 @pytest.fixture(scope="module")

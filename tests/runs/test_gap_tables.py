@@ -2,8 +2,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gap_tables import effects_table, errors_table, events_table, steps_table
+
 from mcpilco.gap import Event, Gap
-from mcpilco.show.report.gap_tables import effects_table, errors_table, events_table, steps_table
 
 
 def test_the_tables_tell_what_was_found(found: Gap) -> None:

@@ -1,4 +1,4 @@
-"""The results of a gap analysis, as Markdown tables for the page of a claim."""
+"""The results of a gap analysis, as Markdown tables that several runs share."""
 
 from __future__ import annotations
 
