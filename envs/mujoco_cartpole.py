@@ -192,10 +192,6 @@ class MujocoSimulator:
         self._require_finished(states, path, duration)
         return path[..., self._columns].swapaxes(0, 1).reshape(samples, *batch, 4)
 
-    def tip(self, states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        """Where the model's site `tip` is; without one, the pole's centre of mass [m]."""
-        return self.posture.marker(states)
-
     def _require_finished(
         self, states: np.ndarray, path: Float[np.ndarray, "B T full"], duration: float
     ) -> None:

@@ -35,17 +35,6 @@ class Link:
     """[rad]"""
 
 
-UR10 = (
-    Link("hinge", d=0.1273, alpha=pi / 2),
-    Link("hinge", a=-0.612),
-    Link("hinge", a=-0.5723),
-    Link("hinge", d=0.1639, alpha=pi / 2),
-    Link("hinge", d=0.1157, alpha=-pi / 2),
-    Link("hinge", d=0.0922),
-)
-"""the arm of the thesis' experiments, by its maker's table"""
-
-
 def random_links(rng: np.random.Generator, joints: int) -> tuple[Link, ...]:
     """A chain of hinges and slides in random order; some axes are parallel."""
     kinds: tuple[Kind, Kind] = ("hinge", "slide")

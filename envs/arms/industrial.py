@@ -1,4 +1,4 @@
-"""Industrial robots, a SCARA like the AdeptOne and a UR10, and what is not as it was drawn."""
+"""Industrial robots: a SCARA like the AdeptOne, and an arm like a UR10."""
 
 from __future__ import annotations
 
@@ -122,41 +122,6 @@ def _cylinder(mass: float, radius: float, length: float, along: np.ndarray) -> M
     """Inertia of a solid cylinder about its center [kg m^2]."""
     axial, across = mass * radius**2 / 2.0, mass * (3.0 * radius**2 + length**2) / 12.0
     return _matrix(across * np.eye(3) + (axial - across) * np.outer(along, along))
-
-
-LENGTH = 0.05
-"""largest error of a length [m]"""
-ANGLE = np.deg2rad(5.0)
-"""largest error of an angle [rad]"""
-
-
-def perturbed(
-    chain: Chain, rng: np.random.Generator, length: float = LENGTH, angle: float = ANGLE
-) -> Chain:
-    """The chain with uniform errors in the four Denavit-Hartenberg parameters of each joint.
-
-    Masses, centers of mass and inertias stay, each in the frame of its body.
-
-    Args:
-        chain: the robot as it was drawn.
-        rng: what the errors are drawn from.
-        length: largest error of the offsets along x and z of each frame [m].
-        angle: largest error of the turns about x and z of each frame [rad].
-
-    Reference: thesis section 3.4.1.
-    """
-
-    def of(body: Body) -> Body:
-        x, z = rng.uniform(-length, length, 2)
-        turn = Rotation.from_euler("xz", rng.uniform(-angle, angle, 2)).as_matrix()
-        R = np.array(body.rotation) @ turn
-        return replace(
-            body,
-            origin=_vector(np.add(body.origin, (x, 0.0, z))),
-            rotation=_matrix(R),
-        )
-
-    return replace(chain, bodies=tuple(map(of, chain.bodies)))
 
 
 def _vector(array: Float[np.ndarray, " 3"]) -> Vector:

@@ -14,7 +14,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from envs.arms.waypoints import Targets
 from mcpilco.recordings import ArmRecording
@@ -205,12 +205,3 @@ def _apply(model: mujoco.MjModel, data: mujoco.MjData, site: int, force: np.ndar
     jacobian = np.zeros((3, model.nv))
     mujoco.mj_jacSite(model, data, jacobian, None, site)
     data.qfrc_applied[:] += jacobian.T @ force
-
-
-def pushed(log: ArmLog, margin_s: float = 0.0) -> Bool[np.ndarray, " T"]:
-    """At which samples a push acts, or has ended less than a margin ago."""
-    found = np.zeros(len(log.time), dtype=bool)
-    for push in log.pushes:
-        since = log.time - push.start_s
-        found |= (since >= 0.0) & (since <= push.duration_s + margin_s)
-    return found

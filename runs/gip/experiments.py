@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
-from envs.arms.industrial import perturbed, scara, ur10
+from envs.arms.industrial import scara, ur10
 from envs.arms.motions import random_motion
-from mcpilco.bodies import Chain, generalised_forces
+from mcpilco.bodies import Body, Chain, generalised_forces
 from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
@@ -34,6 +35,10 @@ TRACKED = ("pp", "gip", "rbf")
 GAINS = np.array([100.0, 40.0, 400.0, 1.0]), np.array([40.0, 12.0, 60.0, 0.2])
 """of the feedback: [N m/rad or N/m] and [N m s/rad or N s/m]"""
 STEP_S, PLAN_S = 0.001, 5.0
+LENGTH = 0.05
+"""largest error of a length of a robot [m]"""
+ANGLE = np.deg2rad(5.0)
+"""largest error of an angle of a robot [rad]"""
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,25 @@ def measured(
     motion = random_motion(chain, rng, samples)
     tau = generalised_forces(chain, *motion) + noise * rng.normal(size=motion[0].shape)
     return JointData(*motion, tau, chain.joints, tuple(body.kind for body in chain.bodies))
+
+
+def perturbed(chain: Chain, rng: np.random.Generator) -> Chain:
+    """The chain with uniform errors in the four Denavit-Hartenberg parameters of each joint.
+
+    Masses, centers of mass and inertias stay, each in the frame of its body.
+
+    Reference: thesis section 3.4.1.
+    """
+
+    def of(body: Body) -> Body:
+        x, z = rng.uniform(-LENGTH, LENGTH, 2)
+        turn = Rotation.from_euler("xz", rng.uniform(-ANGLE, ANGLE, 2)).as_matrix()
+        origin = np.add(body.origin, (x, 0.0, z))
+        rotation = np.array(body.rotation) @ turn
+        rows = tuple(tuple(row) for row in rotation.tolist())
+        return replace(body, origin=tuple(origin.tolist()), rotation=rows)
+
+    return replace(chain, bodies=tuple(map(of, chain.bodies)))
 
 
 def accuracy(seed: int, sizes: Sizes) -> dict[str, Any]:

@@ -25,13 +25,13 @@ import tyro
 from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_limits
 
-sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py and paths.py, wherever it is run from
 
 from harness import fill, folder, keep, kept, parse_seeds, places
+from kinematics.paths import UR10, random_way_points, through
 
-from envs.arms.dh import UR10
 from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm, random_marked_arm
-from envs.arms.motions import RANGES, random_way_points, sinusoids, through
+from envs.arms.motions import RANGES, sinusoids
 from mcpilco.gp import GP
 from mcpilco.identification.kinematics import (
     POSE_OUTPUTS,

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from harness import BEGIN, END
 
+from envs.arms.industrial import scara, ur10
+
 
 @pytest.fixture
 def called(run, monkeypatch, tmp_path):
@@ -67,3 +69,24 @@ def test_equal_seeds_give_equal_data(run):
     )
     np.testing.assert_array_equal(first.tau, again.tau)
     assert (first.tau != other.tau).all()
+
+
+@pytest.mark.parametrize("arm", [scara(), ur10()], ids=["scara", "ur10"])
+def test_errors_of_a_robot_stay_within_their_bounds(run, arm):
+    experiments = sys.modules["gip.experiments"]
+    robot = experiments.perturbed(arm, np.random.default_rng(2))
+    for body, other in zip(arm.bodies, robot.bodies, strict=True):
+        shift = np.subtract(other.origin, body.origin)
+        turn = np.array(body.rotation).T @ np.array(other.rotation)
+        angle = np.arccos((np.trace(turn) - 1.0) / 2.0)
+        assert 0.0 < np.abs(shift).max() <= experiments.LENGTH
+        assert 0.0 < angle <= np.sqrt(2.0) * experiments.ANGLE
+        assert (other.mass, other.inertia) == (body.mass, body.inertia)
+
+
+def test_equal_seeds_give_equal_robots(run):
+    experiments, arm = sys.modules["gip.experiments"], scara()
+    first, again, other = (
+        experiments.perturbed(arm, np.random.default_rng(seed)) for seed in (3, 3, 4)
+    )
+    assert first == again != other

@@ -7,8 +7,10 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from harness import BEGIN, END
+from kinematics.paths import random_way_points, through
 
 RUN = Path(__file__).parents[2] / "runs" / "kinematics" / "run.py"
 
@@ -46,3 +48,13 @@ def test_equal_robots_give_equal_counts_and_every_triplet_is_counted(run) -> Non
     assert first == again
     assert all(sum(cells) == 75 for cells in first["counts"].values())
     assert first["counts"]["P1"][1:3] == [0, 0]
+
+
+def test_paths_reach_their_way_points_within_the_ranges() -> None:
+    rng = np.random.default_rng(6)
+    points = random_way_points(5, ("hinge", "slide"), rng)
+    assert (np.abs(points) <= (2.0, 0.3)).all()
+    order = rng.permutation(5)
+    path = through(points, order, 10)
+    assert len(path) == 41
+    np.testing.assert_array_equal(path[::10], points[order])
