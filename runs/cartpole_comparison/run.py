@@ -24,6 +24,7 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, and the thesis's tables
 
 from cartpole_comparison import pictures, tables
+from cartpole_comparison.seed_curve import CurveJob, CurveSettings
 from harness import (
     code_of,
     costs,
@@ -36,7 +37,7 @@ from harness import (
     swept,
 )
 
-from mcpilco.sweep import Run, read_run
+from mcpilco.sweep import Failure, Run, read_run
 
 HERE = Path(__file__).parent
 SYSTEMS = {
@@ -116,9 +117,6 @@ def by_trials(row: Row, arguments: Arguments, out: Path) -> int:
 
 def by_amounts(row: Row, arguments: Arguments, out: Path) -> int:
     """Train the seeds that are missing, judged after amounts of experience."""
-    from baselines.seed_curve import CurveJob, CurveSettings
-    from mcpilco.sweep import Failure
-
     seeds, env = parse_seeds(arguments.seeds or row.seeds), SYSTEMS[arguments.env]
     settings = CurveSettings(
         **vars(preset_settings(env, row.algo, row.preset, len(row.amounts), FRESH)),

@@ -7,9 +7,9 @@ import functools
 
 import numpy as np
 import pytest
+from cartpole_comparison import seed_curve
+from cartpole_comparison.seed_curve import CurveJob, CurveSettings
 
-from baselines import seed_curve
-from baselines.seed_curve import CurveJob, CurveSettings
 from mcpilco.sweep import SweepFolder, read_run, sweep
 from mcpilco.typing import InputError
 from tests.baselines.pilco.models import TINY
