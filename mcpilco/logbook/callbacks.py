@@ -138,7 +138,32 @@ def trial_values(result: TrialResult) -> dict[str, float]:
     return {key: float(value) for key, value in values.items() if value is not None}
 
 
-class JsonLines(Callback):
+class _Numbers(Callback):
+    """Hands the numbers of each model fit, policy step and trial to `_write` of a subclass."""
+
+    _trial = 0
+
+    def on_trial_start(self, trial: int) -> None:
+        self._trial = trial
+
+    def on_model_fitted(self, values: dict[str, float]) -> None:
+        self._write(values)
+
+    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
+        self._write(values, step)
+
+    def on_trial_end(self, result: TrialResult) -> None:
+        self._write(trial_values(result))
+
+    def on_training_end(self) -> None:
+        self.close()
+
+    def _write(self, values: Mapping[str, float], step: int | None = None) -> None:
+        """Write numbers of the present trial, or of one of its policy steps."""
+        raise NotImplementedError
+
+
+class JsonLines(_Numbers):
     """Numbers of each model fit, policy step and trial: one JSON object a line.
 
     The keys `time/trial` and `time/step` say where a line belongs; a number that is not finite is
@@ -150,7 +175,6 @@ class JsonLines(Callback):
         self.path = Path(path)
         self._mode: Literal["a", "w"] = "a" if append else "w"
         self._file: TextIO | None = None
-        self._trial = 0
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
         """Opens the file.
@@ -164,26 +188,6 @@ class JsonLines(Callback):
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def on_trial_start(self, trial: int) -> None:
-        """Marks the lines to come."""
-        self._trial = trial
-
-    def on_model_fitted(self, values: dict[str, float]) -> None:
-        """Writes a line."""
-        self._write(values)
-
-    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Writes a line."""
-        self._write({"time/step": step, **values})
-
-    def on_trial_end(self, result: TrialResult) -> None:
-        """Writes a line."""
-        self._write(trial_values(result))
-
-    def on_training_end(self) -> None:
-        """Closes the file."""
-        self.close()
-
     def close(self) -> None:
         """Closes the file."""
         if self._file is not None:
@@ -191,12 +195,12 @@ class JsonLines(Callback):
             with contextlib.suppress(OSError):  # what a full disk did not take was told before
                 file.close()
 
-    def _write(self, values: Mapping[str, float]) -> None:
+    def _write(self, values: Mapping[str, float], step: int | None = None) -> None:
         assert self._file is not None, "on_training_start opens the file"
+        place = {"time/trial": self._trial} | ({} if step is None else {"time/step": step})
         finite = {key: value if math.isfinite(value) else None for key, value in values.items()}
-        line = json.dumps({"time/trial": self._trial, **finite}, default=float)
         try:
-            self._file.write(line + "\n")
+            self._file.write(json.dumps({**place, **finite}, default=float) + "\n")
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -206,7 +210,7 @@ class JsonLines(Callback):
         )
 
 
-class TensorBoard(Callback):
+class TensorBoard(_Numbers):
     """The same numbers as scalars for TensorBoard; policy steps count on from trial to trial."""
 
     def __init__(self, folder: str | Path, earlier_steps: int = 0) -> None:
@@ -239,28 +243,13 @@ class TensorBoard(Callback):
         self._earlier_steps = self._before
 
     def on_trial_start(self, trial: int) -> None:
-        """Marks the numbers to come."""
-        self._trial = trial
+        super().on_trial_start(trial)
         self._earlier_steps += self._step
         self._step = 0
 
-    def on_model_fitted(self, values: dict[str, float]) -> None:
-        """Writes the numbers at the trial."""
-        self._write(values, self._trial)
-
-    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Writes the numbers at the step, counted over all trials."""
-        self._step = step
-        self._write(values, self._earlier_steps + step)
-
     def on_trial_end(self, result: TrialResult) -> None:
-        """Writes the numbers at the trial."""
-        self._write(trial_values(result), self._trial)
+        super().on_trial_end(result)
         self._writer.flush()
-
-    def on_training_end(self) -> None:
-        """Closes the event file."""
-        self.close()
 
     def close(self) -> None:
         """Closes the event file."""
@@ -268,6 +257,9 @@ class TensorBoard(Callback):
             self._writer.close()
             self._writer = None
 
-    def _write(self, values: Mapping[str, float], step: int) -> None:
+    def _write(self, values: Mapping[str, float], step: int | None = None) -> None:
+        if step is not None:
+            self._step = step
+        place = self._trial if step is None else self._earlier_steps + step
         for key, value in values.items():
-            self._writer.add_scalar(key, value, step)
+            self._writer.add_scalar(key, value, place)
