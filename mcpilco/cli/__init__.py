@@ -78,8 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except McPilcoError as error:
         print(f"mcpilco: error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("mcpilco: interrupted.", file=sys.stderr)
+    except KeyboardInterrupt as stop:  # with a sentence where a command says what is kept
+        print(f"mcpilco: interrupted{f'; {stop}' if stop.args else '.'}", file=sys.stderr)
         return 130
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from mcpilco.cli.options import (
     make_folder,
     optional,
     use_one_thread,
+    warn,
 )
 from mcpilco.typing import InputError
 
@@ -171,10 +171,9 @@ class Learn(Command):
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
         _print_errors(model, held)
         _print_thresholds(model, limits)
-        for sentence in report.warnings:
-            print(f"mcpilco: {sentence}", file=sys.stderr)
+        warn(*report.warnings)
         if not report.converged:
-            print("mcpilco: the fit was stopped before it converged.", file=sys.stderr)
+            warn("the fit was stopped before it converged.")
         print(f"Model: {self.out}")
         return 0
 
@@ -299,8 +298,7 @@ def _read(
     for path in paths:
         found.append(read_arm(path, joints, columns, dt))
         dt = _dt(found[0]) if dt is None else dt
-        for remark in found[-1].remarks:
-            print(f"{path.stem}: {remark}", file=sys.stderr)
+        warn(*found[-1].remarks, about=path.stem)
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import Command, optional
+from mcpilco.cli.options import Command, optional, warn
 
 if TYPE_CHECKING:
     from mcpilco.sweep import Estimate, LineUp, Measure
@@ -40,10 +39,8 @@ class Compare(Command):
         out = self.out or Path(_OUT) / f"compare-{datetime.now():%Y%m%d-%H%M%S}"
         page, *_ = write_comparison(found, out)
         _print_last(found)
-        for sentence in found.cautions:
-            print(f"mcpilco: note: {sentence}", file=sys.stderr)
-        for sentence in found.left_out:
-            print(f"mcpilco: {sentence}", file=sys.stderr)
+        warn(*found.cautions, about="mcpilco: note")
+        warn(*found.left_out)
         print(f"Tables: {page}")
         return 1 if found.left_out else 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -25,9 +24,10 @@ from mcpilco.cli.options import (
     separated,
     uncertainty,
     use_one_thread,
+    without,
 )
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.crossing import Crossing, Outcome, Workflow
@@ -100,12 +100,9 @@ class Cross(Command):
                     print(f"\n{number} of {len(stages)}: {name}", flush=True)
                 stage()
         except KeyboardInterrupt:
-            print(
-                f"mcpilco: interrupted; {self.out} keeps the stages that have ended, and the same "
-                "command goes on.",
-                file=sys.stderr,
-            )
-            return 130
+            raise KeyboardInterrupt(
+                f"{self.out} keeps the stages that have ended, and the same command goes on."
+            ) from None
         return 0
 
     # Stages ---------------------------------------------------------------------------------------
@@ -148,14 +145,12 @@ class Cross(Command):
         about = f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
         with contextlib.closing(make_env(self.sim)) as env:
             scene = getattr(env.unwrapped, "scene", None)
-        try:
+        with without("all pictures"):
             if scene is not None:
                 write_crossing_film(self.out / "crossing.rrd", legs, scene, self.env)
                 print(f"Look at it: mcpilco view {self.out}")
             page = write_crossing_report(self.out / "report.html", legs, gap, about)
             print(f"Read of it: {page}")
-        except McPilcoError as error:
-            print(f"mcpilco: without all pictures: {error}", file=sys.stderr)
 
     # Settings -------------------------------------------------------------------------------------
 

@@ -22,9 +22,9 @@ from mcpilco.cli.options import (
     separated,
     uncertainty,
     use_one_thread,
+    without,
 )
 from mcpilco.config import CART_POLE
-from mcpilco.typing import McPilcoError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
@@ -99,14 +99,11 @@ class Gap(Command):
 
         path = self.out / "corrected.xml"
         correction = correction_of(gap.corrected, plant_of(self.plant))
-        try:
-            left = write_corrected_mjcf(self.plant, correction, path)
-        except McPilcoError as error:
-            print(f"mcpilco: without corrected.xml: {error}", file=sys.stderr)
-            return []
-        for sentence in left:
-            print(f"Not in corrected.xml: {sentence}")
-        return [path.name]
+        with without("corrected.xml"):
+            for sentence in write_corrected_mjcf(self.plant, correction, path):
+                print(f"Not in corrected.xml: {sentence}")
+            return [path.name]
+        return []
 
     def _plant(self) -> Plant:
         from envs import plant_named
@@ -130,12 +127,10 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
     for line in summary(gap):
         print(line)
     written = list(written)
-    try:
+    with without("all pictures"):
         if gap.comparison is not None:
             written.append(write_gap_film(gap, out / "gap.rrd").name)
         written.append(write_gap_report(gap, out / "report.html").name)
-    except McPilcoError as error:
-        print(f"mcpilco: without all pictures: {error}", file=sys.stderr)
     print(f"In {out}: {', '.join(written)}.")
     if "gap.rrd" in written:
         print(f"Look at it with: mcpilco view {out}")

@@ -11,8 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Command, Files, column_names, optional, use_one_thread
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.cli.options import (
+    Columns,
+    Command,
+    Files,
+    column_names,
+    optional,
+    use_one_thread,
+    warn,
+    without,
+)
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.identification import Identified
@@ -92,8 +101,7 @@ class Identify(Command):
         segments, errors, remarks = read_robot(
             self.recordings, model, column_names(self.columns), self.dt
         )
-        for error in errors:
-            print(f"left out: {error}", file=sys.stderr)
+        warn(*errors, about="left out")
         if not segments:
             raise InputError("none of the recordings can be read; mend one of the faults above.")
         for remark in remarks:
@@ -110,20 +118,17 @@ class Identify(Command):
                 cutoff=self.cutoff,
                 held_out=self.held_out,
             )
-        for sentence in {str(warning.message) for warning in told}:
-            print(f"{self.method}: {sentence}", file=sys.stderr)
+        warn(*{str(warning.message) for warning in told}, about=self.method)
         return found
 
     def _write_mjcf(self, found: Identified) -> list[str]:
         from mcpilco.identification import write_identified_mjcf
 
         path = self.out / "identified.xml"
-        try:
+        with without("identified.xml"):
             write_identified_mjcf(self.model, found.body, found.theta, path)
-        except McPilcoError as error:
-            print(f"mcpilco: without identified.xml: {error}", file=sys.stderr)
-            return []
-        return [path.name]
+            return [path.name]
+        return []
 
 
 def lines(found: Identified) -> Iterator[str]:

@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.options import Columns, Command, Files, column_names, optional, use_one_thread
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.cli.options import (
+    Columns,
+    Command,
+    Files,
+    column_names,
+    optional,
+    use_one_thread,
+    warn,
+    without,
+)
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.bodies import Chain
@@ -110,8 +119,7 @@ class InverseDynamics(Command):
         columns = column_names(self.columns)
         recordings = read_joint_recordings(self.recordings, joints, columns, self.dt)
         for recording in recordings:
-            for remark in recording.remarks:
-                print(f"{recording.name}: {remark}", file=sys.stderr)
+            warn(*recording.remarks, about=recording.name)
         parts = [joint_data(recording, joints, kinds) for recording in recordings]
         check_joint_data(JointData.joined(parts))
         halves = [held_out(part, self.hold_out) for part in parts]
@@ -164,18 +172,17 @@ class InverseDynamics(Command):
         with torch.no_grad():
             tau = model(shown.motion).numpy()
             std = model.std(shown.motion)
-        try:
+        with without("torques.png"):
             axes = new_axes(len(model.joints))
-        except McPilcoError as error:
-            print(f"mcpilco: without torques.png: {error}", file=sys.stderr)
-            return []
-        for j, (joint, unit, ax) in enumerate(zip(model.joints, _units(test), axes, strict=True)):
-            band = None if std is None else std[:, j].numpy()
-            plot_torque(shown.tau[:, j], tau[:, j], joint, unit, band, ax)
-        figure = axes[0].get_figure(root=True)
-        assert figure is not None
-        figure.savefig(self.out / "torques.png", dpi=110)
-        return ["torques.png"]
+            rows = zip(model.joints, _units(test), axes, strict=True)
+            for j, (joint, unit, ax) in enumerate(rows):
+                band = None if std is None else std[:, j].numpy()
+                plot_torque(shown.tau[:, j], tau[:, j], joint, unit, band, ax)
+            figure = axes[0].get_figure(root=True)
+            assert figure is not None
+            figure.savefig(self.out / "torques.png", dpi=110)
+            return ["torques.png"]
+        return []
 
 
 def _units(data: JointData) -> list[str]:

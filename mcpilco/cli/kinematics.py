@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import Command, optional, use_one_thread
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.cli.options import Command, optional, use_one_thread, warn, without
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.identification.kinematics import ForwardKinematics, KinematicChain, PoseErrors
@@ -54,15 +53,13 @@ class Kinematics(Command):
             )
         tolerance = Tolerance(self.position_tolerance, self.orientation_tolerance, self.outliers)
         recording, remarks = read_markers(*self.files)
-        for remark in remarks:
-            print(f"mcpilco: note: {remark}", file=sys.stderr)
+        warn(*remarks, about="mcpilco: note")
         chain = find_chain(recording, tolerance)
         _print_chain(chain)
         model = fit_forward(recording, chain, self.samples, seed=self.seed)
         errors = prediction_errors(model, recording)
         _print_forward(model, errors)
-        for sentence in (*chain.report.warnings, *model.report.warnings):
-            print(f"mcpilco: note: {sentence}", file=sys.stderr)
+        warn(*chain.report.warnings, *model.report.warnings, about="mcpilco: note")
         if self.out is not None:
             self._write(recording, chain, model, errors, tolerance)
         return 0
@@ -94,11 +91,9 @@ class Kinematics(Command):
         }
         write_bytes(self.out / "kinematics.json", json.dumps(told, indent=1).encode())
         written = ["kinematics.json", model.save(self.out / "forward.npz").name]
-        try:
+        with without("kinematics.png"):
             draw_kinematics(self.out / "kinematics.png", recording, chain, errors, tolerance)
             written.append("kinematics.png")
-        except McPilcoError as error:  # nothing else is lost then
-            print(f"mcpilco: without kinematics.png: {error}", file=sys.stderr)
         print(f"In {self.out}: {', '.join(written)}.")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.config import CART_POLE
-from mcpilco.typing import InputError, RecordingError
+from mcpilco.typing import InputError, McPilcoError, RecordingError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -98,6 +99,21 @@ def require_new(path: Path, remedy: str) -> None:
     """Raises RecordingError where a file is there already; `remedy` says what to do then."""
     if path.exists():
         raise RecordingError(f"{path} exists already; nothing is overwritten: {remedy}.")
+
+
+def warn(*sentences: object, about: str = "mcpilco") -> None:
+    """Print each sentence to standard error, behind what it is about."""
+    for sentence in sentences:
+        print(f"{about}: {sentence}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def without(what: str) -> Iterator[None]:
+    """Where this cannot be drawn or written, says so and goes on: nothing else is lost then."""
+    try:
+        yield
+    except McPilcoError as error:
+        warn(f"without {what}: {error}")
 
 
 # Types of options ---------------------------------------------------------------------------------

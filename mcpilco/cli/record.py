@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,12 +86,9 @@ class Record(Command):
                         done += 1
                         show(path, recording)
             except KeyboardInterrupt:
-                print(
-                    f"mcpilco: interrupted; {done} of {len(paths)} recordings are saved in "
-                    f"{self.out}.",
-                    file=sys.stderr,
-                )
-                return 130
+                raise KeyboardInterrupt(
+                    f"{done} of {len(paths)} recordings are saved in {self.out}."
+                ) from None
         print(f"Recordings: {shlex.quote(str(self.out))}")
         return 0
 

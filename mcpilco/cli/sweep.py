@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -69,12 +68,10 @@ class Sweep(Learning):
                 summary = sweep(settings, seeds, self.out, engine, on_result)
         except KeyboardInterrupt:
             done = SweepFolder(self.out, settings).results().keys() & set(seeds)
-            print(
-                f"mcpilco: interrupted; {len(done)} of {len(seeds)} seeds are saved in {self.out}; "
-                "the same command goes on.",
-                file=sys.stderr,
-            )
-            return 130
+            raise KeyboardInterrupt(
+                f"{len(done)} of {len(seeds)} seeds are saved in {self.out}; the same command goes "
+                "on."
+            ) from None
         _print_table(summary)
         print(f"Sweep folder: {shlex.quote(str(self.out))}")
         failed = summary["failed"].keys() & {str(seed) for seed in seeds}

@@ -17,7 +17,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import Learning, optional, register, require_at_least, use_one_thread
+from mcpilco.cli.options import (
+    Learning,
+    optional,
+    register,
+    require_at_least,
+    use_one_thread,
+    warn,
+)
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
@@ -104,10 +111,9 @@ class Train(Learning):
         assert self.resume is not None
         with reopened(self.resume, self.trials, self.task, _warm_again) as (run, agent):
             if changed := changed_versions(run):
-                print(
-                    f"mcpilco: note: {', '.join(changed)} since the run began; its numbers may "
-                    "differ from those of an uninterrupted one.",
-                    file=sys.stderr,
+                warn(
+                    f"note: {', '.join(changed)} since the run began; its numbers may differ from "
+                    "those of an uninterrupted one."
                 )
             return self._learn(agent, run)
 
@@ -123,10 +129,9 @@ class Train(Learning):
             ):
                 learn_rest(run, agent, callbacks)
         except KeyboardInterrupt:
-            print(f"mcpilco: interrupted; {_saved(run)}", file=sys.stderr)
-            return 130
+            raise KeyboardInterrupt(_saved(run)) from None
         except McPilcoError:
-            print(f"mcpilco: stopped; {_saved(run)}", file=sys.stderr)
+            warn(f"stopped; {_saved(run)}")
             raise
         where = shlex.quote(str(run.path))
         print(f"Run folder: {run.path}")

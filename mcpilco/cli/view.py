@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import Command, RunPath, optional, register
+from mcpilco.cli.options import Command, RunPath, optional, register, warn
 from mcpilco.typing import InputError, McPilcoError
 
 _FIRST_WINDOW_S = 1.0
@@ -121,8 +120,7 @@ def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
     reels = []
     for run in runs:
         history = read_history(run)
-        for problem in history.problems:
-            print(f"mcpilco: left out: {problem}", file=sys.stderr)
+        warn(*history.problems, about="mcpilco: left out")
         reels.append(Reel(history, _scene(run)))
     return write_run_film(path, reels, trial)
 
@@ -135,7 +133,7 @@ def _scene(run: Any) -> Any:
         with contextlib.closing(open_run_env(run)) as env:
             return getattr(env.unwrapped, "scene", None)
     except McPilcoError as error:
-        print(f"mcpilco: without the scene: {' '.join(str(error).split())}", file=sys.stderr)
+        warn(f"without the scene: {' '.join(str(error).split())}")
         return None
 
 

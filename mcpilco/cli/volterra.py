@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import Command, make_folder, optional, use_one_thread
-from mcpilco.typing import InputError, McPilcoError
+from mcpilco.cli.options import Command, make_folder, optional, use_one_thread, warn, without
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,18 +57,15 @@ class Volterra(Command):
 
         train, test = self._data()
         model = self._best(train, test)
-        for warning in model.report.warnings:
-            print(f"mcpilco: warning: {warning}", file=sys.stderr)
+        warn(*model.report.warnings, about="mcpilco: warning")
         make_folder(self.out)
         mean, std = model.predict(test.inputs)
         save_volterra(model, self.out / "model.npz")
         _write_prediction(self.out / "prediction.csv", model, test, mean, std)
         written = ["model.npz", "prediction.csv"]
-        try:
+        with without("a picture"):
             _picture(self.out / "volterra.png", model, test, mean, std)
             written.append("volterra.png")
-        except McPilcoError as error:
-            print(f"mcpilco: without a picture: {error}", file=sys.stderr)
         print(f"In {self.out}: {', '.join(written)}.")
         return 0
 
@@ -81,10 +77,10 @@ class Volterra(Command):
         if not self.kernel:
             raise InputError("--kernel must name at least one kernel.")
         series = read_series(self.recording, self.inputs, self.outputs)
-        _print_remarks(series)
+        warn(*series.remarks, about="mcpilco: warning")
         if self.test is not None:
             test = read_series(self.test, self.inputs, self.outputs)
-            _print_remarks(test)
+            warn(*test.remarks, about="mcpilco: warning")
             return series, test
         if not 0.0 < self.held_out < 1.0:
             raise InputError(f"--held-out must lie between 0 and 1, got {self.held_out}.")
@@ -116,11 +112,6 @@ class Volterra(Command):
         if len(models) > 1:
             print(f"Highest evidence: {best.config.kernel}")
         return best
-
-
-def _print_remarks(series: Series) -> None:
-    for remark in series.remarks:
-        print(f"mcpilco: warning: {remark}", file=sys.stderr)
 
 
 def _tell(model: VolterraModel, train: Series, test: Series) -> None:
