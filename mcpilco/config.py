@@ -5,9 +5,11 @@ Nothing here imports torch, so that the command line can answer `--help` at once
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -63,7 +65,8 @@ class Checked:
     def _at_least(self, **limits: float) -> None:
         for name, least in limits.items():
             value = getattr(self, name)
-            _require(value >= least, f"{name} must be at least {least}, got {value}.")
+            known = value is None or value >= least
+            _require(known, f"{name} must be at least {least}, got {value}.")
 
     def _at_most(self, **limits: float) -> None:
         for name, most in limits.items():
@@ -415,57 +418,13 @@ class Preset:
         return dict(self.env_kwargs) if env_id.rsplit(":", maxsplit=1)[-1] in CART_POLES else {}
 
 
-PRESETS: dict[str, Preset] = {
-    "default": Preset("what learns best in the thesis's setting", Config()),
-    "thorough": Preset(
-        "more starts, for models that are right from the first trial on, as in a simulation",
-        Config(search=SearchConfig(restarts=(12,), screening=0.3, failing=0.005, continuation=24)),
-    ),
-    "thesis": Preset(
-        "the thesis's schedule: learning rate falling, steps rising from trial to trial, one start",
-        Config(
-            search=SearchConfig(
-                particles=100,
-                steps=(500, 1000, 1500, 2000),
-                rates=(1.0, 0.75, 0.5, 0.25),
-                phases=(Phase(0.02),),
-                widening=1.0,
-                clip_norm=None,
-                polish=False,
-                restarts=(0,),
-                correlations=(0.0,),
-            ),
-        ),
-    ),
-    "tro2022": Preset(
-        "the authors' later setting: 400 particles, 200 bases, annealed dropout, monitored stop",
-        Config(
-            model=ModelConfig(subset_threshold=0.5),
-            policy=PolicyConfig(bases=200, span=3.141592653589793, lengthscale=1.0),
-            search=SearchConfig(
-                particles=400,
-                steps=(2000, 4000),
-                phases=(
-                    Phase(0.01, 0.25, drift=0.08),
-                    Phase(0.005, 0.125, drift=0.04),
-                    Phase(0.0025, 0.0, drift=0.02),
-                ),
-                monitored=True,
-                widening=1.0,
-                clip_norm=None,
-                polish=False,
-                restarts=(0,),
-                evaluation_particles=400,
-                correlations=(0.0,),
-            ),
-            precision="float32",
-        ),
-        env_kwargs={
-            "dt": 0.05,
-            "max_episode_steps": 60,
-            "start_std": 0.01,
-            "gravity": 9.81,
-            "cost_lengthscales": (1.0, 3.0),
-        },
-    ),
-}
+def _shipped() -> dict[str, Preset]:
+    """The presets of MC-PILCO, of `presets.json`; what is not named there has its default."""
+    content = json.loads(Path(__file__).with_name("presets.json").read_text(encoding="utf-8"))
+    return {
+        name: Preset(**{**entries, "config": from_dict(Config, entries["config"])})
+        for name, entries in content.items()
+    }
+
+
+PRESETS: dict[str, Preset] = _shipped()

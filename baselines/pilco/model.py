@@ -60,13 +60,10 @@ class PilcoConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(centres=1, line_searches=1, evaluations=2)
+        self._at_least(centres=1, line_searches=1, evaluations=2, horizon=1, exploration=1)
         self._positive("lengthscale", "angle_lengthscale", "target_std", "tip_length", "tip_width")
         for name in ("signal_to_noise", "longest"):
             self._above(name, 1.0)
-        for name in ("horizon", "exploration"):
-            if getattr(self, name) is not None:
-                self._at_least(**{name: 1})
 
 
 PRESETS: dict[str, Preset] = {

@@ -78,12 +78,11 @@ class SB3Config(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(n_timesteps=1, trial_steps=1, n_envs=1, batch_size=1, sde_sample_freq=-1)
+        self._at_least(horizon=1)
         self._positive("learning_rate", "gamma")
         self._at_most(gamma=1.0)
         if self.policy != "MlpPolicy":
             raise InputError(f'policy must be "MlpPolicy", got {self.policy!r}.')
-        if self.horizon is not None:
-            self._at_least(horizon=1)
         if self.trial_steps % self.steps_at_once:
             raise InputError(
                 f"trial_steps must be a multiple of the {self.steps_at_once} steps that are taken "
@@ -172,9 +171,8 @@ class PPOConfig(SB3Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(n_steps=2, n_epochs=1, ent_coef=0.0, vf_coef=0.0)
+        self._at_least(n_steps=2, n_epochs=1, ent_coef=0.0, vf_coef=0.0, gae_lambda=0.0)
         self._positive("clip_range", "max_grad_norm")
-        self._at_least(gae_lambda=0.0)
         self._at_most(gae_lambda=1.0)
 
     @property
