@@ -47,63 +47,6 @@ VIEW_MARGIN = 1.6
 """how far from the middle the cart may be before the view follows it, in pole lengths [-]"""
 
 
-def scene(plant: Plant) -> Scene:
-    """The cart-pole in 3D: in the x-z plane, the hinge at z = 0; the marker is the pole's tip."""
-    length = plant.values["pole_length"]
-
-    def tip(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        end = drawing.hanging_end(length, states[..., 2])
-        end[..., 0] += states[..., 0]
-        return end
-
-    def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
-        hinge = np.zeros((len(states), 3))
-        hinge[:, 0] = states[:, 0]
-        return {
-            "cart": Pose(hinge, drawing.upright(len(states))),
-            "pole": Pose(0.5 * (hinge + tip(states)), drawing.hanging(states[:, 2])),
-        }
-
-    shapes = {
-        "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
-        "pole": Shape("capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.POLE_COLOR),
-    }
-    return drawing.standing_scene(RAIL_HALF, length, shapes=shapes, poses=poses, marker=tip)
-
-
-def picture(
-    plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float = 0.0
-) -> UInt8[np.ndarray, "H W 3"]:
-    """The cart-pole from the side, with its rail, the target of the tip and the force.
-
-    Args:
-        plant: says how long the pole is.
-        scene: says where its tip is.
-        state: [q1, q1', q2, q2'] [m, m/s, rad, rad/s].
-        push: force on the cart, relative to its limit, in [-1, 1].
-    """
-    length = plant.values["pole_length"]
-    cart = float(state[0]) / length
-    tip_x, _, tip_z = (scene.marker(state) / length).tolist()
-    middle = cart - min(max(cart, -VIEW_MARGIN), VIEW_MARGIN)
-    left, right = middle - VIEW_WIDTH, middle + VIEW_WIDTH
-
-    # the picture's unit is the length of the pole
-    canvas = drawing.blank(VIEW_WIDTH, (middle, 0.0))
-    canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], drawing.FIXED_COLOR)
-    for tick in map(float, range(round(left), round(right) + 1)):
-        canvas.line((tick, -0.06), (tick, 0.06), 0.008, drawing.FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
-    canvas.disc((0.0, 1.0), 0.02, drawing.TARGET_COLOR)
-    canvas.box((cart, 0.0), CART_HALF[::2], 0.04, CART_COLOR)
-    if push:
-        side = cart + math.copysign(CART_HALF[0] + 0.06, push)
-        canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, drawing.INPUT_COLOR)
-    canvas.line((cart, 0.0), (tip_x, tip_z), drawing.POLE_RADIUS, drawing.POLE_COLOR)
-    canvas.disc((cart, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
-    return canvas.image()
-
-
 class CartPoleSwingUpEnv(PlantEnv):
     """Swing a hanging pole up and hold it there, by pushing the cart it hangs from.
 
@@ -221,7 +164,57 @@ class CartPoleSwingUpEnv(PlantEnv):
             measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )
 
-    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        """The cart-pole in the x-z plane, the hinge at z = 0; the marker is the pole's tip."""
+        length = plant.values["pole_length"]
+
+        def tip(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+            end = drawing.hanging_end(length, states[..., 2])
+            end[..., 0] += states[..., 0]
+            return end
+
+        def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
+            hinge = np.zeros((len(states), 3))
+            hinge[:, 0] = states[:, 0]
+            return {
+                "cart": Pose(hinge, drawing.upright(len(states))),
+                "pole": Pose(0.5 * (hinge + tip(states)), drawing.hanging(states[:, 2])),
+            }
+
+        shapes = {
+            "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
+            "pole": Shape(
+                "capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.POLE_COLOR
+            ),
+        }
+        return drawing.standing_scene(RAIL_HALF, length, shapes=shapes, poses=poses, marker=tip)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """The cart-pole from the side, with its rail, the target of the tip and the force."""
+        length = plant.values["pole_length"]
+        cart = float(state[0]) / length
+        tip_x, _, tip_z = (scene.marker(state) / length).tolist()
+        middle = cart - min(max(cart, -VIEW_MARGIN), VIEW_MARGIN)
+        left, right = middle - VIEW_WIDTH, middle + VIEW_WIDTH
+
+        # the picture's unit is the length of the pole
+        canvas = drawing.blank(VIEW_WIDTH, (middle, 0.0))
+        canvas.line((left, 0.0), (right, 0.0), RAIL_HALF[2], drawing.FIXED_COLOR)
+        for tick in map(float, range(round(left), round(right) + 1)):
+            canvas.line((tick, -0.06), (tick, 0.06), 0.008, drawing.FIXED_COLOR)
+        canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+        canvas.disc((0.0, 1.0), 0.02, drawing.TARGET_COLOR)
+        canvas.box((cart, 0.0), CART_HALF[::2], 0.04, CART_COLOR)
+        if push:
+            side = cart + math.copysign(CART_HALF[0] + 0.06, push)
+            canvas.arrow((side, 0.0), (side + 0.5 * push, 0.0), 0.02, drawing.INPUT_COLOR)
+        canvas.line((cart, 0.0), (tip_x, tip_z), drawing.POLE_RADIUS, drawing.POLE_COLOR)
+        canvas.disc((cart, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+        return canvas.image()
 
 
 def observed(measured: Literal["all", "positions"]) -> tuple[int, ...] | None:

@@ -38,67 +38,6 @@ VIEW_WIDTH = 4.4
 """width of a picture, in lengths of both links together [-]"""
 
 
-def scene(plant: Plant) -> Scene:
-    """The links in 3D: in the x-z plane, the shoulder at the origin; the marker is the tip."""
-    upper_length, lower_length = plant.values["upper_length"], plant.values["lower_length"]
-    reach = upper_length + lower_length
-    radius = drawing.POLE_RADIUS * reach
-
-    def elbow_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        return drawing.hanging_end(upper_length, states[..., 0])
-
-    def tip_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
-        angle = np.asarray(states[..., 0] + states[..., 2])
-        return elbow_of(states) + drawing.hanging_end(lower_length, angle)
-
-    def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
-        elbow, tip = elbow_of(states), tip_of(states)
-        upper, lower = drawing.hanging(states[:, 0]), drawing.hanging(states[:, 0] + states[:, 2])
-        return {
-            "upper": Pose(0.5 * elbow, upper),
-            "lower": Pose(0.5 * (elbow + tip), lower),
-            "elbow": Pose(elbow, upper),
-            "tip": Pose(tip, lower),
-        }
-
-    shapes = {
-        "upper": Shape("capsule", (radius, 0.5 * upper_length), drawing.FIXED_COLOR),
-        "lower": Shape("capsule", (radius, 0.5 * lower_length), drawing.POLE_COLOR),
-        "elbow": Shape("sphere", (JOINT_RADIUS * reach,), drawing.FIXED_COLOR),
-        "tip": Shape("sphere", (TIP_RADIUS * reach,), drawing.POLE_COLOR),
-    }
-    return drawing.standing_scene(MOTOR_HALF, reach, shapes=shapes, poses=poses, marker=tip_of)
-
-
-def picture(
-    plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float = 0.0
-) -> UInt8[np.ndarray, "H W 3"]:
-    """The links from the side, with the target of their tip and the torque at its joint.
-
-    Args:
-        plant: says how long the links are, and where the motor is.
-        scene: says where they are.
-        state: [q1, q1', q2, q2'] [rad, rad/s].
-        push: torque, relative to its limit, in [-1, 1].
-    """
-    shoulder = (0.0, 0.0)
-    # the picture's unit is the length of both links together
-    reach = plant.values["upper_length"] + plant.values["lower_length"]
-    poses = scene.poses(state[None])
-    elbow, tip = (_seen(poses[name].translation[0] / reach) for name in ("elbow", "tip"))
-    canvas = drawing.blank(VIEW_WIDTH, shoulder)
-    canvas.box(shoulder, MOTOR_HALF[::2], 0.03, drawing.FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
-    canvas.line(shoulder, elbow, drawing.POLE_RADIUS, drawing.FIXED_COLOR)
-    canvas.line(elbow, tip, drawing.POLE_RADIUS, drawing.POLE_COLOR)
-    canvas.disc(elbow, JOINT_RADIUS, drawing.FIXED_COLOR)
-    canvas.disc(tip, TIP_RADIUS, drawing.POLE_COLOR)
-    for joint in (shoulder, elbow):
-        canvas.disc(joint, 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
-    drawing.twist(canvas, (shoulder, elbow)[plant.layout.drives[0]], push, ARC_RADIUS)
-    return canvas.image()
-
-
 def _seen(point: Float[np.ndarray, " 3"]) -> drawing.Point:
     """x and z."""
     return float(point[0]), float(point[2])
@@ -107,7 +46,62 @@ def _seen(point: Float[np.ndarray, " 3"]) -> drawing.Point:
 class DoublePendulumEnv(PlantEnv):
     """The look that pendubot and acrobot share."""
 
-    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        """The links in 3D: in the x-z plane, the shoulder at the origin; the marker is the tip."""
+        upper_length, lower_length = plant.values["upper_length"], plant.values["lower_length"]
+        reach = upper_length + lower_length
+        radius = drawing.POLE_RADIUS * reach
+
+        def elbow_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+            return drawing.hanging_end(upper_length, states[..., 0])
+
+        def tip_of(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
+            angle = np.asarray(states[..., 0] + states[..., 2])
+            return elbow_of(states) + drawing.hanging_end(lower_length, angle)
+
+        def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
+            elbow, tip = elbow_of(states), tip_of(states)
+            upper, lower = (
+                drawing.hanging(states[:, 0]),
+                drawing.hanging(states[:, 0] + states[:, 2]),
+            )
+            return {
+                "upper": Pose(0.5 * elbow, upper),
+                "lower": Pose(0.5 * (elbow + tip), lower),
+                "elbow": Pose(elbow, upper),
+                "tip": Pose(tip, lower),
+            }
+
+        shapes = {
+            "upper": Shape("capsule", (radius, 0.5 * upper_length), drawing.FIXED_COLOR),
+            "lower": Shape("capsule", (radius, 0.5 * lower_length), drawing.POLE_COLOR),
+            "elbow": Shape("sphere", (JOINT_RADIUS * reach,), drawing.FIXED_COLOR),
+            "tip": Shape("sphere", (TIP_RADIUS * reach,), drawing.POLE_COLOR),
+        }
+        return drawing.standing_scene(MOTOR_HALF, reach, shapes=shapes, poses=poses, marker=tip_of)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """The links from the side, with the target of their tip and the torque at its joint."""
+        shoulder = (0.0, 0.0)
+        # the picture's unit is the length of both links together
+        reach = plant.values["upper_length"] + plant.values["lower_length"]
+        poses = scene.poses(state[None])
+        elbow, tip = (_seen(poses[name].translation[0] / reach) for name in ("elbow", "tip"))
+        canvas = drawing.blank(VIEW_WIDTH, shoulder)
+        canvas.box(shoulder, MOTOR_HALF[::2], 0.03, drawing.FIXED_COLOR)
+        canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+        canvas.line(shoulder, elbow, drawing.POLE_RADIUS, drawing.FIXED_COLOR)
+        canvas.line(elbow, tip, drawing.POLE_RADIUS, drawing.POLE_COLOR)
+        canvas.disc(elbow, JOINT_RADIUS, drawing.FIXED_COLOR)
+        canvas.disc(tip, TIP_RADIUS, drawing.POLE_COLOR)
+        for joint in (shoulder, elbow):
+            canvas.disc(joint, 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+        drawing.twist(canvas, (shoulder, elbow)[plant.layout.drives[0]], push, ARC_RADIUS)
+        return canvas.image()
 
 
 class PendubotEnv(DoublePendulumEnv):

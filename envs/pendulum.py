@@ -35,47 +35,6 @@ VIEW_WIDTH = 4.4
 """width of a picture, in lengths of the pendulum [-]"""
 
 
-def scene(plant: Plant) -> Scene:
-    """The pendulum in 3D: in the x-z plane, the hinge at the origin; the marker is the mass."""
-    length = plant.values["length"]
-
-    def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
-        return drawing.hanging_end(length, states[..., 0])
-
-    def poses(states: Float[np.ndarray, "T 2"]) -> Mapping[str, Pose]:
-        mass, turned = tip(states), drawing.hanging(states[:, 0])
-        return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
-
-    shapes = {
-        "rod": Shape("capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.FIXED_COLOR),
-        "mass": Shape("sphere", (MASS_RADIUS * length,), drawing.POLE_COLOR),
-    }
-    return drawing.standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
-
-
-def picture(
-    plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float = 0.0
-) -> UInt8[np.ndarray, "H W 3"]:
-    """The pendulum from the side, with the target of its mass and the torque.
-
-    Args:
-        plant: says how long the pendulum is.
-        scene: says where its mass is.
-        state: [q, q'] [rad, rad/s].
-        push: torque, relative to its limit, in [-1, 1].
-    """
-    x, _, z = (scene.marker(state) / plant.values["length"]).tolist()
-    # the picture's unit is the length of the pendulum
-    canvas = drawing.blank(VIEW_WIDTH, (0.0, 0.0))
-    canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, drawing.FIXED_COLOR)
-    canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
-    canvas.line((0.0, 0.0), (x, z), drawing.POLE_RADIUS, drawing.FIXED_COLOR)
-    canvas.disc((x, z), MASS_RADIUS, drawing.POLE_COLOR)
-    canvas.disc((0.0, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
-    drawing.twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
-    return canvas.image()
-
-
 class PendulumEnv(PlantEnv):
     """Swing a hanging pendulum up and hold it there, with a motor too weak to lift it at once.
 
@@ -165,4 +124,39 @@ class PendulumEnv(PlantEnv):
     """
 
     nominal = SWING_UP
-    scene_of, picture_of = staticmethod(scene), staticmethod(picture)
+
+    @staticmethod
+    def scene_of(plant: Plant) -> Scene:
+        """The pendulum in 3D: in the x-z plane, the hinge at the origin; the marker is the mass."""
+        length = plant.values["length"]
+
+        def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
+            return drawing.hanging_end(length, states[..., 0])
+
+        def poses(states: Float[np.ndarray, "T 2"]) -> Mapping[str, Pose]:
+            mass, turned = tip(states), drawing.hanging(states[:, 0])
+            return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
+
+        shapes = {
+            "rod": Shape(
+                "capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.FIXED_COLOR
+            ),
+            "mass": Shape("sphere", (MASS_RADIUS * length,), drawing.POLE_COLOR),
+        }
+        return drawing.standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)
+
+    @staticmethod
+    def picture_of(
+        plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """The pendulum from the side, with the target of its mass and the torque."""
+        x, _, z = (scene.marker(state) / plant.values["length"]).tolist()
+        # the picture's unit is the length of the pendulum
+        canvas = drawing.blank(VIEW_WIDTH, (0.0, 0.0))
+        canvas.box((0.0, 0.0), MOTOR_HALF[::2], 0.04, drawing.FIXED_COLOR)
+        canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)
+        canvas.line((0.0, 0.0), (x, z), drawing.POLE_RADIUS, drawing.FIXED_COLOR)
+        canvas.disc((x, z), MASS_RADIUS, drawing.POLE_COLOR)
+        canvas.disc((0.0, 0.0), 0.5 * drawing.POLE_RADIUS, drawing.BACKGROUND)
+        drawing.twist(canvas, (0.0, 0.0), push, ARC_RADIUS)
+        return canvas.image()

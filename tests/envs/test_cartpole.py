@@ -9,7 +9,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 import envs
-from envs.cartpole import CART_COLOR, picture, scene
+from envs.cartpole import CART_COLOR, CartPoleSwingUpEnv
 from envs.drawing import BACKGROUND, POLE_COLOR, TARGET_COLOR
 from envs.plants import cart_pole
 from mcpilco.policies import QuadraticCost, SaturatingCost, cart_pole_cost
@@ -152,7 +152,8 @@ def test_another_measured_is_refused():
 
 
 PLANT = cart_pole().where(pole_length=0.8)
-SCENE = scene(PLANT)
+SCENE = CartPoleSwingUpEnv.scene_of(PLANT)
+picture = CartPoleSwingUpEnv.picture_of
 
 
 def pixels(image: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from envs.double_pendulum import picture, scene
+from envs.double_pendulum import PendubotEnv
 from envs.drawing import BACKGROUND, FIXED_COLOR, INPUT_COLOR, POLE_COLOR, TARGET_COLOR, hanging_end
 from envs.plants import acrobot, pendubot
 from mcpilco.data import Transitions
@@ -112,6 +112,7 @@ def test_wrong_keyword_value_is_refused_by_name(name, constant, value):
 
 
 PLANT = pendubot().where(upper_length=0.4)
+scene, picture = PendubotEnv.scene_of, PendubotEnv.picture_of
 SCENE = scene(PLANT)
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 

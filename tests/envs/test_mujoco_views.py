@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from envs.cartpole import scene as analytic_scene
+from envs.cartpole import CartPoleSwingUpEnv
 from envs.mujoco_cartpole import MujocoCartPoleSwingUpEnv
 from envs.mujoco_views import Posture, backends, scene
 from envs.plants import cart_pole
@@ -24,7 +24,7 @@ STATES = np.random.default_rng(0).normal(size=(20, 4)) * 3
 
 def test_scene_is_that_of_the_analytic_cart_pole():
     ours = MujocoCartPoleSwingUpEnv(pole_length=0.8).scene
-    theirs = analytic_scene(cart_pole().where(pole_length=0.8))
+    theirs = CartPoleSwingUpEnv.scene_of(cart_pole().where(pole_length=0.8))
     marked = ours.marker(STATES) - theirs.marker(STATES)
     in_front = [0.0, ours.target[1], 0.0]  # of the cart, where the pole is drawn
     np.testing.assert_allclose(marked, np.tile(in_front, (20, 1)), atol=1e-12)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import envs
 from envs.drawing import BACKGROUND, FIXED_COLOR, INPUT_COLOR, POLE_COLOR, TARGET_COLOR
-from envs.pendulum import picture, scene
+from envs.pendulum import PendulumEnv
 from envs.plants import pendulum
 from mcpilco.agent import MCPILCO
 from mcpilco.policies import QuadraticCost, SaturatingCost
@@ -120,7 +120,8 @@ def test_default_preset_swings_it_up():
 
 
 PLANT = pendulum().where(length=0.8)
-SCENE = scene(PLANT)
+SCENE = PendulumEnv.scene_of(PLANT)
+picture = PendulumEnv.picture_of
 
 
 def pixels(image: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:

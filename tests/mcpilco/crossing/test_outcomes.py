@@ -102,7 +102,7 @@ def test_the_film_holds_both_policies(crossing: Crossing, scene: Scene, tmp_path
 
 @pytest.fixture
 def scene() -> Scene:
-    from envs.cartpole import scene
+    from envs.cartpole import CartPoleSwingUpEnv
     from envs.plants import cart_pole
 
-    return scene(cart_pole())
+    return CartPoleSwingUpEnv.scene_of(cart_pole())
