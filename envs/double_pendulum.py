@@ -38,11 +38,6 @@ VIEW_WIDTH = 4.4
 """width of a picture, in lengths of both links together [-]"""
 
 
-def _seen(point: Float[np.ndarray, " 3"]) -> drawing.Point:
-    """x and z."""
-    return float(point[0]), float(point[2])
-
-
 class DoublePendulumEnv(PlantEnv):
     """The look that pendubot and acrobot share."""
 
@@ -90,7 +85,9 @@ class DoublePendulumEnv(PlantEnv):
         # the picture's unit is the length of both links together
         reach = plant.values["upper_length"] + plant.values["lower_length"]
         poses = scene.poses(state[None])
-        elbow, tip = (_seen(poses[name].translation[0] / reach) for name in ("elbow", "tip"))
+        elbow, tip = (
+            (poses[name].translation[0, ::2] / reach).tolist() for name in ("elbow", "tip")
+        )
         canvas = drawing.blank(VIEW_WIDTH, shoulder)
         canvas.box(shoulder, MOTOR_HALF[::2], 0.03, drawing.FIXED_COLOR)
         canvas.ring((0.0, 1.0), 0.08, 0.02, drawing.TARGET_COLOR)

@@ -91,12 +91,12 @@ def scene(posture: Posture, target: Float[np.ndarray, " X"]) -> Scene:
 
     def poses(states: Float[np.ndarray, "T X"]) -> Mapping[str, Pose]:
         positions = np.empty((len(states), model.ngeom, 3))
-        rotations = np.empty((len(states), model.ngeom, 9))
+        rotations = np.empty((len(states), model.ngeom, 3, 3))
         for k, state in enumerate(states):
             data = posture.at(state)
-            positions[k], rotations[k] = data.geom_xpos, data.geom_xmat
+            positions[k], rotations[k] = data.geom_xpos, data.geom_xmat.reshape(-1, 3, 3)
         return {
-            _name(model, i): Pose(positions[:, i], _quaternions(rotations[:, i]))
+            _name(model, i): Pose(positions[:, i], Rotation.from_matrix(rotations[:, i]).as_quat())
             for i in range(model.ngeom)
             if _drawn(model, i)
         }
@@ -193,11 +193,6 @@ def _shape(model: mujoco.MjModel, i: int) -> Shape:
     rgba = model.geom_rgba[i] if material < 0 else model.mat_rgba[material]
     red, green, blue = np.rint(255 * rgba[:3]).astype(int).tolist()
     return Shape(kind, tuple(model.geom_size[i, list(sizes)].tolist()), (red, green, blue))
-
-
-def _quaternions(matrices: Float[np.ndarray, "T 9"]) -> Float[np.ndarray, "T 4"]:
-    """Rotations as x, y, z, w."""
-    return Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat()
 
 
 REMEDY = (

@@ -58,11 +58,7 @@ def scara() -> Chain:
 def _box(mass: float, x: float, y: float, z: float) -> Matrix:
     """Inertia of a solid box of these edges about its center [kg m^2]."""
     c = mass / 12.0
-    return (
-        (c * (y * y + z * z), 0.0, 0.0),
-        (0.0, c * (x * x + z * z), 0.0),
-        (0.0, 0.0, c * (x * x + y * y)),
-    )
+    return _matrix(np.diag([c * (y * y + z * z), c * (x * x + z * z), c * (x * x + y * y)]))
 
 
 _DH = (

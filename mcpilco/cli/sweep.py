@@ -40,7 +40,15 @@ class Sweep(Learning):
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
         from mcpilco.agent import with_package
-        from mcpilco.sweep import Settings, SweepFolder, parse_seeds, sweep, sweep_progress
+        from mcpilco.sweep import (
+            LocalEngine,
+            RayEngine,
+            Settings,
+            SweepFolder,
+            parse_seeds,
+            sweep,
+            sweep_progress,
+        )
 
         seeds = parse_seeds(self.seeds)
         register()
@@ -61,7 +69,7 @@ class Sweep(Learning):
             self.fresh_horizon,
             algo,
         )
-        engine = self._engine()
+        engine: Any = RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
         done = SweepFolder(self.out, settings).results().keys() & set(seeds)
         try:
             with sweep_progress(len(seeds), len(done), self.quiet) as on_result:
@@ -84,11 +92,6 @@ class Sweep(Learning):
         use_one_thread()
         with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
             self.agent(env, config)
-
-    def _engine(self) -> Any:
-        from mcpilco.sweep import LocalEngine, RayEngine
-
-        return RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
 
 
 def _print_table(summary: Any) -> None:

@@ -21,16 +21,12 @@ def _optional(read: Callable[[str], Any]) -> Callable[[str], Any]:
     return lambda text: None if text == "" else read(text)
 
 
-def _flag(text: str) -> bool:
-    return {"0": False, "1": True}[text]
-
-
 METRICS: Mapping[str, Callable[[str], Any]] = {
     "trial": int,
     "experience_s": float,
     "predicted_cost": _optional(float),
     "real_cost": _optional(float),
-    "success": _optional(_flag),
+    "success": _optional({"0": False, "1": True}.__getitem__),
     "wall_s": float,
     "cpu_s": float,
     "failure": _optional(str),

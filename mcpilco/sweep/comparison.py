@@ -229,13 +229,9 @@ def _course(rows: Sequence[Mapping[str, Any]]) -> Course:
     if not rows:
         raise ValueError("there is no trial")
     names = [*SHOWN, *measures_in(dict.fromkeys(name for row in rows for name in row))]
-    values = {name: np.array([_number(row.get(name)) for row in rows]) for name in names}
+    values = {name: np.array([row.get(name) for row in rows], dtype=float) for name in names}
     values[SPENT] = np.cumsum([float(row[SPENT]) for row in rows])
     return Course(np.array([float(row["experience_s"]) for row in rows]), values)
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
 
 
 # Runs that are judged alike -----------------------------------------------------------------------

@@ -171,13 +171,8 @@ def attempt(job: Job) -> Any:
     try:
         return job()
     except Exception as error:
-        return failure_of(error)
-
-
-def failure_of(error: Exception) -> Failure:
-    """The failure that an exception means; call it where the exception is handled."""
-    reason = " ".join(f"{type(error).__name__}: {error}".split())
-    return Failure(reason, traceback.format_exc())
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return Failure(reason, traceback.format_exc())
 
 
 def _start(job: Job) -> tuple[Connection, BaseProcess]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -281,8 +281,8 @@ def when(gap: Gap, models: ComparedModels) -> Section:
     ]
     return Section(
         "When they disagree",
-        f"The misfit of windows of a second, their starts fitted, by the {_listed(models.shown)} "
-        "plant. White is noise, grey is not covered."
+        "The misfit of windows of a second, their starts fitted, by the "
+        f"{' and the '.join(models.shown)} plant. White is noise, grey is not covered."
         + (" The black bars are the spans that were left out." if events else ""),
         pictures,
         [Table(("channel", "share of the misfit", "largest"), rows)] if rows else [],
@@ -377,10 +377,6 @@ def recordings(gap: Gap) -> Section:
         ]
         tables.append(Table(("state", "noise std"), noise))
     return Section("Recordings", "", (), tables, folded=True)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and the ".join(names)
 
 
 def _std(gap: Gap) -> Float[np.ndarray, " X"]:

@@ -141,10 +141,10 @@ def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:
         RunFolderError: the policy is missing, damaged, or of another task.
     """
     policy = read_policy(history, trial)
-    pairs = _pairs(history.task)
-    inputs = range(len(history.task.input_names))
+    task, inputs = history.task, range(len(history.task.input_names))
+    pairs = task.velocities or combinations(range(len(task.state_names)), 2)
     return [
-        _policy_map(history.task, trial.rollout.shown_states, policy, pair, index)
+        _policy_map(task, trial.rollout.shown_states, policy, pair, index)
         for pair, index in islice(product(pairs, inputs), _MOST)
     ]
 
@@ -166,12 +166,6 @@ def read_policy(history: History, trial: PastTrial) -> Any:
         path = history.run.arrays_path(trial.number, "policy")
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error
     return policy
-
-
-def _pairs(task: TaskSpec) -> list[tuple[int, int]]:
-    """Which two states a map spans: positions with their velocities, where the task tells."""
-    width = len(task.state_names)
-    return list(task.velocities) or list(combinations(range(width), 2))
 
 
 def _policy_map(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial, reduce
 from operator import add
 from pathlib import Path
@@ -343,7 +344,7 @@ def configuration(history: History) -> Section:
         preset = find(config.get("algo", "mcpilco")).presets.get(config["preset"])
     except InputError:  # an algorithm that is not known here
         preset = None
-    numbers = {} if preset is None else json.loads(_json(preset.config_for(config["env"])))
+    numbers = {} if preset is None else asdict(preset.config_for(config["env"]))
     usual = dict(_entries(numbers))
     rows = [
         (name, value, "" if usual.get(name, value) == value else usual[name])
@@ -362,12 +363,6 @@ def configuration(history: History) -> Section:
         ],
         folded=True,
     )
-
-
-def _json(config: Any) -> str:
-    from dataclasses import asdict
-
-    return json.dumps(asdict(config))
 
 
 def _entries(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
