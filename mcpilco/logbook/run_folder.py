@@ -332,20 +332,18 @@ def _check_config(path: Path, config: Mapping[str, Any]) -> None:
             f"{path} has format version {found}, this mcpilco reads {READABLE}; "
             "install a newer mcpilco."
         )
-    if found not in READABLE or isinstance(found, bool):
-        raise RunFolderError(
-            f"{path / 'config.json'} is damaged: `format` must be one of {READABLE}, got {found!r}."
-        )
+    known = found in READABLE and not isinstance(found, bool)
+    _require(path, config, "format", known, f"one of {READABLE}")
     for key, kind in _CONFIG.items():
-        value = config.get(key)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise RunFolderError(
-                f"{path / 'config.json'} is damaged: "
-                f"`{key}` must be of type {kind.__name__}, got {value!r}."
-            )
+        fits = isinstance(config.get(key), kind) and not isinstance(config[key], bool)
+        _require(path, config, key, fits, f"of type {kind.__name__}")
     for key, least in (("seed", 0), ("trials", 1)):
-        if config[key] < least:
-            raise RunFolderError(
-                f"{path / 'config.json'} is damaged: "
-                f"`{key}` must be at least {least}, got {config[key]}."
-            )
+        _require(path, config, key, config[key] >= least, f"at least {least}")
+
+
+def _require(path: Path, config: Mapping[str, Any], key: str, fits: bool, expected: str) -> None:
+    if not fits:
+        raise RunFolderError(
+            f"{path / 'config.json'} is damaged: `{key}` must be {expected}, "
+            f"got {config.get(key)!r}."
+        )

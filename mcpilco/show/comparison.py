@@ -17,7 +17,6 @@ from mcpilco.sweep import (
     CONFIDENCE,
     SHOWN,
     SPENT,
-    Course,
     Estimate,
     LineUp,
     Measure,
@@ -90,18 +89,14 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
 def seeds_csv(runs: Sequence[Run]) -> bytes:
     """The results of every seed of every run after each amount of experience, as CSV."""
     names = [*SHOWN, *dict.fromkeys(name for run in runs for name in run.measures), SPENT]
-    rows = (
-        (run.name, seed, k + 1, float(amount), *(_at(course, name, k) for name in names))
-        for run in runs
-        for seed, course in run.courses.items()
-        for k, amount in enumerate(course.experience_s)
-    )
+    rows = []
+    for run in runs:
+        for seed, course in run.courses.items():
+            unknown = np.full(len(course.experience_s), np.nan)
+            columns = (course.values.get(name, unknown) for name in names)
+            table = zip(course.experience_s, *columns, strict=True)
+            rows += [(run.name, seed, k, *values) for k, values in enumerate(table, start=1)]
     return _csv(("run", "seed", "trial", "experience_s", *names), rows)
-
-
-def _at(course: Course, name: str, k: int) -> float:
-    """A number of the k-th trial; NaN where this course has none."""
-    return course.values[name][k] if name in course.values else math.nan
 
 
 def estimates_csv(rows: Iterable[Row]) -> bytes:
@@ -234,17 +229,8 @@ def estimate_cell(found: Estimate | None, measure: Measure) -> str:
 
 
 def _cells(row: Row) -> tuple[object, ...]:
-    found = row.estimate
-    return (
-        row.measure.key,
-        row.measure.unit,
-        row.statistic,
-        row.experience_s,
-        found.seeds,
-        found.value,
-        found.low,
-        found.high,
-    )
+    about = row.measure.key, row.measure.unit, row.statistic, row.experience_s
+    return *about, *vars(row.estimate).values()
 
 
 def _csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:

@@ -98,21 +98,18 @@ def markdown(header: Sequence[str], cells: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def rate_cell(found: Mapping[str, float] | None) -> str:
-    """A rate and its interval [%]."""
+def rate_cell(found: Mapping[str, Any] | None, kind: str = "rate") -> str:
+    """A rate and its interval [%], where it has one."""
     if found is None:
         return ""
-    low, high = 100 * found["low"], 100 * found["high"]
-    return f"{100 * found['rate']:.1f} ({low:.0f}–{high:.0f})"
+    if found["low"] is None:
+        return f"{100 * found[kind]:.1f}"
+    return f"{100 * found[kind]:.1f} ({100 * found['low']:.0f}–{100 * found['high']:.0f})"
 
 
 def mean_cell(found: Mapping[str, Any] | None) -> str:
     """A mean share and its interval [%]."""
-    if found is None:
-        return ""
-    if found["low"] is None:
-        return f"{100 * found['mean']:.1f}"
-    return f"{100 * found['mean']:.1f} ({100 * found['low']:.0f}–{100 * found['high']:.0f})"
+    return rate_cell(found, "mean")
 
 
 def spread_cell(found: Mapping[str, float] | None, digits: int) -> str:
