@@ -11,26 +11,18 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.agent import MCPILCO
+from mcpilco.data import Transitions
 from mcpilco.policies import RewardCost
 from mcpilco.search import Problem, rollout
 from mcpilco.typing import InputError
 
 
 @dataclass(frozen=True)
-class Imagined:
-    """N transitions."""
+class Imagined(Transitions):
+    """N transitions of particles, and their rewards."""
 
-    states: Float[np.ndarray, "N X"]
-    """before each step"""
-    inputs: Float[np.ndarray, "N U"]
-    """held during the step, in the env's unit"""
-    next_states: Float[np.ndarray, "N X"]
-    """after the step"""
     rewards: Float[np.ndarray, " N"]
-    """at the end of the step [-]"""
-
-    def __len__(self) -> int:
-        return len(self.rewards)
+    """at the end of each step [-]"""
 
 
 @dataclass(frozen=True)
