@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -170,52 +171,43 @@ def _until(rising: Sequence[float]) -> tuple[str, str]:
 def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:
     """A heading and a table for each measure that a run tells."""
     parts = []
-    for measure in dict.fromkeys(row.measure for row in rows):
-        of_it = [row for row in rows if row.measure == measure]
-        lines = dict.fromkeys((row.run, row.statistic) for row in of_it)
-        cells = [
-            (name, _NAMES[statistic], *_along(amounts, of_it, (name, statistic), measure))
-            for name, statistic in lines
-        ]
-        if cells:
-            header = ("run", "over seeds", *(f"{amount:g} s" for amount in amounts))
-            parts += [f"### {_upper(measure.title)}", markdown(header, cells)]
+    for measure, lines in _by_measure(rows):
+        cells = [(line[0].run, _NAMES[line[0].statistic], *_along(amounts, line)) for line in lines]
+        header = ("run", "over seeds", *(f"{amount:g} s" for amount in amounts))
+        parts += [f"### {_upper(measure.title)}", markdown(header, cells)]
     return parts
 
 
 def difference_tables(runs: Sequence[Run], gains: Sequence[Row]) -> list[str]:
     """A table for each measure: each pair of runs that have seeds and amounts in common."""
     parts = []
-    for measure in dict.fromkeys(row.measure for row in gains):
-        of_it = [row for row in gains if row.measure == measure]
-        amounts = [
-            a for a in all_amounts(runs) if any(same_amount(a, r.experience_s) for r in of_it)
-        ]
+    for measure, lines in _by_measure(gains):
+        told = [row.experience_s for line in lines for row in line]
+        amounts = [a for a in all_amounts(runs) if any(same_amount(a, own) for own in told)]
         cells = []
-        for pair in dict.fromkeys((row.run, row.other) for row in of_it):
-            mine = [row for row in of_it if (row.run, row.other) == pair]
-            seeds = max(row.estimate.seeds for row in mine)
-            key = mine[0].run, mine[0].statistic
-            cells.append(
-                (f"{pair[0]} minus {pair[1]}", str(seeds), *_along(amounts, mine, key, measure))
-            )
-        if cells:
-            header = ("runs", "common seeds", *(f"{amount:g} s" for amount in amounts))
-            title = f"{_upper(measure.title)}, {_NAMES[measure.statistics[0]]} of the differences"
-            parts += [f"### {title}", markdown(header, cells)]
-    if not parts:
-        return ["No two runs have a seed and an amount of experience in common."]
-    return parts
+        for line in lines:
+            seeds = str(max(row.estimate.seeds for row in line))
+            pair = f"{line[0].run} minus {line[0].other}"
+            cells.append((pair, seeds, *_along(amounts, line)))
+        header = ("runs", "common seeds", *(f"{amount:g} s" for amount in amounts))
+        title = f"{_upper(measure.title)}, {_NAMES[measure.statistics[0]]} of the differences"
+        parts += [f"### {title}", markdown(header, cells)]
+    return parts or ["No two runs have a seed and an amount of experience in common."]
 
 
-def _along(
-    amounts: Sequence[float], rows: Sequence[Row], line: tuple[str, str], measure: Measure
-) -> Iterable[str]:
+def _by_measure(rows: Sequence[Row]) -> Iterator[tuple[Measure, list[list[Row]]]]:
+    """The rows of each measure, in lines of which the rows differ in their amount alone."""
+    for measure, of_it in groupby(rows, key=lambda row: row.measure):
+        lines = groupby(of_it, key=lambda row: (row.run, row.other, row.statistic))
+        yield measure, [list(line) for _, line in lines]
+
+
+def _along(amounts: Sequence[float], line: Sequence[Row]) -> Iterator[str]:
     """A cell for each amount; blank where there is none."""
-    mine = [row for row in rows if (row.run, row.statistic) == line]
     for amount in amounts:
-        at = (row.estimate for row in mine if same_amount(row.experience_s, amount))
-        yield estimate_cell(next(at, None), measure)
+        at = (row for row in line if same_amount(row.experience_s, amount))
+        found = next(at, None)
+        yield "" if found is None else estimate_cell(found.estimate, found.measure)
 
 
 def estimate_cell(found: Estimate | None, measure: Measure) -> str:
