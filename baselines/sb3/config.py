@@ -8,10 +8,8 @@ is executed.
 from __future__ import annotations
 
 import dataclasses
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
@@ -214,34 +212,27 @@ def read_presets(path: str | Path, config_type: type[SB3Config]) -> dict[str, SB
     Raises:
         InputError: the file cannot be read, or an entry is unknown or of another type.
     """
+    import yaml
+
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeError) as error:
         raise InputError(f"The presets in {path} cannot be read: {error}.") from error
-    return _presets(text, str(path), config_type)
+    except yaml.YAMLError as error:
+        raise InputError(f"{path} is no YAML: {error}.") from error
+    if not isinstance(content, Mapping):
+        raise InputError(f"{path} must hold entries under env ids, got {content!r}.")
+    try:
+        return {str(env): from_dict(config_type, _entries(v)) for env, v in content.items()}
+    except InputError as error:
+        raise InputError(f"{path} cannot be used: {error}") from error
 
 
 def shipped(algo: str, config_type: type[SB3Config]) -> dict[str, TunedPreset]:
     """The preset that this package ships for an algorithm, under the name `default`."""
-    file = resources.files(__package__) / "presets" / f"{algo}.yml"
-    by_env = _presets(file.read_text(encoding="utf-8"), file.name, config_type)
+    by_env = read_presets(Path(__file__).parent / "presets" / f"{algo}.yml", config_type)
     fallback = by_env.pop(_FALLBACK)
     return {_FALLBACK: TunedPreset("tuned for the envs of this package", fallback, {}, by_env)}
-
-
-def _presets(text: str, name: str, config_type: type[SB3Config]) -> dict[str, SB3Config]:
-    import yaml
-
-    try:
-        content = yaml.safe_load(io.StringIO(text))
-    except yaml.YAMLError as error:
-        raise InputError(f"{name} is no YAML: {error}.") from error
-    if not isinstance(content, Mapping):
-        raise InputError(f"{name} must hold entries under env ids, got {content!r}.")
-    try:
-        return {str(env): from_dict(config_type, _entries(v)) for env, v in content.items()}
-    except InputError as error:
-        raise InputError(f"{name} cannot be used: {error}") from error
 
 
 def _entries(values: Any) -> Any:
