@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mcpilco.data import TrialResult, is_measure
-from mcpilco.files import damaged, read_text, write_bytes
+from mcpilco.files import csv_bytes, damaged, read_text, write_bytes
 from mcpilco.typing import RunFolderError
 
 
@@ -75,12 +74,9 @@ def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     columns = _columns(measures_in(dict.fromkeys(name for row in rows for name in row)))
-    writer.writerow(columns)
-    writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
-    write_bytes(path, text.getvalue().encode())
+    cells = ([_cell(row.get(column)) for column in columns] for row in rows)
+    write_bytes(path, csv_bytes(columns, cells))
 
 
 def check_values(path: Path, values: Mapping[str, Any]) -> None:
