@@ -14,7 +14,7 @@ from torch import Tensor
 
 from baselines.moments.bases import Bases, through_bases
 from baselines.moments.costs import expected_cost
-from baselines.moments.image import Gaussian, Image
+from baselines.moments.image import Gaussian
 from baselines.moments.sines import through_squash, through_trig
 from baselines.pilco.policy import GPMean
 from mcpilco.dynamics import AngleAugmentation
@@ -47,28 +47,15 @@ class GaussianDynamics:
         Reference: DFR on trajectory prediction.
         Differs: the law from changes to states is the model's, x' = A x + B delta.
         """
-        (joint, z), U = self._augmented(state), len(policy.squash.centre)
+        (joint, z), U = self.augmented(state), len(policy.squash.centre)
         a = range(joint.width, joint.width + U)
         joint = joint.joined(z, through_bases(argument, *joint.part(z)))
         u = range(joint.width, joint.width + U)
         joint = joint.joined(a, through_squash(*joint.part(a), policy.squash.half_range))
         joint = joint.moved(u, policy.squash.centre)
-        return self._advanced(joint, [*z, *u]), Gaussian(*joint.part(u))
+        return self.advanced(joint, [*z, *u]), Gaussian(*joint.part(u))
 
-    def pushed(self, state: Gaussian, inputs: Float[Tensor, " U"]) -> Gaussian:
-        """The next state under inputs that are known.
-
-        Args:
-            state: now.
-            inputs: held during the step, in the env's unit.
-        """
-        joint, z = self._augmented(state)
-        U = len(inputs)
-        certain = Image(inputs, inputs.new_zeros(U, U), inputs.new_zeros(0, U))
-        u = range(joint.width, joint.width + U)
-        return self._advanced(joint.joined([], certain), [*z, *u])
-
-    def _augmented(self, state: Gaussian) -> tuple[Gaussian, list[int]]:
+    def augmented(self, state: Gaussian) -> tuple[Gaussian, list[int]]:
         """The state with the sines and cosines of its angles behind it, and which entries are z."""
         X, z = len(self.A), list(self.augmentation.plain)
         angles = self.augmentation.angles
@@ -78,7 +65,7 @@ class GaussianDynamics:
         joint = state.joined(range(X), through_trig(*state.part(range(X)), angles))
         return joint, [*z, *(i + 1 for i in sines), *sines]
 
-    def _advanced(self, joint: Gaussian, zu: list[int]) -> Gaussian:
+    def advanced(self, joint: Gaussian, zu: list[int]) -> Gaussian:
         """The next state, of a vector that begins with the state and holds the regressors."""
         X, E = len(self.A), self.bases.outputs
         following = joint.joined(zu, through_bases(self.bases, *joint.part(zu)))

@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from baselines.moments.image import Gaussian
+from baselines.moments.image import Gaussian, Image
 from baselines.pilco.model import PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import predicted
+from baselines.pilco.rollout import GaussianDynamics, predicted
 from mcpilco.agent import Model, input_bounds, load_policy
 from mcpilco.config import ModelConfig
 from mcpilco.data import Rollout, Transitions
@@ -83,13 +83,24 @@ def _gaussian(
         if policy is None:
             steps = [start]
             for inputs in torch.from_numpy(seen.inputs):
-                steps.append(dynamics.pushed(steps[-1], inputs))
+                steps.append(pushed(dynamics, steps[-1], inputs))
             states = Gaussian.stacked(steps)
         else:
             states, _ = predicted(dynamics, policy, start, len(seen))
         return Forecast(states.mean.numpy(), states.cov.numpy())
 
     return forecast
+
+
+def pushed(
+    dynamics: GaussianDynamics, state: Gaussian, inputs: Float[torch.Tensor, " U"]
+) -> Gaussian:
+    """The next state under inputs that are known, in the env's unit."""
+    joint, z = dynamics.augmented(state)
+    U = len(inputs)
+    certain = Image(inputs, inputs.new_zeros(U, U), inputs.new_zeros(0, U))
+    u = range(joint.width, joint.width + U)
+    return dynamics.advanced(joint.joined([], certain), [*z, *u])
 
 
 def _sampled(

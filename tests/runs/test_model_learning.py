@@ -4,10 +4,13 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 from scipy.stats import multivariate_normal
 
+from baselines.pilco.rollout import predicted
 from mcpilco import MCPILCO
 from mcpilco.data import Rollout
+from tests.baselines.pilco.models import narrow_start, random_dynamics, random_policy
 
 NOISE = np.array([0.1, 0.2, 0.1, 0.2])
 
@@ -162,3 +165,19 @@ def test_a_file_of_a_seed_reads_back_what_was_measured(run, tmp_path):
     np.testing.assert_array_equal(found["time_s"], [0.0, 0.1, 0.2, 0.3])
     for name, values in measured.items():
         np.testing.assert_array_equal(found[name], values)
+
+
+def test_known_inputs_push_as_a_policy_does_that_always_answers_them():
+    from model_learning.forecasts import pushed
+
+    dynamics = random_dynamics()
+    policy = random_policy(dynamics)
+    with torch.no_grad():
+        policy.targets.zero_()
+        states, inputs = predicted(dynamics, policy, narrow_start(), 2)
+        state = narrow_start()
+        for u in inputs.mean:
+            state = pushed(dynamics, state, u)
+    assert float(inputs.cov.abs().max()) == 0.0
+    assert torch.allclose(state.mean, states.mean[2], atol=1e-14)
+    assert torch.allclose(state.cov, states.cov[2], atol=1e-14)

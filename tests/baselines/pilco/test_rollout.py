@@ -129,17 +129,3 @@ def test_a_covariance_that_is_none_ends_the_prediction(predict):
     start = Gaussian(torch.zeros(4).double(), -100.0 * torch.eye(4).double())
     with pytest.raises(torch.linalg.LinAlgError):
         predict(dynamics, random_policy(dynamics), start, 3)
-
-
-def test_known_inputs_push_as_a_policy_does_that_always_answers_them():
-    dynamics = random_dynamics()
-    policy = random_policy(dynamics)
-    with torch.no_grad():
-        policy.targets.zero_()
-        states, inputs = predicted(dynamics, policy, narrow_start(), 2)
-        pushed = narrow_start()
-        for u in inputs.mean:
-            pushed = dynamics.pushed(pushed, u)
-    assert float(inputs.cov.abs().max()) == 0.0
-    assert torch.allclose(pushed.mean, states.mean[2], atol=1e-14)
-    assert torch.allclose(pushed.cov, states.cov[2], atol=1e-14)
