@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from functools import partial, reduce
 from operator import add
@@ -155,34 +155,20 @@ def _predicted(trial: PastTrial) -> str:
 
 
 def search(history: History) -> Section:
-    """How the policy search of each trial went."""
-    costs = read_search(history.run)
-    if not history.foreseen:
-        return _practice(costs)
-    pictures = []
-    if costs:
-        pictures.append(draw("Predicted cost over steps", lambda ax: plot_search(costs, ax)))
-    return Section(
-        "Policy search",
+    """How the policy search of each trial went; of an agent without a model, its episodes."""
+    costs, labels = read_search(history.run), {}
+    title, kind, says = "Policy search", "steps", "Predicted cost over steps"
+    text = (
         "The cost that the models expect after each step of the optimiser. Where a search tried "
-        "several starts, they follow one another.",
-        pictures,
-        [Table(("trial", "steps"), [(str(k), str(len(v))) for k, v in costs.items()])],
+        "several starts, they follow one another."
     )
-
-
-def _practice(costs: Mapping[int, Sequence[float]]) -> Section:
-    """How the episodes went that an agent without a model has learned from."""
-
-    def picture(ax: Any) -> None:
-        plot_search(costs, ax).set(xlabel="episode of the trial", ylabel="its cost [-]")
-
-    return Section(
-        "Episodes",
-        "What each episode cost that was learned from, with the noise of exploration.",
-        [draw("Cost of each episode", picture)] if costs else [],
-        [Table(("trial", "episodes"), [(str(k), str(len(v))) for k, v in costs.items()])],
-    )
+    if not history.foreseen:
+        title, kind, says = "Episodes", "episodes", "Cost of each episode"
+        text = "What each episode cost that was learned from, with the noise of exploration."
+        labels = {"xlabel": "episode of the trial", "ylabel": "its cost [-]"}
+    pictures = [draw(says, lambda ax: plot_search(costs, ax).set(**labels))] if costs else []
+    rows = [(str(trial), str(len(values))) for trial, values in costs.items()]
+    return Section(title, text, pictures, [Table(("trial", kind), rows)])
 
 
 def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
