@@ -20,14 +20,14 @@ from mcpilco.bodies import Chain
 from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics.gaussian import (
     TUNED_ON,
-    Geometric,
-    Nonparametric,
-    Parametric,
     PhysicalFeatures,
     Prior,
-    Semiparametric,
     fit_gaussian,
+    geometric,
+    nonparametric,
+    parametric,
     restored,
+    semiparametric,
 )
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
@@ -208,11 +208,11 @@ def fit_inverse_dynamics(
 
 def _prior(kernel: str, kinds: tuple[Kind, ...], chain: Chain | None, friction: bool) -> Prior:
     if kernel == "gip":
-        return Geometric(kinds, friction)
+        return geometric(kinds, friction)
     if kernel == "rbf":
-        return Nonparametric(len(kinds))
+        return nonparametric(len(kinds))
     assert chain is not None
-    return Parametric(chain, friction) if kernel == "pp" else Semiparametric(chain, friction)
+    return parametric(chain, friction) if kernel == "pp" else semiparametric(chain, friction)
 
 
 def _require_chain(kernel: str, chain: Chain | None, data: JointData) -> Chain:
