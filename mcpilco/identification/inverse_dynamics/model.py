@@ -47,12 +47,6 @@ class Fitted:
         as_read = json.loads(json.dumps(built))  # equal before and after a file
         return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, as_read)
 
-    @classmethod
-    def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
-        """From its `asdict` in a file, which has lists for tuples."""
-        lists = {name: tuple(saved[name]) for name in ("joints", "torque_std")}
-        return cls(**{**saved, **lists, "report": Report.of_json(saved["report"])})
-
 
 class InverseDynamics(ABC):
     """The torques that a motion takes, learned from data: tau(q, q', q'').
