@@ -87,14 +87,6 @@ class Term:
     s: Float[Tensor, "*b R D"]
     """weights of each linear factor"""
 
-    def __call__(self, X1: Rows, X2: Columns) -> Matrix:
-        """The matrix k(X1, X2)."""
-        differences = X1[..., :, None, :] - X2[..., None, :, :]
-        quadratic = (self.w[..., None, None, :] * differences.square()).sum(-1)
-        linear = torch.einsum("...rd,...nd,...md->...rnm", self.s, X1, X2)
-        factors = self.c[..., None, None] + linear
-        return self.v[..., None, None] * torch.exp(-0.5 * quadratic) * factors.prod(-3)
-
     def __mul__(self, other: Term) -> Term:
         """The product of two terms is a term."""
         return Term(

@@ -113,14 +113,8 @@ def _rotation_vector(R: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]:
 
     With s = sin(angle) axis and c = cos(angle), the vector is s angle / sin(angle).
     """
-    s = 0.5 * torch.stack(
-        [
-            R[..., 2, 1] - R[..., 1, 2],
-            R[..., 0, 2] - R[..., 2, 0],
-            R[..., 1, 0] - R[..., 0, 1],
-        ],
-        -1,
-    )
+    skew = R - R.mT
+    s = 0.5 * torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], -1)
     c = 0.5 * (R.diagonal(dim1=-2, dim2=-1).sum(-1) - 1.0)
     size = (s.square().sum(-1) + 1e-24).sqrt()  # smooth at 0, where the factor is 1
     return s * (torch.atan2(size, c) / size)[..., None]
