@@ -27,7 +27,6 @@ from mcpilco.search.fused.arithmetic import PLAIN, add, clear, copy
 from mcpilco.search.fused.policy import augment, through_augmentation
 from mcpilco.sensing import Chain, DelayModel, LinearEstimator, Observer
 
-
 LinearArrays = namedtuple("LinearArrays", [field.name for field in fields(LinearEstimator)])
 """those of a `LinearEstimator`; gains are of each of T steps"""
 
