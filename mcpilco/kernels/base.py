@@ -233,10 +233,10 @@ class _Composite(Kernel):
     """from two kernels' values to those of both together"""
 
     def forward(self, X1: Rows, X2: Columns) -> Matrix:
-        return reduce(self.operation, (part(X1, X2) for part in self.parts))
+        return reduce(type(self).operation, (part(X1, X2) for part in self.parts))
 
     def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
-        return reduce(self.operation, (part.diag(X) for part in self.parts))
+        return reduce(type(self).operation, (part.diag(X) for part in self.parts))
 
     @abstractmethod
     def combined(self, parts: Iterable[list[Term]]) -> list[Term]:
