@@ -55,10 +55,8 @@ def state_gains(
     if sum(len(episode) - 1 for episode in usable) < 40:
         return ()
     states = [episode.observations for episode in usable]
-    now, before = (
-        np.concatenate([s[1:-1] for s in states]),
-        np.concatenate([s[:-2] for s in states]),
-    )
+    now = np.concatenate([s[1:-1] for s in states])
+    before = np.concatenate([s[:-2] for s in states])
     change = np.concatenate([np.diff(s, axis=0)[1:] for s in states])
     input_now = np.concatenate([episode.inputs[1:] for episode in usable])
     input_before = np.concatenate([episode.inputs[:-1] for episode in usable])

@@ -107,21 +107,18 @@ def stack(chains: Sequence[Chain]) -> Chains:
         if [(b.parent, b.kind, b.axis, b.rotation) for b in chain.bodies] != shape:
             raise InputError("chains can be stacked where their joints are equal; these differ.")
 
-    def each(name: str) -> np.ndarray:
-        return np.array([[getattr(b, name) for b in chain.bodies] for chain in chains], float)
-
+    numbers = {
+        name: np.array([[getattr(b, name) for b in chain.bodies] for chain in chains], float)
+        for name in ("origin", "mass", "center", "inertia", "armature")
+    }
     return Chains(
         parent=np.array([body.parent for body in first]),
         slides=np.array([int(body.kind == SLIDE) for body in first]),
         planar=np.array([int(all(map(_planar, first)))]),
         axis=np.array([body.axis for body in first], float),
         rotation=np.array([body.rotation for body in first], float),
-        origin=each("origin"),
-        mass=each("mass"),
-        center=each("center"),
-        inertia=each("inertia"),
-        armature=each("armature"),
         gravity=np.array([chain.gravity for chain in chains], float),
+        **numbers,
     )
 
 

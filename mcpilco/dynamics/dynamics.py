@@ -41,11 +41,7 @@ class Increment:
             memory: how many commands are remembered; 0 changes nothing.
         """
         X, E, more = len(self.A), self.B.shape[1], inputs * memory
-        A, B, C = (
-            np.zeros((X + more, X + more)),
-            np.zeros((X + more, E)),
-            np.zeros((X + more, inputs)),
-        )
+        A, B, C = (np.zeros((X + more, width)) for width in (X + more, E, inputs))
         A[:X, :X], B[:X], C[:X] = self.A, self.B, self.C
         if memory:
             C[X : X + inputs] = np.eye(inputs)

@@ -80,13 +80,10 @@ class Samples:
             begun: which of the batch know nothing any more, nor this one.
         """
         fresh = ~begun[..., None]
-        found = Samples(
-            torch.cat([self.X, X[..., None, :]], -2),
-            torch.cat([self.Y, Y[..., None, :]], -2),
-            torch.cat([self.told & fresh, fresh], -1),
-        )
         return Samples(
-            found.X[..., -RECENT:, :], found.Y[..., -RECENT:, :], found.told[..., -RECENT:]
+            torch.cat([self.X, X[..., None, :]], -2)[..., -RECENT:, :],
+            torch.cat([self.Y, Y[..., None, :]], -2)[..., -RECENT:, :],
+            torch.cat([self.told & fresh, fresh], -1)[..., -RECENT:],
         )
 
 

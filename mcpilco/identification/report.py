@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from jaxtyping import Float
 from torch import Tensor
@@ -39,15 +38,6 @@ class Report:
             evidence=tuple(-nlml for fit in fits for nlml in fit.nlml),
             **more,
         )
-
-    @classmethod
-    def of_json(cls, saved: Mapping[str, Any]) -> Report:
-        """The report in a file, which has lists for tuples."""
-        fields: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in saved.items()
-        }
-        return cls(**fields)
 
 
 def jitter_of(diagonal: Float[Tensor, "E N"], L: Float[Tensor, "E N N"]) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.config import from_dict
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.gp import GP, Posterior, WeightPosterior, WeightSpaceGP
 from mcpilco.identification.report import Report, jitter_of
@@ -352,7 +353,7 @@ def load_volterra(path: str | Path) -> VolterraModel:
         X, Y = (torch.as_tensor(np.asarray(groups["samples"][key], dtype=float)) for key in "XY")
         gp = prior(config, outputs, len(inputs), len(X))
         gp.load_arrays(groups["prior"])
-        scaling, report = Scaling(**groups["scaling"]), Report.of_json(about["report"])
+        scaling, report = Scaling(**groups["scaling"]), from_dict(Report, about["report"])
         posterior = gp.condition(X, Y)
         return VolterraModel(config, inputs, outputs, scaling, gp, X, Y, posterior, report)
     except (KeyError, TypeError, ValueError, AttributeError, McPilcoError) as error:

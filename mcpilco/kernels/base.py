@@ -22,17 +22,25 @@ A kernel of one's own is a class with its hyperparameters and one method, the fo
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain, product
 from operator import mul
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from mcpilco.typing import InputError
+
+Rows = Float[Tensor, "*#b N D"]
+"""N regressors; leading axes broadcast with the kernel's batch"""
+Columns = Float[Tensor, "*#b M D"]
+"""M further ones"""
+Matrix = Float[Tensor, "*#b N M"]
+"""covariances of the two"""
 
 
 class NoCanonicalFormError(InputError, NotImplementedError):
@@ -78,16 +86,6 @@ class Term:
     """offset of each linear factor; R may be 0"""
     s: Float[Tensor, "*b R D"]
     """weights of each linear factor"""
-
-    def __call__(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
-        """The matrix k(X1, X2)."""
-        differences = X1[..., :, None, :] - X2[..., None, :, :]
-        quadratic = (self.w[..., None, None, :] * differences.square()).sum(-1)
-        linear = torch.einsum("...rd,...nd,...md->...rnm", self.s, X1, X2)
-        factors = self.c[..., None, None] + linear
-        return self.v[..., None, None] * torch.exp(-0.5 * quadratic) * factors.prod(-3)
 
     def __mul__(self, other: Term) -> Term:
         """The product of two terms is a term."""
@@ -147,12 +145,10 @@ class Kernel(nn.Module, ABC):
         self.batch = tuple(batch)
 
     @abstractmethod
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         """The matrix k(X1, X2); leading axes broadcast with the kernel's batch."""
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         """The diagonal of k(X, X), without the matrix."""
         lead = torch.broadcast_shapes(self.batch, X.shape[:-2])
         rows = X.expand(*lead, *X.shape[-2:]).movedim(-2, 0)[..., None, :]  # (N, *b, 1, D)
@@ -233,6 +229,15 @@ class _Composite(Kernel):
         super().__init__(parts[0].width, parts[0].batch)
         self.parts: Sequence[Kernel] = nn.ModuleList(parts)  # type: ignore[assignment]
 
+    operation: ClassVar[Callable[[Tensor, Tensor], Tensor]]
+    """from two kernels' values to those of both together"""
+
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
+        return reduce(type(self).operation, (part(X1, X2) for part in self.parts))
+
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
+        return reduce(type(self).operation, (part.diag(X) for part in self.parts))
+
     @abstractmethod
     def combined(self, parts: Iterable[list[Term]]) -> list[Term]:
         """The terms of this kernel, given those of its parts."""
@@ -254,13 +259,7 @@ class _Composite(Kernel):
 class Sum(_Composite):
     """k(x, x') = sum_i k_i(x, x')."""
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
-        return reduce(torch.add, (part(X1, X2) for part in self.parts))
-
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
-        return reduce(torch.add, (part.diag(X) for part in self.parts))
+    operation = torch.add
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
         for part in self.parts:
@@ -273,13 +272,7 @@ class Sum(_Composite):
 class Product(_Composite):
     """k(x, x') = prod_i k_i(x, x')."""
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
-        return reduce(torch.mul, (part(X1, X2) for part in self.parts))
-
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
-        return reduce(torch.mul, (part.diag(X) for part in self.parts))
+    operation = torch.mul
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
         first, *others = self.parts
@@ -301,12 +294,10 @@ class Scaled(Kernel):
         self.kernel = kernel
         self.variance = self.spread(variance)
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         return self.variance[..., None, None] * self.kernel(X1, X2)
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         return self.variance[..., None] * self.kernel.diag(X)
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:
@@ -346,12 +337,10 @@ class ActiveDims(Kernel):
         self.kernel = kernel
         self.register_buffer("dims", torch.tensor(dims), persistent=False)
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         return self.kernel(X1[..., self.dims], X2[..., self.dims])
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         return self.kernel.diag(X[..., self.dims])
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:

@@ -8,6 +8,7 @@ over the inverse dynamics of any robot with such joints.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from typing import Literal, cast
 
@@ -58,13 +59,19 @@ class _OfChain(Kernel):
             for kind in self.kinds
         ]
 
-    def _matrix(self, X1: Tensor, X2: Tensor) -> Linear:
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
         weighted = X1 * self.weights[..., None, :]
-        return lambda dims: weighted[..., dims] @ X2[..., dims].mT
+        return self._made_of(lambda dims: weighted[..., dims] @ X2[..., dims].mT, (None, None))
 
-    def _diagonal(self, X: Tensor) -> Linear:
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         weighted = X.square() * self.weights[..., None, :]
-        return lambda dims: weighted[..., dims].sum(-1)
+        return self._made_of(lambda dims: weighted[..., dims].sum(-1), (None,))
+
+    @abstractmethod
+    def _made_of(self, linear: Linear, axes: tuple[None, ...]) -> Tensor:
+        """The kernel, a matrix or its diagonal; `axes` are what hyperparameters lack of its own."""
 
     def _term(self, v: Tensor, factors: Sequence[Sequence[int]], bare: bool = False) -> Term:
         """v times the factors of these regressors; a bare last factor has no constant."""
@@ -101,16 +108,8 @@ class Kinematic(_OfChain):
         slides = [d[0] for d in dims if len(d) == 1]
         return [d for d in dims if len(d) == 2] + ([slides] if slides else [])
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
-        K, linear = self.variance[..., None, None], self._matrix(X1, X2)
-        for dims in self._factors():
-            K = K * (1.0 + linear(dims))
-        return K
-
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
-        k, linear = self.variance[..., None], self._diagonal(X)
+    def _made_of(self, linear: Linear, axes: tuple[None, ...]) -> Tensor:
+        k = self.variance[(..., *axes)]
         for dims in self._factors():
             k = k * (1.0 + linear(dims))
         return k
@@ -143,17 +142,9 @@ class NestedKinematic(_OfChain):
         super().__init__(kinds, batch)
         self.offsets = self.spread(1.0, self._hinges + 1)
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
-        return self._nest(self.offsets[..., None, None, :], self._matrix(X1, X2))
-
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
-        return self._nest(self.offsets[..., None, :], self._diagonal(X))
-
-    def _nest(self, offsets: Tensor, linear: Linear) -> Tensor:
+    def _made_of(self, linear: Linear, axes: tuple[None, ...]) -> Tensor:
         """From the innermost bracket outwards."""
-        left = self._hinges
+        offsets, left = self.offsets[(..., *axes, slice(None))], self._hinges
         k = offsets[..., left]
         for dims in reversed(self._dims()):
             if len(dims) == 1:

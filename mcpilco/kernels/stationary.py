@@ -66,11 +66,4 @@ class RBF(Kernel):
 
     def terms(self) -> list[Term]:
         w = self.lengthscale.pow(-2)
-        return [
-            Term(
-                self.variance,
-                w,
-                w.new_zeros(*self.batch, 0),
-                w.new_zeros(*self.batch, 0, self.width),
-            )
-        ]
+        return [Term(self.variance, w, w[..., :0], w[..., None, :][..., :0, :])]

@@ -107,9 +107,11 @@ class Number:
 Real = float | Number
 
 
-def operate(operation: int, a: Real, b: Real) -> Real:
+def operate(operation: int, a: Any, b: Any) -> Any:
     """The result of an operation, of which one that takes one number takes the first."""
-    return _binary(operation, a, b) if operation < SINE else _unary(operation, a)
+    if operation >= SINE:
+        return _unary(operation, a)
+    return (_extreme if operation in (MINIMUM, MAXIMUM) else _binary)(operation, a, b)
 
 
 def _is(x: Real, value: float) -> bool:

@@ -272,27 +272,27 @@ def _nominal(
         for body in _chain(model).bodies
         if body.mass > 0.0
     ]
-    base = []
+    base: list[Base] = []
+
+    def has(effect: str, target: str, *values: float | str) -> None:
+        base.append(Base(EffectInstance(CATALOGUE[effect], target), values))
+
     for j, joint in enumerate(layout.joints):
         dof = model.jnt_dofadr[j]
         position, force = layout.unit_of(joint)
         damping, dry = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
         if damping > 0.0:
             parameters.append(Parameter(f"{joint}_damping", damping, f"{force} s/{position}"))
-            base.append(
-                Base(EffectInstance(CATALOGUE["viscous_friction"], joint), (f"{joint}_damping",))
-            )
+            has("viscous_friction", joint, f"{joint}_damping")
         if dry > 0.0:
             parameters.append(Parameter(f"{joint}_friction", dry, force))
-            names = (f"{joint}_friction", TURN_OVER)
-            base.append(Base(EffectInstance(CATALOGUE["coulomb_friction"], joint), names))
+            has("coulomb_friction", joint, f"{joint}_friction", TURN_OVER)
         stiffness = float(model.jnt_stiffness[j])
         if stiffness > 0.0:
             rest = float(model.qpos_spring[model.jnt_qposadr[j]])
-            base.append(Base(EffectInstance(CATALOGUE["spring"], joint), (stiffness,)))
+            has("spring", joint, stiffness)
             if rest:
-                push = (stiffness * rest,)
-                base.append(Base(EffectInstance(CATALOGUE["constant_force"], joint), push))
+                has("constant_force", joint, stiffness * rest)
     for u, name in enumerate(layout.inputs):
         target = layout.actuator(u)
         gain = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
@@ -302,11 +302,11 @@ def _nominal(
             base.append(Base(EffectInstance(CommandRange(), target), (most,)))
         if model.actuator_forcelimited[u]:
             most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
-            base.append(Base(EffectInstance(CATALOGUE["actuator_saturation"], target), (most,)))
+            has("actuator_saturation", target, most)
         if model.jnt_actfrclimited[layout.drives[u]]:
             most = float(model.jnt_actfrcrange[layout.drives[u], 1])
-            base.append(Base(EffectInstance(CATALOGUE["actuator_saturation"], target), (most,)))
-        base.append(Base(EffectInstance(CATALOGUE["actuator_gain"], target), (f"{name}_gain",)))
+            has("actuator_saturation", target, most)
+        has("actuator_gain", target, f"{name}_gain")
     size = float(np.linalg.norm(model.opt.gravity))
     parameters.append(Parameter("gravity", size, "m/s^2", uncertain=False))
     return tuple(parameters), tuple(base)

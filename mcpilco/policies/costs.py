@@ -34,13 +34,8 @@ class SaturatingCost:
     """compare the absolute value of the state"""
 
     def __post_init__(self) -> None:
-        widths = {
-            len(self.components),
-            len(self.targets),
-            len(self.lengthscales),
-            len(self.magnitude),
-        }
-        if len(widths) != 1:
+        entries = self.components, self.targets, self.lengthscales, self.magnitude
+        if len(set(map(len, entries))) != 1:
             raise InputError(
                 "SaturatingCost needs one target, lengthscale and magnitude flag for each "
                 f"component, got {self.components}, {self.targets}, {self.lengthscales}, "

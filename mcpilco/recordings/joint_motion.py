@@ -26,6 +26,9 @@ from mcpilco.plant import CoulombFriction
 from mcpilco.recordings.recording import Samples
 from mcpilco.typing import InputError
 
+ByJoint = Float[np.ndarray, "T J"]
+"""a number for each joint, on a uniform grid"""
+
 ORDER = 4
 """of the Butterworth filter, each way"""
 ROWS_A_PERIOD = 8.0
@@ -60,13 +63,7 @@ class JointMotion(Samples):
     filtered jump is no jump of filtered velocities"""
 
 
-def zero_phase(
-    q: Float[np.ndarray, "T J"],
-    dq: Float[np.ndarray, "T J"],
-    tau: Float[np.ndarray, "T J"],
-    dt: float,
-    cutoff: float,
-) -> JointMotion:
+def zero_phase(q: ByJoint, dq: ByJoint, tau: ByJoint, dt: float, cutoff: float) -> JointMotion:
     """A motion without what is faster than the cutoff.
 
     Args:
@@ -96,12 +93,7 @@ def zero_phase(
 
 
 def local_cubics(
-    q: Float[np.ndarray, "T J"],
-    dq: Float[np.ndarray, "T J"],
-    tau: Float[np.ndarray, "T J"],
-    dt: float,
-    window: int = WINDOW,
-    step: int = 1,
+    q: ByJoint, dq: ByJoint, tau: ByJoint, dt: float, window: int = WINDOW, step: int = 1
 ) -> JointMotion:
     """A motion by the cubic about each sample.
 
@@ -131,7 +123,7 @@ def local_cubics(
     return motion[window:-window:step]
 
 
-def motion_cutoff(q: Float[np.ndarray, "T J"], dt: float) -> float:
+def motion_cutoff(q: ByJoint, dt: float) -> float:
     """Four times the bandwidth of the fastest joint's motion [Hz]; a fifth of the rate at most.
 
     Args:
@@ -145,7 +137,7 @@ def motion_cutoff(q: Float[np.ndarray, "T J"], dt: float) -> float:
     return float(np.clip(MARGIN * frequency[within].max(), 2.0 * frequency[1], 0.2 / dt))
 
 
-def encoder_noise(q: Float[np.ndarray, "T J"], dt: float) -> Float[np.ndarray, " J"]:
+def encoder_noise(q: ByJoint, dt: float) -> Float[np.ndarray, " J"]:
     """Standard deviation of each position's noise [rad or m].
 
     White noise is as strong at all frequencies, and nothing moves at those above a quarter of the
@@ -158,13 +150,13 @@ def encoder_noise(q: Float[np.ndarray, "T J"], dt: float) -> Float[np.ndarray, "
     return np.sqrt(_spectrum(q, dt)[2] * 0.5 / dt)
 
 
-def _dry(q: Float[np.ndarray, "T J"], dq: Float[np.ndarray, "T J"]) -> Float[np.ndarray, "T J"]:
+def _dry(q: ByJoint, dq: ByJoint) -> ByJoint:
     """Dry friction of 1 N m or 1 N, as a force that the motor supplies."""
     return CoulombFriction.force(q, dq, -1.0, TURN_OVER)
 
 
 def _spectrum(
-    q: Float[np.ndarray, "T J"], dt: float
+    q: ByJoint, dt: float
 ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F J"], Float[np.ndarray, " J"]]:
     """Frequencies [Hz], power a Hz, and its mean in the upper half of them."""
     length = min(len(q), round(_SECONDS / dt))
@@ -172,7 +164,7 @@ def _spectrum(
     return frequency, power, power[len(power) // 2 :].mean(axis=0)
 
 
-def _require_rows(q: Float[np.ndarray, "T J"], least: int, dt: float) -> None:
+def _require_rows(q: ByJoint, least: int, dt: float) -> None:
     if len(q) <= least:
         raise InputError(
             f"more than {least * dt:.3g} s without a gap were expected, got {len(q) * dt:.3g} s; "

@@ -18,6 +18,13 @@ from mcpilco.recordings.recording import Gaps, Recording, runs
 from mcpilco.recordings.smoothing import local_fit, noise_std
 from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid
 
+Channel = Float[np.ndarray, " N"]
+"""a number a row of the log"""
+Held = Float[np.ndarray, "N U"]
+"""commands a row of the log"""
+Grid = Float[np.ndarray, " T"]
+"""a number a sample of the grid"""
+
 LONG = 5
 """more than so many samples of a position in a row without a value are a gap"""
 AVERAGED = 5
@@ -69,7 +76,7 @@ def resampled(log: Log, dt: float) -> tuple[Float[np.ndarray, "T X"], Float[np.n
     return _sampled(log, grid, dt), _held(switched, held, grid, dt)
 
 
-def _sampled(log: Log, grid: Float[np.ndarray, " T"], dt: float) -> Float[np.ndarray, "T X"]:
+def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:
     """States on the grid."""
     if not on_grid(log.time, dt):
         return np.column_stack([_interpolated(log, x, grid, dt) for x in log.states.T])
@@ -78,12 +85,7 @@ def _sampled(log: Log, grid: Float[np.ndarray, " T"], dt: float) -> Float[np.nda
     return states
 
 
-def _held(
-    switched: Float[np.ndarray, " N"],
-    held: Float[np.ndarray, "N U"],
-    grid: Float[np.ndarray, " T"],
-    dt: float,
-) -> Float[np.ndarray, "T U"]:
+def _held(switched: Channel, held: Held, grid: Grid, dt: float) -> Float[np.ndarray, "T U"]:
     """Commands on the grid."""
     if not on_grid(switched, dt):
         return _mean_held(switched, held, grid, dt)
@@ -121,7 +123,7 @@ def find_gaps(
     return tuple((dt * a, dt * b) for a, b in runs(steps))
 
 
-def _filled(inputs: Float[np.ndarray, "N U"]) -> Float[np.ndarray, "N U"]:
+def _filled(inputs: Held) -> Held:
     """Each missing input replaced by the last one known, the first ones by the first known."""
     filled = inputs.copy()
     for column in filled.T:
@@ -131,12 +133,7 @@ def _filled(inputs: Float[np.ndarray, "N U"]) -> Float[np.ndarray, "N U"]:
     return filled
 
 
-def _mean_held(
-    time: Float[np.ndarray, " N"],
-    held: Float[np.ndarray, "N U"],
-    grid: Float[np.ndarray, " T"],
-    dt: float,
-) -> Float[np.ndarray, "T U"]:
+def _mean_held(time: Channel, held: Held, grid: Grid, dt: float) -> Float[np.ndarray, "T U"]:
     """1/dt times the integral over each step of the grid of a command that is held."""
     ends = np.append(time, max(time[-1], grid[-1]) + 2 * dt)
     ends[0] = min(ends[0], grid[0])
@@ -148,9 +145,7 @@ def _mean_held(
     return np.column_stack(columns)
 
 
-def _interpolated(
-    log: Log, values: Float[np.ndarray, " N"], grid: Float[np.ndarray, " T"], dt: float
-) -> Float[np.ndarray, " T"]:
+def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:
     """One state on the grid; NaN where its neighbours are too far from one another."""
     known = np.isfinite(values)
     time, values = log.time[known], values[known]
@@ -172,8 +167,8 @@ def _interpolated(
 
 
 def _through_four(
-    nodes: Float[np.ndarray, "T 4"], values: Float[np.ndarray, "T 4"], at: Float[np.ndarray, " T"]
-) -> Float[np.ndarray, " T"]:
+    nodes: Float[np.ndarray, "T 4"], values: Float[np.ndarray, "T 4"], at: Grid
+) -> Grid:
     """Lagrange's cubic through four points."""
     result = np.zeros(len(at))
     for k in range(4):
@@ -185,13 +180,7 @@ def _through_four(
     return result
 
 
-def _averaged(
-    time: Float[np.ndarray, " N"],
-    values: Float[np.ndarray, " N"],
-    grid: Float[np.ndarray, " T"],
-    dt: float,
-    step: float,
-) -> Float[np.ndarray, " T"]:
+def _averaged(time: Channel, values: Channel, grid: Grid, dt: float, step: float) -> Grid:
     """Local quadratics of the rows within half a step of each time of the grid."""
     width = min(int(2 * np.ceil(dt / step)) + 1, len(time))
     middle = np.searchsorted(time, grid)
@@ -211,7 +200,7 @@ ROWS = 2000
 """that are looked at, from the beginning"""
 
 
-def by_the_clock(time: Float[np.ndarray, " N"], dt: float) -> Float[np.ndarray, " N"] | None:
+def by_the_clock(time: Channel, dt: float) -> Channel | None:
     """Times of a clock that ticks each dt, one of its own for each stamp; None if they do not fit.
 
     Args:

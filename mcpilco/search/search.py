@@ -25,6 +25,9 @@ from mcpilco.search.schedule import Schedule
 
 logger = logging.getLogger(__name__)
 
+Fresh = Callable[[], SumOfGaussians]
+"""makes a random policy"""
+
 MOST_SKIPPED = 20
 """a start is given up after this many steps in a row without a finite cost and gradient"""
 
@@ -110,7 +113,7 @@ class Starts:
         config: SearchConfig,
         reference_cost: float,
         policy: SumOfGaussians,
-        fresh: Callable[[], SumOfGaussians],
+        fresh: Fresh,
         trial: int,
     ) -> None:
         self._most = config.starts_of(trial)
@@ -259,11 +262,7 @@ class PolicySearch:
         self.report = report
 
     def run(
-        self,
-        problem: Problem,
-        policy: SumOfGaussians,
-        fresh: Callable[[], SumOfGaussians],
-        trial: int,
+        self, problem: Problem, policy: SumOfGaussians, fresh: Fresh, trial: int
     ) -> SearchResult[Candidate]:
         """The policy of lowest predicted cost among the first one and what came of the starts.
 
@@ -352,11 +351,7 @@ LOST_FACTOR = 1.25
 
 
 def follow(
-    search: PolicySearch,
-    problem: Problem,
-    policy: SumOfGaussians,
-    fresh: Callable[[], SumOfGaussians],
-    trial: int,
+    search: PolicySearch, problem: Problem, policy: SumOfGaussians, fresh: Fresh, trial: int
 ) -> SearchResult[Candidate]:
     """Search in the easiest model first, and follow the policy from there to the model itself.
 
@@ -391,13 +386,7 @@ def follow(
 class _Way:
     """The models between the easiest and the model itself, and what was spent in them."""
 
-    def __init__(
-        self,
-        search: PolicySearch,
-        problem: Problem,
-        fresh: Callable[[], SumOfGaussians],
-        trial: int,
-    ) -> None:
+    def __init__(self, search: PolicySearch, problem: Problem, fresh: Fresh, trial: int) -> None:
         self.starts = self.steps = 0
         self._search, self._problem = search, problem
         self._fresh, self._trial = fresh, trial

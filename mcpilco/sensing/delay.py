@@ -17,6 +17,7 @@ from torch import Tensor
 
 from mcpilco.dynamics import Delay, GPDynamics
 from mcpilco.gp import Samples
+from mcpilco.sensing.estimator import Begun, Inputs, Memory, State
 from mcpilco.sensing.state_predictor import StatePredictor, for_each
 
 SMALLEST_NOISE = 1e-9
@@ -49,16 +50,11 @@ class DelayModel:
     """the model of an actuator that answers at once"""
     delay: Delay
 
-    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
+    def begin(self, states: State) -> Memory:
         """The memory before the first measurement of an episode that starts in these states."""
         return states.repeat(*[1] * (states.ndim - 1), self.delay.memory + 1)
 
-    def observe(
-        self,
-        measured: Float[Tensor, "*b X"],
-        memory: Float[Tensor, "*b M"],
-        begun: Bool[Tensor, "*b"] | None = None,
-    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
+    def observe(self, measured: State, memory: Memory, begun: Begun = None) -> tuple[State, Memory]:
         """The prediction that the policy acts on, and the memory with this measurement.
 
         Args:
@@ -72,9 +68,7 @@ class DelayModel:
         memory = torch.cat([measured, memory[..., X:]], -1)
         return memory[..., -X:], memory
 
-    def after(
-        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b M"]:
+    def after(self, memory: Memory, inputs: Inputs) -> Memory:
         """The predictions of the next states, behind a place for their measurement."""
         X = self.dynamics.augmentation.state_dim
         asked = memory.unflatten(-1, (-1, X))[..., :-1, :]
@@ -138,7 +132,7 @@ class StateTracker:
         """R."""
         return torch.diag(self.noise_std.square())
 
-    def start(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b X"]:
+    def start(self, states: State) -> State:
         """The states in which the first commands of episodes that begin in these will act."""
         return self.predictor(states, self.begin(states).past[..., :-1, :])
 
@@ -153,12 +147,7 @@ class StateTracker:
         return Track(*first, self.predictor.no_steps(*batch) if known else None, past, begun)
 
     @torch.no_grad()
-    def observe(
-        self,
-        measured: Float[Tensor, "*b X"],
-        memory: Track,
-        begun: Bool[Tensor, "*b"] | None = None,
-    ) -> tuple[Float[Tensor, "*b X"], Track]:
+    def observe(self, measured: State, memory: Track, begun: Begun = None) -> tuple[State, Track]:
         """The state in which the next command will act, and the memory with this measurement.
 
         Args:
@@ -176,17 +165,13 @@ class StateTracker:
         memory = dataclasses.replace(memory, begun=torch.zeros_like(begun))
         return ahead(states, past[..., :-1, :]), memory
 
-    def after(self, memory: Track, inputs: Float[Tensor, "*b U"]) -> Track:
+    def after(self, memory: Track, inputs: Inputs) -> Track:
         """The memory with a command, of which the oldest gives way to it."""
         past = torch.cat([inputs[..., None, :], memory.past[..., :-1, :]], -2)
         return dataclasses.replace(memory, past=past)
 
     def _corrected(
-        self,
-        track: Track,
-        learned: Samples,
-        measured: Float[Tensor, "*b X"],
-        begun: Bool[Tensor, "*b"],
+        self, track: Track, learned: Samples, measured: State, begun: Bool[Tensor, "*b"]
     ) -> tuple[Track, Samples]:
         """The track at the end of a step, and the steps so far; where it begins, a measurement."""
         if bool(begun.all()):
@@ -201,8 +186,8 @@ class StateTracker:
         return Track(states, covariance, steps, track.past, begun), steps
 
     def _estimated(
-        self, track: Track, known: StatePredictor, measured: Float[Tensor, "*b X"]
-    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b X X"]]:
+        self, track: Track, known: StatePredictor, measured: State
+    ) -> tuple[State, Float[Tensor, "*b X X"]]:
         """The estimate at the end of a step, and the covariance of its errors."""
         width = measured.shape[-1]
         steps = torch.diag(self.noise_std)  # for the differences: as far as errors are large

@@ -19,6 +19,17 @@ from mcpilco.sensing.motion import Motion
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Estimator
 
+State = Float[Tensor, "*b X"]
+"""of a batch, each entry in its unit"""
+Measured = Float[Tensor, "*b Y"]
+"""likewise"""
+Inputs = Float[Tensor, "*b U"]
+"""likewise"""
+Memory = Float[Tensor, "*b M"]
+"""of an estimator"""
+Begun = Bool[Tensor, "*b"] | None
+"""which of a batch begin an episode; None: none"""
+
 
 @dataclass(frozen=True)
 class LinearEstimator:
@@ -41,17 +52,14 @@ class LinearEstimator:
     start: Float[Tensor, " X"]
     """what is expected before any measurement, in each state's unit"""
 
-    def begin(self, states: Float[Tensor, "*b n"]) -> Float[Tensor, "*b M"]:
+    def begin(self, states: Float[Tensor, "*b n"]) -> Memory:
         """The memory before the first measurement of an episode, wherever it starts."""
         memory = torch.cat([self.start, self.start.new_zeros(1)])
         return memory.expand(*states.shape[:-1], len(memory))
 
     def observe(
-        self,
-        measured: Float[Tensor, "*b Y"],
-        memory: Float[Tensor, "*b M"],
-        begun: Bool[Tensor, "*b"] | None = None,
-    ) -> tuple[Float[Tensor, "*b X"], Float[Tensor, "*b M"]]:
+        self, measured: Measured, memory: Memory, begun: Begun = None
+    ) -> tuple[State, Memory]:
         """The estimate of the state, and the memory for the next measurement."""
         if begun is not None:
             memory = torch.where(begun[..., None], self.begin(measured), memory)
@@ -60,9 +68,7 @@ class LinearEstimator:
         estimate = expected + _product(K, measured - _product(self.C, expected))
         return estimate, torch.cat([_product(self.A, estimate), count + 1], -1)
 
-    def after(
-        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b M"]:
+    def after(self, memory: Memory, inputs: Inputs) -> Memory:
         """The same memory: the motion knows no inputs."""
         return memory
 
@@ -120,24 +126,19 @@ class PastInputs:
     count: int
     """of steps that are kept"""
 
-    def begin(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b M"]:
+    def begin(self, states: State) -> Memory:
         """The inputs before an episode: zeros."""
         return states.new_zeros(*states.shape[:-1], self.inputs * self.count)
 
     def observe(
-        self,
-        measured: Float[Tensor, "*b X"],
-        memory: Float[Tensor, "*b M"],
-        begun: Bool[Tensor, "*b"] | None = None,
-    ) -> tuple[Float[Tensor, "*b X_plus_M"], Float[Tensor, "*b M"]]:
+        self, measured: State, memory: Memory, begun: Begun = None
+    ) -> tuple[Float[Tensor, "*b X_plus_M"], Memory]:
         """The state with the last inputs behind it."""
         if begun is not None:
             memory = torch.where(begun[..., None], 0.0, memory)
         return torch.cat([measured, memory], -1), memory
 
-    def after(
-        self, memory: Float[Tensor, "*b M"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b M"]:
+    def after(self, memory: Memory, inputs: Inputs) -> Memory:
         """The last inputs, of which the oldest gives way to a new one."""
         return torch.cat([inputs, memory], -1)[..., : memory.shape[-1]]
 
@@ -154,17 +155,14 @@ class Chain:
         return self.first.begin(states), self.second.begin(states)
 
     def observe(
-        self,
-        measured: Float[Tensor, "*b Y"],
-        memory: tuple[Any, Any],
-        begun: Bool[Tensor, "*b"] | None = None,
-    ) -> tuple[Float[Tensor, "*b X"], tuple[Any, Any]]:
+        self, measured: Measured, memory: tuple[Any, Any], begun: Begun = None
+    ) -> tuple[State, tuple[Any, Any]]:
         """The second one's estimate, and both memories."""
         estimate, first = self.first.observe(measured, memory[0], begun)
         estimate, second = self.second.observe(estimate, memory[1], begun)
         return estimate, (first, second)
 
-    def after(self, memory: tuple[Any, Any], inputs: Float[Tensor, "*b U"]) -> tuple[Any, Any]:
+    def after(self, memory: tuple[Any, Any], inputs: Inputs) -> tuple[Any, Any]:
         """The memories of both."""
         return self.first.after(memory[0], inputs), self.second.after(memory[1], inputs)
 
@@ -190,9 +188,7 @@ class Observer:
         """Y: one standard normal number for each measurement."""
         return len(self.noise_std)
 
-    def measured(
-        self, states: Float[Tensor, "*b X"], noise: Float[Tensor, "*b Y"]
-    ) -> Float[Tensor, "*b Y"]:
+    def measured(self, states: State, noise: Measured) -> Measured:
         """Noisy measurements of the states.
 
         Args:

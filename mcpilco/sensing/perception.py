@@ -176,21 +176,17 @@ class Perception:
         Raises:
             ValueError: an array is missing, of another shape, or not finite.
         """
-        names = [field.name for field in dataclasses.fields(LinearEstimator)]
-        missing = set(names) - set(arrays)
+        here = vars(self.estimator)
+        missing = set(here) - set(arrays)
         if missing:
             raise ValueError(f"its estimator lacks {sorted(missing)}")
-        loaded = {name: torch.from_numpy(np.asarray(arrays[name], dtype=float)) for name in names}
-        here = vars(self.estimator)
-        fits = all(loaded[name].shape == here[name].shape for name in ("A", "C", "start"))
-        fits = fits and loaded["gains"].shape[1:] == here["gains"].shape[1:]
-        noise = arrays.get("noise_std")
-        fits = fits and (noise is None or noise.shape == (len(self.task.measured_states),))
-        std = arrays.get("estimate_std")  # files of before lack it
-        fits = fits and (std is None or std.shape == (len(self.task.state_names),))
-        values = [*loaded.values(), *(torch.from_numpy(a) for a in (noise, std) if a is not None)]
-        if not fits or not all(bool(value.isfinite().all()) for value in values):
+        shapes = {name: tuple(value.shape) for name, value in here.items()}
+        shapes["gains"] = np.shape(arrays["gains"])[:1] + shapes["gains"][1:]
+        shapes["noise_std"] = (len(self.task.measured_states),)
+        shapes["estimate_std"] = (len(self.task.state_names),)  # files of before lack it
+        loaded = {name: np.asarray(arrays[name], dtype=float) for name in shapes if name in arrays}
+        if any(a.shape != shapes[n] or not np.isfinite(a).all() for n, a in loaded.items()):
             raise ValueError("its estimator does not fit the measured states")
-        self.estimator = LinearEstimator(**loaded)
-        self.noise_std = self.noise_std if noise is None else noise
-        self.estimate_std = std
+        self.estimator = LinearEstimator(**{name: torch.from_numpy(loaded[name]) for name in here})
+        self.noise_std = loaded.get("noise_std", self.noise_std)
+        self.estimate_std = loaded.get("estimate_std")

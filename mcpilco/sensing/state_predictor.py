@@ -22,6 +22,12 @@ from torch import Tensor
 
 from mcpilco.dynamics import Delay, GPDynamics, Increment, turning_regressors
 from mcpilco.gp import Further, Samples
+from mcpilco.sensing.estimator import Inputs, State
+
+States = Float[Tensor, "*b N X"]
+"""N for each of a batch, in their units"""
+Commands = Float[Tensor, "*b M_plus_1 U"]
+"""that of a step, and those before it, newest first"""
 
 
 class StatePredictor:
@@ -67,10 +73,7 @@ class StatePredictor:
         return Samples(X, Y, torch.empty(*batch, 0, dtype=torch.bool))
 
     def step(
-        self,
-        states: Float[Tensor, "*b X"],
-        commands: Float[Tensor, "*b M_plus_1 U"],
-        following: Float[Tensor, "*b X"],
+        self, states: State, commands: Commands, following: State
     ) -> tuple[Float[Tensor, "*b D"], Float[Tensor, "*b E"]]:
         """Regressors and changes of a measured step, for a model to learn.
 
@@ -84,9 +87,7 @@ class StatePredictor:
         return asked, (following - states)[..., self.dynamics.predicted]
 
     @torch.no_grad()
-    def __call__(
-        self, states: Float[Tensor, "*b X"], past: Float[Tensor, "*b M U"]
-    ) -> Float[Tensor, "*b X"]:
+    def __call__(self, states: State, past: Float[Tensor, "*b M U"]) -> State:
         """The expected states after the delay.
 
         Args:
@@ -103,9 +104,7 @@ class StatePredictor:
         states = states if part == 0.0 else self._begun(states, past[..., 0, :])
         return states[..., 0, :]
 
-    def after_step(
-        self, states: Float[Tensor, "*b N X"], commands: Float[Tensor, "*b M_plus_1 U"]
-    ) -> Float[Tensor, "*b N X"]:
+    def after_step(self, states: States, commands: Commands) -> States:
         """The expected states at the end of a step, of N at its beginning.
 
         Args:
@@ -114,12 +113,7 @@ class StatePredictor:
         """
         return self._stepped(states, commands[..., self.delay.whole :, :])
 
-    def along(
-        self,
-        states: Float[Tensor, "*b X"],
-        commands: Float[Tensor, "*b M_plus_1 U"],
-        following: Float[Tensor, "*b X"],
-    ) -> Float[Tensor, "*b X"]:
+    def along(self, states: State, commands: Commands, following: State) -> State:
         """Where positions are expected at the end of a step along which velocities are known.
 
         Args:
@@ -134,10 +128,7 @@ class StatePredictor:
         return expected + self._left_out(states, commands, following)
 
     def covariance(
-        self,
-        states: Float[Tensor, "*b X"],
-        commands: Float[Tensor, "*b M_plus_1 U"],
-        following: Float[Tensor, "*b X"],
+        self, states: State, commands: Commands, following: State
     ) -> Float[Tensor, "*b X X"]:
         """How uncertain the expected states at the end of a step are.
 
@@ -156,12 +147,7 @@ class StatePredictor:
         left_out = self._left_out(states, commands, following)
         return unknown + torch.diag_embed(left_out.square())
 
-    def _left_out(
-        self,
-        states: Float[Tensor, "*b X"],
-        commands: Float[Tensor, "*b M_plus_1 U"],
-        following: Float[Tensor, "*b X"],
-    ) -> Float[Tensor, "*b X"]:
+    def _left_out(self, states: State, commands: Commands, following: State) -> State:
         """By how much positions are further ahead than at constant acceleration.
 
         With accelerations a at the beginning and b at the end of a step, by (a - b) dt^2 / 12: the
@@ -172,27 +158,18 @@ class StatePredictor:
         before, after = self._change(both, acting).unbind(-2)
         return (before - after) / 6 @ _integrated(self.dynamics.increment).T
 
-    def _stepped(
-        self, states: Float[Tensor, "*b N X"], acting: Float[Tensor, "*b M U"]
-    ) -> Float[Tensor, "*b N X"]:
+    def _stepped(self, states: States, acting: Float[Tensor, "*b M U"]) -> States:
         """After a step, of the commands that act in it, newest first."""
         if self.delay.part == 0.0:
             return self._held(states, acting[..., 0, :])
         return self._switched(states, acting[..., 0, :], acting[..., 1, :])
 
-    def _held(
-        self, states: Float[Tensor, "*b N X"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b N X"]:
+    def _held(self, states: States, inputs: Inputs) -> States:
         """After a step in which an input is held."""
         delta = self._change(states, inputs)
         return self.dynamics.advance(states, for_each(states, inputs), delta)
 
-    def _switched(
-        self,
-        states: Float[Tensor, "*b N X"],
-        new: Float[Tensor, "*b U"],
-        old: Float[Tensor, "*b U"],
-    ) -> Float[Tensor, "*b N X"]:
+    def _switched(self, states: States, new: Inputs, old: Inputs) -> States:
         """After a step in which one input follows on another.
 
         The GPs have learned what that does to the changes that they predict. Positions that are
@@ -205,9 +182,7 @@ class StatePredictor:
         following = known.advance(states, for_each(states, new), delta)
         return following + p * (1 - p) * sooner @ _integrated(known.increment).T
 
-    def _begun(
-        self, states: Float[Tensor, "*b N X"], inputs: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b N X"]:
+    def _begun(self, states: States, inputs: Inputs) -> States:
         """After the delay's part of a step in which an input is held.
 
         A GP's change is that of a whole step, whose middle is later than that of the part: it is
@@ -221,10 +196,7 @@ class StatePredictor:
         return known.moved(states, drift + (p * p - p) * delta @ integrated.T, p * delta)
 
     def _change(
-        self,
-        states: Float[Tensor, "*b N X"],
-        inputs: Float[Tensor, "*b U"],
-        turned: Float[Tensor, "*b U"] | None = None,
+        self, states: States, inputs: Inputs, turned: Inputs | None = None
     ) -> Float[Tensor, "*b N E"]:
         """The expected changes in a step.
 
@@ -237,12 +209,7 @@ class StatePredictor:
         asked = self._asked(states, for_each(states, inputs), change)
         return (self._learned or self.dynamics.posterior).mean(asked)
 
-    def _asked(
-        self,
-        states: Float[Tensor, "*b X"],
-        inputs: Float[Tensor, "*b U"],
-        turned: Float[Tensor, "*b U"] | None,
-    ) -> Float[Tensor, "*b D"]:
+    def _asked(self, states: State, inputs: Inputs, turned: Inputs | None) -> Float[Tensor, "*b D"]:
         """The regressors of the GPs; arguments as those of `_change`."""
         known = self.dynamics
         if turned is None:
@@ -251,9 +218,7 @@ class StatePredictor:
         return turning_regressors(*law, states, inputs, turned)
 
 
-def for_each(
-    states: Float[Tensor, "*b N X"], inputs: Float[Tensor, "*b U"]
-) -> Float[Tensor, "*b N U"]:
+def for_each(states: States, inputs: Inputs) -> Float[Tensor, "*b N U"]:
     """The same inputs for each of N states."""
     return inputs[..., None, :].expand(*states.shape[:-1], -1)
 

@@ -13,6 +13,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mcpilco.bodies import Chain
+from mcpilco.config import from_dict
 from mcpilco.files import damaged, read_groups, write_groups
 from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
 from mcpilco.identification.collision.model import (
@@ -21,7 +23,7 @@ from mcpilco.identification.collision.model import (
     condition_currents,
     current_prior,
 )
-from mcpilco.identification.rigid_body import RigidBody, chain_of_json
+from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.recordings import ArmSamples, RunningSlope
 from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
@@ -332,7 +334,7 @@ def load_collision_model(path: str | Path) -> tuple[CurrentModel, Thresholds]:
         )
     try:
         config = CurrentConfig(**about["config"])
-        chain = chain_of_json(about["chain"])
+        chain = from_dict(Chain, about["chain"])
         features = CurrentFeatures(
             RigidBody(chain, CURRENT_TERMS, groups["robot"]["nominal"]),
             config.quiet_speed,

@@ -33,6 +33,15 @@ from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.kernels import RBF, ActiveDims, Kernel, Linear, Rescaled
 from mcpilco.recordings import WINDOW, ArmSamples
 
+Features = Float[np.ndarray, "N p"]
+"""phi of a joint"""
+Seen = Float[np.ndarray, "N D"]
+"""what f sees"""
+Number = Float[np.ndarray, " N"]
+"""one a sample"""
+PerJoint = Float[np.ndarray, "N J"]
+"""one a sample and joint"""
+
 _SHUT = 1e-6
 """a gate that is closed but for this little is closed [-]"""
 
@@ -65,9 +74,9 @@ class Predictor:
         posterior: Posterior,
         linear: Linear,
         rbf: RBF | None,
-        phi: Float[np.ndarray, "N p"],
-        z: Float[np.ndarray, "N D"],
-        a: Float[np.ndarray, " N"],
+        phi: Features,
+        z: Seen,
+        a: Number,
     ) -> Predictor:
         """The predictor of a posterior with one output and the kernel phi' w + a f.
 
@@ -100,12 +109,7 @@ class Predictor:
             noise_std=float(posterior.noise_std[0]),
         )
 
-    def mean(
-        self,
-        phi: Float[np.ndarray, "N p"],
-        z: Float[np.ndarray, "N D"],
-        a: Float[np.ndarray, " N"],
-    ) -> Float[np.ndarray, " N"]:
+    def mean(self, phi: Features, z: Seen, a: Number) -> Number:
         """The current expected [A].
 
         Args:
@@ -118,12 +122,7 @@ class Predictor:
             found[rows] += a[rows] * (self._k(z[rows]) @ self.beta)
         return found
 
-    def variance(
-        self,
-        phi: Float[np.ndarray, "N p"],
-        z: Float[np.ndarray, "N D"],
-        a: Float[np.ndarray, " N"],
-    ) -> Float[np.ndarray, " N"]:
+    def variance(self, phi: Features, z: Seen, a: Number) -> Number:
         """Its variance, without the noise of the measurement [A^2]; arguments as of `mean`."""
         p = len(self.D)
         found = phi**2 @ self.D - np.square(phi @ self.R[:, :p].T).sum(axis=1)
@@ -133,7 +132,7 @@ class Predictor:
             found[rows] = phi[rows] ** 2 @ self.D + gate**2 * self.prior - (less**2).sum(axis=1)
         return np.maximum(found, 0.0)
 
-    def _open(self, a: Float[np.ndarray, " N"]) -> Int[np.ndarray, " n"]:
+    def _open(self, a: Number) -> Int[np.ndarray, " n"]:
         """Rows at which the gate is open."""
         return np.flatnonzero(a) if len(self.beta) else np.empty(0, dtype=int)
 
@@ -191,11 +190,11 @@ class CurrentModel:
         """Names."""
         return self.features.body.chain.joints
 
-    def mean(self, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+    def mean(self, samples: ArmSamples) -> PerJoint:
         """The currents expected [A]."""
         return self._each("mean", samples)
 
-    def std(self, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+    def std(self, samples: ArmSamples) -> PerJoint:
         """Standard deviation of the currents that are measured, about their mean [A]."""
         noise = np.array([predictor.noise_std for predictor in self.predictors])
         return np.sqrt(self._each("variance", samples) + noise**2)
@@ -204,7 +203,7 @@ class CurrentModel:
         """Which joints are quasi-static at which samples, (N, J)."""
         return np.abs(samples.dq) < self.config.quiet_speed
 
-    def _each(self, what: str, samples: ArmSamples) -> Float[np.ndarray, "N J"]:
+    def _each(self, what: str, samples: ArmSamples) -> PerJoint:
         found = np.empty_like(samples.i)
         for first in range(0, len(samples), _BLOCK):
             rows = slice(first, first + _BLOCK)
@@ -216,7 +215,7 @@ class CurrentModel:
 
 def inputs_of(
     samples: ArmSamples, features: CurrentFeatures, config: CurrentConfig
-) -> tuple[list[Float[np.ndarray, "N p"]], Float[np.ndarray, "N D"], Float[np.ndarray, "N J"]]:
+) -> tuple[list[Features], Seen, PerJoint]:
     """phi of each joint, what the f see of the samples, and the gates of the joints."""
     phi = features(samples.q, samples.dq, samples.ddq)
     match config.kind:

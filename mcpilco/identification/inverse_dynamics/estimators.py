@@ -17,21 +17,22 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from mcpilco.bodies import Chain
+from mcpilco.config import from_dict
 from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.inverse_dynamics.gaussian import (
     TUNED_ON,
-    Geometric,
-    Nonparametric,
-    Parametric,
     PhysicalFeatures,
     Prior,
-    Semiparametric,
     fit_gaussian,
+    geometric,
+    nonparametric,
+    parametric,
     restored,
+    semiparametric,
 )
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report
-from mcpilco.identification.rigid_body import base_parameters, chain_of_json
+from mcpilco.identification.rigid_body import base_parameters
 from mcpilco.kernels import Kind
 from mcpilco.recordings import ARRAYS, JointData, check_joint_data
 from mcpilco.typing import InputError, RunFolderError
@@ -208,11 +209,11 @@ def fit_inverse_dynamics(
 
 def _prior(kernel: str, kinds: tuple[Kind, ...], chain: Chain | None, friction: bool) -> Prior:
     if kernel == "gip":
-        return Geometric(kinds, friction)
+        return geometric(kinds, friction)
     if kernel == "rbf":
-        return Nonparametric(len(kinds))
+        return nonparametric(len(kinds))
     assert chain is not None
-    return Parametric(chain, friction) if kernel == "pp" else Semiparametric(chain, friction)
+    return parametric(chain, friction) if kernel == "pp" else semiparametric(chain, friction)
 
 
 def _require_chain(kernel: str, chain: Chain | None, data: JointData) -> Chain:
@@ -247,7 +248,7 @@ def load_inverse_dynamics(path: str | Path) -> InverseDynamics:
     """
     about, groups = read_groups(Path(path))
     try:
-        return _build(Fitted.of_json(about), groups)
+        return _build(from_dict(Fitted, about), groups)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise RunFolderError(
             f"{path} holds no model of inverse dynamics ({error}); fit it again."
@@ -257,7 +258,7 @@ def load_inverse_dynamics(path: str | Path) -> InverseDynamics:
 def _build(fitted: Fitted, groups: dict[str, dict[str, np.ndarray]]) -> InverseDynamics:
     kernel, joints, built = fitted.kernel, fitted.joints, fitted.built
     friction = bool(built["friction"])
-    chain = chain_of_json(built["chain"]) if "chain" in built else None
+    chain = from_dict(Chain, built["chain"]) if "chain" in built else None
     if kernel == "nn":
         layers = network(len(joints), int(built["units"]))
         layers.load_state_dict(_tensors(groups["layers"]))

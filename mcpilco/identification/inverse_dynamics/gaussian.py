@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,20 +49,17 @@ class PhysicalFeatures:
         return torch.cat([torch_regressor(self.chain, motion), spread], -1).flatten(-2)
 
 
-class Prior(ABC):
+@dataclass(frozen=True)
+class Prior:
     """Zero-mean Gaussian processes, one a joint, all with one kernel of features of their own."""
 
-    @abstractmethod
-    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        """Regressors of the process of each joint, differentiable by the motion."""
-
-    @abstractmethod
-    def kernel(self) -> Kernel:
-        """A new kernel of D features, for one output."""
+    features: Callable[[Float[Tensor, "*b Q"]], Float[Tensor, "*b J D"]]
+    """regressors of the process of each joint, differentiable by the motion"""
+    kernel: Callable[[], Kernel]
+    """makes a kernel of D features, for one output"""
 
 
-@final
-class Nonparametric(Prior):
+def nonparametric(joints: int) -> Prior:
     """k(x, x') = RBF of positions, velocities and accelerations: nothing is known of the robot.
 
     Args:
@@ -72,18 +68,13 @@ class Nonparametric(Prior):
     Reference: thesis section 3.2.2.
     """
 
-    def __init__(self, joints: int) -> None:
-        self.joints = joints
+    def features(motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
+        return motion[..., None, :].expand(*motion.shape[:-1], joints, -1)
 
-    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        return motion[..., None, :].expand(*motion.shape[:-1], self.joints, -1)
-
-    def kernel(self) -> Kernel:
-        return RBF(3 * self.joints, (1,))
+    return Prior(features, lambda: RBF(3 * joints, (1,)))
 
 
-@final
-class Parametric(Prior):
+def parametric(chain: Chain, friction: bool) -> Prior:
     """k_i(x, x') = phi_i(x)^T Sigma phi_i(x'), Sigma diagonal: the geometry is known.
 
     Args:
@@ -92,58 +83,43 @@ class Parametric(Prior):
 
     Reference: thesis eq. (3.6), with mean 0.
     """
-
-    def __init__(self, chain: Chain, friction: bool) -> None:
-        self.features_of = PhysicalFeatures(chain, friction)
-
-    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        return self.features_of(motion)
-
-    def kernel(self) -> Kernel:
-        return Linear(len(self.features_of.names), (1,), bias=False)
+    features = PhysicalFeatures(chain, friction)
+    return Prior(features, lambda: Linear(len(features.names), (1,), bias=False))
 
 
-@final
-class Semiparametric(Prior):
+def semiparametric(chain: Chain, friction: bool) -> Prior:
     """The parametric kernel plus an RBF of the motion, for what the geometry gets wrong.
 
     Reference: thesis eq. (3.7).
     """
-
-    def __init__(self, chain: Chain, friction: bool) -> None:
-        self.parametric = Parametric(chain, friction)
-        self.rest = Nonparametric(len(chain.bodies))
-
-    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        return torch.cat([self.parametric.features(motion), self.rest.features(motion)], -1)
-
-    def kernel(self) -> Kernel:
-        return side_by_side(self.parametric.kernel(), self.rest.kernel())
+    known, rest = parametric(chain, friction), nonparametric(len(chain.bodies))
+    return Prior(
+        lambda motion: torch.cat([known.features(motion), rest.features(motion)], -1),
+        lambda: side_by_side(known.kernel(), rest.kernel()),
+    )
 
 
-@final
-class Geometric(Prior):
+def geometric(kinds: Sequence[Kind], with_friction: bool) -> Prior:
     """The GIP kernel: the kinds of the joints are known, and nothing else.
 
     Args:
         kinds: of the joints.
-        friction: whether joints have friction, a linear kernel besides, for it is no polynomial.
+        with_friction: whether joints have friction, a linear kernel besides, for it is no
+            polynomial.
 
     Reference: thesis eq. (3.11).
     """
+    polynomials, J = JointPolynomials(kinds), len(kinds)
 
-    def __init__(self, kinds: Sequence[Kind], friction: bool) -> None:
-        self.kinds, self.friction = tuple(kinds), friction
-        self.polynomials = JointPolynomials(self.kinds)
+    def features(motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
+        z = polynomials(motion)[..., None, :].expand(*motion.shape[:-1], J, -1)
+        return torch.cat([z, friction(motion[..., J : 2 * J])], -1) if with_friction else z
 
-    def features(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J D"]:
-        J = len(self.kinds)
-        z = self.polynomials(motion)[..., None, :].expand(*motion.shape[:-1], J, -1)
-        return torch.cat([z, friction(motion[..., J : 2 * J])], -1) if self.friction else z
+    def kernel() -> Kernel:
+        gip = GIP(kinds, (1,))
+        return side_by_side(gip, Linear(2, (1,), bias=False)) if with_friction else gip
 
-    def kernel(self) -> Kernel:
-        gip = GIP(self.kinds, (1,))
-        return side_by_side(gip, Linear(2, (1,), bias=False)) if self.friction else gip
+    return Prior(features, kernel)
 
 
 def side_by_side(first: Kernel, second: Kernel) -> Kernel:

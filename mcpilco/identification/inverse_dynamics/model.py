@@ -20,6 +20,11 @@ from mcpilco.identification.report import Report
 from mcpilco.recordings import JointData
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 
+Planned = Float[np.ndarray, "T J"]
+"""a motion's numbers for each joint"""
+PerJoint = Float[np.ndarray, "*#b J"]
+"""a number for each joint"""
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -41,12 +46,6 @@ class Fitted:
         """A model that was fitted to data."""
         as_read = json.loads(json.dumps(built))  # equal before and after a file
         return cls(kernel, data.joints, tuple(data.tau.std(0).tolist()), report, as_read)
-
-    @classmethod
-    def of_json(cls, saved: Mapping[str, Any]) -> Fitted:
-        """From its `asdict` in a file, which has lists for tuples."""
-        lists = {name: tuple(saved[name]) for name in ("joints", "torque_std")}
-        return cls(**{**saved, **lists, "report": Report.of_json(saved["report"])})
 
 
 class InverseDynamics(ABC):
@@ -222,12 +221,7 @@ class FeedForward:
                     f"FeedForward.{name} must be a gain >= 0 for each joint, got {gains.tolist()}."
                 )
 
-    def plan(
-        self,
-        q: Float[np.ndarray, "T J"],
-        dq: Float[np.ndarray, "T J"],
-        ddq: Float[np.ndarray, "T J"],
-    ) -> Float[np.ndarray, "T J"]:
+    def plan(self, q: Planned, dq: Planned, ddq: Planned) -> Planned:
         """Torques of a planned motion [N m or N]: once, before it begins."""
         if self.model is None:
             return np.zeros_like(q)
@@ -235,12 +229,7 @@ class FeedForward:
             motion = torch.as_tensor(np.concatenate([q, dq, ddq], -1), dtype=torch.float64)
             return self.model(motion).numpy()
 
-    def torque(
-        self,
-        planned: Float[np.ndarray, "*#b J"],
-        q_error: Float[np.ndarray, "*#b J"],
-        dq_error: Float[np.ndarray, "*#b J"],
-    ) -> Float[np.ndarray, "*#b J"]:
+    def torque(self, planned: PerJoint, q_error: PerJoint, dq_error: PerJoint) -> PerJoint:
         """Torques to command [N m or N].
 
         Args:

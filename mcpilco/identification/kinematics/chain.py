@@ -15,6 +15,9 @@ from mcpilco.kernels import Kind
 from mcpilco.recordings import MarkerRecording
 from mcpilco.typing import InputError
 
+Scores = Float[np.ndarray, "markers markers J"]
+"""residuals in parts of the tolerances, by both markers, in either order"""
+
 _TURNS = 50.0
 """a joint that spans more is probably in degrees [rad]"""
 _LEAST_MOTION = 0.02
@@ -248,9 +251,7 @@ def scores(
     return slides, turns
 
 
-def _between(
-    tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int
-) -> Float[np.ndarray, "markers markers J"]:
+def _between(tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int) -> Scores:
     """Scores by both markers, in either order."""
     full = np.full((markers, markers, scores.shape[1]), np.inf)
     first, second = tests.pairs.T
@@ -258,9 +259,7 @@ def _between(
     return full
 
 
-def _paths(
-    scores: Float[np.ndarray, "markers markers J"], base: int, recording: MarkerRecording
-) -> Iterator[list[_Hop]]:
+def _paths(scores: Scores, base: int, recording: MarkerRecording) -> Iterator[list[_Hop]]:
     """All chains through every marker whose triplets pass.
 
     Raises:
@@ -286,9 +285,7 @@ def _paths(
         raise InputError(_dead_end(scores, longest, recording))
 
 
-def _dead_end(
-    scores: Float[np.ndarray, "markers markers J"], path: list[_Hop], recording: MarkerRecording
-) -> str:
+def _dead_end(scores: Scores, path: list[_Hop], recording: MarkerRecording) -> str:
     """Where the longest chain ends, and what is nearest to going on."""
     markers, joints = recording.marker_names, recording.joint_names
     rest = scores[path[-1][0]].copy()
@@ -304,7 +301,7 @@ def _dead_end(
     )
 
 
-def _total(scores: Float[np.ndarray, "markers markers J"], path: list[_Hop]) -> float:
+def _total(scores: Scores, path: list[_Hop]) -> float:
     steps = pairwise(path)
     return float(sum(scores[first, m, k] for (first, _), (m, k) in steps))
 

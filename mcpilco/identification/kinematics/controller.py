@@ -12,6 +12,13 @@ from torch import Tensor
 from mcpilco.identification.kinematics.forward import ForwardKinematics
 from mcpilco.typing import InputError
 
+Joints = Float[Tensor, " J"]
+"""positions [rad or m]"""
+Target = tuple[Tensor, Tensor]
+"""position [m] and rotation matrix"""
+Error = tuple[Tensor, Tensor]
+"""of the position [m], and a rotation vector [rad]"""
+
 _DAMPING = 1e-3
 """at the start, in parts of the largest diagonal entry of J^T J [-]"""
 _LARGEST_STEP = 0.2
@@ -57,7 +64,7 @@ class Path:
 
 def reach(
     model: ForwardKinematics,
-    start: Float[Tensor, " J"],
+    start: Joints,
     position: Float[Tensor, " 3"],
     rotation: Float[Tensor, "3 3"],
     config: Reach | None = None,
@@ -93,9 +100,6 @@ def reach(
     return _path(start, [first[0]], first[1], config)
 
 
-Target = tuple[Tensor, Tensor]
-
-
 def pose_error(
     model: ForwardKinematics, q: Float[Tensor, "*b J"], target: Target
 ) -> tuple[Float[Tensor, "*b 3"], Float[Tensor, "*b 3"]]:
@@ -109,38 +113,32 @@ def _rotation_vector(R: Float[Tensor, "*b 3 3"]) -> Float[Tensor, "*b 3"]:
 
     With s = sin(angle) axis and c = cos(angle), the vector is s angle / sin(angle).
     """
-    s = 0.5 * torch.stack(
-        [
-            R[..., 2, 1] - R[..., 1, 2],
-            R[..., 0, 2] - R[..., 2, 0],
-            R[..., 1, 0] - R[..., 0, 1],
-        ],
-        -1,
-    )
+    skew = R - R.mT
+    s = 0.5 * torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], -1)
     c = 0.5 * (R.diagonal(dim1=-2, dim2=-1).sum(-1) - 1.0)
     size = (s.square().sum(-1) + 1e-24).sqrt()  # smooth at 0, where the factor is 1
     return s * (torch.atan2(size, c) / size)[..., None]
 
 
-def _weighed(error: tuple[Tensor, Tensor], config: Reach) -> Float[Tensor, "*b 6"]:
+def _weighed(error: Error, config: Reach) -> Float[Tensor, "*b 6"]:
     return torch.cat([error[0], config.length * error[1]], -1)
 
 
-def _size(error: tuple[Tensor, Tensor], config: Reach) -> float:
+def _size(error: Error, config: Reach) -> float:
     return float(_weighed(error, config).norm())
 
 
-def _reached(error: tuple[Tensor, Tensor], config: Reach) -> bool:
+def _reached(error: Error, config: Reach) -> bool:
     return bool(error[0].norm() <= config.position and error[1].norm() <= config.orientation)
 
 
-def _inside(model: ForwardKinematics, q: Float[Tensor, " J"]) -> Float[Tensor, " J"]:
+def _inside(model: ForwardKinematics, q: Joints) -> Joints:
     return q.clamp(model.q.amin(0), model.q.amax(0))
 
 
 def _descent(
-    model: ForwardKinematics, q: Float[Tensor, " J"], target: Target, config: Reach
-) -> tuple[Float[Tensor, "steps J"], tuple[Tensor, Tensor]]:
+    model: ForwardKinematics, q: Joints, target: Target, config: Reach
+) -> tuple[Float[Tensor, "steps J"], Error]:
     """The configurations of a damped descent, and the error at the last one."""
     path, damping = [q], _DAMPING
     error = pose_error(model, q, target)
@@ -168,25 +166,18 @@ def _descent(
     return torch.stack(path), error
 
 
-def _blocked(
-    model: ForwardKinematics, q: Float[Tensor, " J"], g: Float[Tensor, " J"]
-) -> Bool[Tensor, " J"]:
+def _blocked(model: ForwardKinematics, q: Joints, g: Joints) -> Bool[Tensor, " J"]:
     """Which joints are at an end of their range and would leave it."""
     return ((q <= model.q.amin(0)) & (g > 0)) | ((q >= model.q.amax(0)) & (g < 0))
 
 
-def _nearest_sample(model: ForwardKinematics, target: Target, config: Reach) -> Float[Tensor, " J"]:
+def _nearest_sample(model: ForwardKinematics, target: Target, config: Reach) -> Joints:
     """The configuration among the model's samples whose pose is nearest to the target."""
     sizes = _weighed(pose_error(model, model.q, target), config).norm(dim=-1)
     return model.q[int(sizes.argmin())]
 
 
-def _path(
-    start: Float[Tensor, " J"],
-    parts: list[Float[Tensor, "_ J"]],
-    error: tuple[Tensor, Tensor],
-    config: Reach,
-) -> Path:
+def _path(start: Joints, parts: list[Float[Tensor, "_ J"]], error: Error, config: Reach) -> Path:
     """The parts behind one another, with further references where two are far apart."""
     corners = torch.cat([start[None], *parts])
     q = [corners[:1]]

@@ -29,15 +29,20 @@ from jaxtyping import Float, Int
 
 from mcpilco.recordings import MarkerRecording
 
+Weights = Float[np.ndarray, "pairs J N"]
+"""of the samples of each pair and joint; residuals likewise"""
+Places = Float[np.ndarray, "pairs N 3"]
+"""positions p of one marker in the frame of the other [m]"""
+Turns = Float[np.ndarray, "pairs N 4"]
+"""its orientations R, as quaternions"""
+Joints = Float[np.ndarray, "J N"]
+"""positions q [rad or m]"""
+
 _TURNS = 4
 """steps of the alternation between signs and rotation"""
 
 
-def slide(
-    weights: Float[np.ndarray, "pairs J N"],
-    p: Float[np.ndarray, "pairs N 3"],
-    q: Float[np.ndarray, "J N"],
-) -> Float[np.ndarray, "pairs J N"]:
+def slide(weights: Weights, p: Places, q: Joints) -> Weights:
     """P1: u is the direction of sum (q - mean q)(p - mean p)."""
     p, q = p[:, None], q[:, :, None]
     p, q = p - weighted_mean(weights, p), q - weighted_mean(weights, q)
@@ -47,9 +52,7 @@ def slide(
 
 
 def hinge(
-    weights: Float[np.ndarray, "pairs N"],
-    p: Float[np.ndarray, "pairs N 3"],
-    r: Float[np.ndarray, "pairs N 4"],
+    weights: Float[np.ndarray, "pairs N"], p: Places, r: Turns
 ) -> Float[np.ndarray, "pairs N"]:
     """P2: d of least norm from the normal equations, c the mean of the rest."""
     R = np.stack([rotated(r, axis) for axis in np.eye(3)], -1)
@@ -62,11 +65,7 @@ def hinge(
     return root_mean_square(p - (R @ d[:, None, :, None])[..., 0])
 
 
-def turn(
-    weights: Float[np.ndarray, "pairs J N"],
-    r: Float[np.ndarray, "pairs N 4"],
-    q: Float[np.ndarray, "J N"],
-) -> Float[np.ndarray, "pairs J N"]:
+def turn(weights: Weights, r: Turns, q: Joints) -> Weights:
     """P3: the quaternions are +-W h, h = (cos q/2, sin q/2), with orthonormal columns in W.
 
     A Rz(q) B has the quaternion a (cos q/2 + k sin q/2) b = cos q/2 (a b) + sin q/2 (a k b), and
@@ -90,9 +89,7 @@ def turn(
 
 
 def _starts(
-    weights: Float[np.ndarray, "pairs J N"],
-    r: Float[np.ndarray, "pairs N 4"],
-    h: Float[np.ndarray, "J N 2"],
+    weights: Weights, r: Turns, h: Float[np.ndarray, "J N 2"]
 ) -> list[Float[np.ndarray, "pairs J 4 2"]]:
     """The best W, and its mixtures with the second best, for joints with few positions.
 
@@ -241,9 +238,7 @@ def standstill(
 
 def _relative(
     recording: MarkerRecording, pairs: Int[np.ndarray, "pairs 2"]
-) -> tuple[
-    Float[np.ndarray, "pairs N 3"], Float[np.ndarray, "pairs N 4"], Float[np.ndarray, "pairs N"]
-]:
+) -> tuple[Places, Turns, Float[np.ndarray, "pairs N"]]:
     """Relative positions and quaternions of all pairs, and 1 where both are seen, 0 elsewhere."""
     first, second = pairs.T
     seen = (recording.seen[:, first] & recording.seen[:, second]).T

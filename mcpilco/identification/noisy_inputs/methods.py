@@ -17,6 +17,8 @@ from mcpilco.identification.noisy_inputs.bayesian import NoisyInputConfig, fit_n
 from mcpilco.identification.noisy_inputs.regression import Moments, Solution
 from mcpilco.typing import McPilcoError
 
+Inputs = Float[np.ndarray, "N D"]
+Outputs = Float[np.ndarray, " N"]
 Method = Callable[[np.ndarray, np.ndarray, int], Solution]
 
 FOLDS = 5
@@ -27,14 +29,12 @@ MOST_ITERATIONS = 5000
 """of the LASSO's descent"""
 
 
-def least_squares(
-    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
-) -> Solution:
+def least_squares(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
     """The least of all b that fit best: the pseudo-inverse."""
     return Solution(Moments.of(X, y).least_squares())
 
 
-def ridge(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
+def ridge(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
     """Least squares with a penalty on |b|^2, chosen by generalised cross validation.
 
     Reference: Golub, Heath, Wahba, Generalized cross-validation as a method for choosing a good
@@ -51,11 +51,7 @@ def ridge(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
 
 
 def stepwise(
-    X: Float[np.ndarray, "N D"],
-    y: Float[np.ndarray, " N"],
-    seed: int = 0,
-    enter: float = 0.05,
-    leave: float = 0.10,
+    X: Inputs, y: Outputs, seed: int = 0, enter: float = 0.05, leave: float = 0.10
 ) -> Solution:
     """Inputs enter by the F test of the best next one, and leave by that of the worst.
 
@@ -122,9 +118,7 @@ def _worst_within(moments: Moments, chosen: list[int]) -> tuple[int, float]:
     return worst, float(f_distribution.sf(F[worst], 1, freedom))
 
 
-def partial_least_squares(
-    X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0
-) -> Solution:
+def partial_least_squares(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
     """Regression on a few directions of covariance with y, as many as cross validation chooses.
 
     Components are added while the error falls, 20 at most.
@@ -147,7 +141,7 @@ def partial_least_squares(
     return Solution(PLSRegression(best).fit(X, y).coef_.ravel())  # one output: a step a component
 
 
-def lasso(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
+def lasso(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
     """Least squares with a penalty on |b|_1 of columns of equal length, chosen by cross validation.
 
     Reference: Tibshirani, Regression shrinkage and selection via the lasso, 1996.
@@ -172,7 +166,7 @@ def behind_noise(
 ) -> Method:
     """b_noise, eq. (3), to predict from noisy inputs; or b_true, from inputs without noise."""
 
-    def method(X: Float[np.ndarray, "N D"], y: Float[np.ndarray, " N"], seed: int = 0) -> Solution:
+    def method(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
         fit = fit_noisy_inputs(Moments.of(X, y), config, warn=False)
         return Solution(getattr(fit, what), fit.converged, len(fit.bounds))
 

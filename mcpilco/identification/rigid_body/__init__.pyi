@@ -1,4 +1,4 @@
-from .body import TERMS, BaseParameters, RigidBody, base_parameters, chain_of_json, random_motions
+from .body import TERMS, BaseParameters, RigidBody, base_parameters, random_motions
 from .consistency import LinkCheck, check_links, inertia_of, pseudo_inertia
 from .identified import (
     ALL_METHODS,
@@ -28,7 +28,6 @@ __all__ = [
     "RigidBody",
     "Rows",
     "base_parameters",
-    "chain_of_json",
     "check_links",
     "estimate",
     "force_errors",

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import qr, solve_triangular
 
-from mcpilco.bodies import INERTIAL, SLIDE, Body, Chain, inertial_parameters, regressor
+from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
 from mcpilco.config import TURN_OVER
 from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
 from mcpilco.recordings import JointMotion
@@ -162,16 +162,6 @@ class RigidBody:
             each, place = np.arange(J), len(INERTIAL) + self.terms.index("coulomb")
             Y.reshape(N, J, J, self.width)[:, each, each, place] = motion.dry
         return Y
-
-
-def chain_of_json(saved: Mapping[str, Any]) -> Chain:
-    """The chain of which a file has `asdict`, with lists for tuples."""
-
-    def frozen(value: Any) -> Any:
-        return tuple(map(frozen, value)) if isinstance(value, list) else value
-
-    bodies = tuple(Body(**{k: frozen(v) for k, v in body.items()}) for body in saved["bodies"])
-    return Chain(bodies, frozen(saved["gravity"]))
 
 
 def random_motions(

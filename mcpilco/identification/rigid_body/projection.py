@@ -35,6 +35,11 @@ from mcpilco.identification.rigid_body.consistency import (
 )
 from mcpilco.typing import InputError, NotPositiveDefiniteError
 
+Theta = Float[np.ndarray, " D"]
+"""parameters of a robot, in the units of `RigidBody.units`"""
+Metric = Float[np.ndarray, "D D"]
+"""of such parameters"""
+
 GAP = 1e-5
 """how far the cost may be above the optimum, relative to it"""
 UNSEEN = 1e-10
@@ -64,17 +69,12 @@ class Projection:
     """whether the search stopped by its own tolerance"""
 
     @classmethod
-    def none(cls, body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Projection:
+    def none(cls, body: RigidBody, estimate: Theta) -> Projection:
         """The estimate as it is, consistent or not."""
         return cls(estimate.copy(), 0.0, 0.0, check_links(body, estimate), 0, True)
 
 
-def project(
-    body: RigidBody,
-    estimate: Float[np.ndarray, " D"],
-    metric: Float[np.ndarray, "D D"],
-    gap: float = GAP,
-) -> Projection:
+def project(body: RigidBody, estimate: Theta, metric: Metric, gap: float = GAP) -> Projection:
     """The consistent parameters nearest to an estimate; a consistent estimate comes back unchanged.
 
     Directions that the metric does not see (parameters that no force depends on) are filled in by
@@ -113,17 +113,13 @@ def project(
     return Projection(theta, cost, bound * size, unchanged.before, steps, converged)
 
 
-def cost_of(
-    theta: Float[np.ndarray, " D"],
-    estimate: Float[np.ndarray, " D"],
-    metric: Float[np.ndarray, "D D"],
-) -> float:
+def cost_of(theta: Theta, estimate: Theta, metric: Metric) -> float:
     """1/2 (theta - theta_B)^T H (theta - theta_B)."""
     away = theta - estimate
     return 0.5 * float(away @ metric @ away)
 
 
-def _scales(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[np.ndarray, " D"]:
+def _scales(body: RigidBody, estimate: Theta) -> Theta:
     """A size for each parameter: of a mass M, a length L, and friction by its own kind."""
     blocks = np.abs(estimate.reshape(-1, body.width))
     M = blocks[:, 0].max() or 1.0
@@ -141,7 +137,7 @@ class _Cone:
     B an isometry, the barrier's Hessian is the identity.
     """
 
-    def __init__(self, body: RigidBody, scale: Float[np.ndarray, " D"]) -> None:
+    def __init__(self, body: RigidBody, scale: Theta) -> None:
         self.links, self.width = len(body.chain.bodies), body.width
         self.positive = np.array([TERMS[term].positive for term in body.terms], dtype=bool)
         basis = []  # of symmetric matrices, orthonormal
@@ -155,14 +151,12 @@ class _Cone:
         block = np.concatenate([np.ones(len(INERTIAL)), self.positive])
         self.barred: Bool[np.ndarray, " D"] = np.tile(block, self.links).astype(bool)
 
-    def split(
-        self, theta: Float[np.ndarray, " D"]
-    ) -> tuple[Float[np.ndarray, "K 4 4"], Float[np.ndarray, "K F"]]:
+    def split(self, theta: Theta) -> tuple[Float[np.ndarray, "K 4 4"], Float[np.ndarray, "K F"]]:
         """Pseudo-inertias J and the joints' terms."""
         blocks = theta.reshape(self.links, self.width)
         return pseudo_inertia(blocks[:, : len(INERTIAL)]), blocks[:, len(INERTIAL) :]
 
-    def start(self, theta: Float[np.ndarray, " D"]) -> Float[np.ndarray, " D"]:
+    def start(self, theta: Theta) -> Theta:
         """A point within: eigenvalues and friction that are too small are raised."""
         J, terms = self.split(theta)
         values, vectors = np.linalg.eigh(J)
@@ -171,7 +165,7 @@ class _Cone:
         terms = np.where(self.positive, np.maximum(terms, 1e-2), terms)
         return np.concatenate([from_pseudo_inertia(J), terms], axis=1).ravel()
 
-    def frame(self, theta: Float[np.ndarray, " D"]) -> Float[np.ndarray, "D D"]:
+    def frame(self, theta: Theta) -> Metric:
         """T of d theta = T dx."""
         J, terms = self.split(theta)
         L = np.linalg.cholesky(J)
@@ -182,25 +176,20 @@ class _Cone:
             *(block_diag(a, np.diag(f)) for a, f in zip(inertial, sizes, strict=True))
         )
 
-    def rates(self, step: Float[np.ndarray, " D"]) -> Float[np.ndarray, " R"]:
+    def rates(self, step: Theta) -> Float[np.ndarray, " R"]:
         """e of 1 + a e, the eigenvalues and terms that a step of length a leaves, over the old."""
         blocks = step.reshape(self.links, self.width)
         inertial, terms = blocks[:, : len(INERTIAL)], blocks[:, len(INERTIAL) :]
         values = np.linalg.eigvalsh(np.einsum("kb,bij->kij", inertial, self.basis))
         return np.concatenate([values.ravel(), terms[:, self.positive].ravel()])
 
-    def trace(self) -> Float[np.ndarray, " D"]:
+    def trace(self) -> Theta:
         """The gradient of log det J + log f, the same at every point."""
         traces = np.concatenate([np.trace(self.basis, axis1=1, axis2=2), self.positive])
         return np.tile(traces, self.links)
 
 
-def _minimise(
-    cone: _Cone,
-    H: Float[np.ndarray, "D D"],
-    target: Float[np.ndarray, " D"],
-    gap: float,
-) -> tuple[Float[np.ndarray, " D"], float, int, bool]:
+def _minimise(cone: _Cone, H: Metric, target: Theta, gap: float) -> tuple[Theta, float, int, bool]:
     """The nearest point, by a path of central points.
 
     With a bound on its excess cost, Newton steps, and whether the bound is as small as asked for.
@@ -224,12 +213,8 @@ def _minimise(
 
 
 def _center(
-    cone: _Cone,
-    H: Float[np.ndarray, "D D"],
-    target: Float[np.ndarray, " D"],
-    theta: Float[np.ndarray, " D"],
-    weight: float,
-) -> tuple[Float[np.ndarray, " D"], int, bool]:
+    cone: _Cone, H: Metric, target: Theta, theta: Theta, weight: float
+) -> tuple[Theta, int, bool]:
     """Newton's method on cost / weight + barrier, in coordinates in which no step is steep.
 
     The point, steps, and whether it is central.
@@ -312,11 +297,7 @@ def to_virtual(theta: Float[np.ndarray, "K 10"]) -> Float[np.ndarray, "K 10"]:
     return np.concatenate([np.sqrt(m)[:, None], c, U[:, _ROWS, _COLUMNS]], axis=1)
 
 
-def project_virtual(
-    body: RigidBody,
-    estimate: Float[np.ndarray, " D"],
-    metric: Float[np.ndarray, "D D"],
-) -> Projection:
+def project_virtual(body: RigidBody, estimate: Theta, metric: Metric) -> Projection:
     """The parameters of the form of eq. (5) near an estimate, in the metric.
 
     Friction is the square of a virtual parameter too. The problem is not convex: what comes back
@@ -361,10 +342,8 @@ def _theta(
 
 
 def _slope(
-    virtual: Float[np.ndarray, "K W"],
-    positive: Bool[np.ndarray, " F"],
-    root: Float[np.ndarray, "D D"],
-) -> Float[np.ndarray, "D D"]:
+    virtual: Float[np.ndarray, "K W"], positive: Bool[np.ndarray, " F"], root: Metric
+) -> Metric:
     """Derivative of root theta: of all links at once, for none depends on another's numbers."""
     rows = root.reshape(-1, *virtual.shape)
     slope = np.empty_like(rows)
@@ -376,7 +355,7 @@ def _slope(
     return slope.reshape(root.shape)
 
 
-def _virtual_start(body: RigidBody, estimate: Float[np.ndarray, " D"]) -> Float[np.ndarray, "K W"]:
+def _virtual_start(body: RigidBody, estimate: Theta) -> Float[np.ndarray, "K W"]:
     """Virtual parameters of bodies near the estimate: its pseudo-inertias, made positive.
 
     A link whose mass is next to 0 would have its center of mass far away, and a search from there

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,51 +11,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.plant.arithmetic import (
-    ABS,
-    ADD,
-    CONSTANT,
-    COSINE,
-    DIVIDE,
-    EXP,
-    INPUT,
-    MAXIMUM,
-    MINIMUM,
-    MULTIPLY,
-    SINE,
-    SQRT,
-    SUBTRACT,
-    TANH,
-    Real,
-    Tape,
-    operate,
-)
-
-_TORCH: dict[int, Callable[..., Tensor]] = {
-    ADD: operator.add,
-    SUBTRACT: operator.sub,
-    MULTIPLY: operator.mul,
-    DIVIDE: operator.truediv,
-    MINIMUM: lambda a, b: torch.minimum(*_tensors(a, b)),
-    MAXIMUM: lambda a, b: torch.maximum(*_tensors(a, b)),
-    SINE: torch.sin,
-    COSINE: torch.cos,
-    TANH: torch.tanh,
-    EXP: torch.exp,
-    SQRT: torch.sqrt,
-    ABS: torch.abs,
-}
-
-
-def _tensors(a: Tensor | float, b: Tensor | float) -> tuple[Tensor, Tensor]:
-    like = a if isinstance(a, Tensor) else b
-    assert isinstance(like, Tensor), "what is constant was computed on the tape"
-    return torch.as_tensor(a).to(like), torch.as_tensor(b).to(like)
-
-
-def _in_torch(operation: int, a: Tensor | float, b: Tensor | float) -> Tensor:
-    return _TORCH[operation](a, b) if operation < SINE else _TORCH[operation](a)
-
+from mcpilco.plant.arithmetic import CONSTANT, INPUT, SINE, Real, Tape, operate
 
 Rows = Callable[[Sequence[Real]], list[Any]]
 """features of [state, input], behind which a state's remembered commands stand"""
@@ -112,16 +67,13 @@ class Program:
 
     def __call__(self, inputs: Float[Tensor, "*b I"]) -> Float[Tensor, "*b O"]:
         """The results, differentiable in the inputs."""
-        results, shape = self._follow(_in_torch, inputs.unbind(-1)), inputs.shape[:-1]
+        results, shape = self.on_tape(inputs.unbind(-1)), inputs.shape[:-1]
         return torch.stack(
             [torch.as_tensor(result, dtype=inputs.dtype).expand(shape) for result in results], -1
         )
 
-    def on_tape(self, inputs: Sequence[Real]) -> list[Real]:
-        """The results, as part of another program."""
-        return self._follow(operate, inputs)
-
-    def _follow(self, operate: Callable[[int, Any, Any], Any], inputs: Sequence[Any]) -> list[Any]:
+    def on_tape(self, inputs: Sequence[Any]) -> list[Any]:
+        """The results of numbers of any kind; of a tape's, as part of another program."""
         registers = [*inputs, *self.constants.tolist()]
         rows = zip(self.operations.tolist(), self.first.tolist(), self.second.tolist(), strict=True)
         for operation, a, b in rows:

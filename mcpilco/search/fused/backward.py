@@ -124,23 +124,7 @@ def _through_policy(inputs, jacobian, policy, values, adjoint):
 
 def _compiled(sources: str):
     @njit(**OUTERMOST)
-    def backward(
-        start,
-        stop,
-        gradient_states,
-        gradient_inputs,
-        mask,
-        policy,
-        model,
-        physics,
-        sensing,
-        trace,
-        memory,
-        adjoint,
-        physics_memory,
-        sensing_memory,
-        moments,
-    ):
+    def backward(start, stop, gradient_states, gradient_inputs, arrays, memories, moments):
         """Adjoints of particles, last step first; adds up the policy's moments.
 
         With lambda the total derivative with respect to a state, and mu that with respect to an
@@ -155,11 +139,14 @@ def _compiled(sources: str):
 
         The activations are computed anew, which takes less time than to store them.
 
-        Particles are those from start to stop, in blocks as wide as the memory. Shapes:
+        Particles are those from start to stop, in blocks as wide as the memory. `arrays` are those
+        of the forward sweep, `memories` are of policy, adjoints, physics and sensing. Shapes:
         gradient_states (T + 1, X, P), gradient_inputs (T, U, P), moments (B padded, U (1 + 2 Z)
         padded): sum_tp phi_tpb da_tpu [1, z, z^2].
         """
         sources  # noqa: B018
+        mask, policy, model, physics, sensing, trace = arrays
+        memory, adjoint, physics_memory, sensing_memory = memories
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], memory.slope.size
         moved, acted_on = trace.frozen.shape[1], trace.states.shape[1] - width_x
         for first in range(start, stop, width):

@@ -170,7 +170,7 @@ class _Rollout(torch.autograd.Function):
         )
         trace.states[0] = np.tile(_particles_last(start, padded, dtype), (rows, 1))
         noise = _particles_last(noise, padded, dtype, moved * outputs)
-        mask = _mask(dropout, steps, dtype)
+        ctx.arrays = _mask(dropout, steps, dtype), controller, model, physics, seen, trace
         for first, last, width in layout.blocks(particles, layout.FORWARD_STRIPS, dtype):
             memory = (
                 layout.policy_memory(controller, width),
@@ -178,8 +178,7 @@ class _Rollout(torch.autograd.Function):
                 layout.physics_memory(physics, width),
                 sensing_memory(seen, width_x, z_width, width),
             )
-            forward(first, last, noise, mask, controller, model, physics, seen, trace, *memory)
-        ctx.arrays = mask, controller, model, physics, seen, trace
+            forward(first, last, noise, ctx.arrays, memory)
         ctx.particles = particles
         ctx.save_for_backward(centres, log_scale, weights)
         states, inputs = (
@@ -197,13 +196,13 @@ class _Rollout(torch.autograd.Function):
         moments = np.zeros((layout.rows_of(controller.centres), columns), dtype)
         gradients = [_particles_last(g, padded, dtype) for g in (gradient_states, gradient_inputs)]
         for first, last, width in layout.blocks(ctx.particles, layout.BACKWARD_STRIPS, dtype):
-            memory = layout.policy_memory(controller, width)
-            adjoint = layout.adjoint_memory(model, controller, width)
-            further = (
+            memories = (
+                layout.policy_memory(controller, width),
+                layout.adjoint_memory(model, controller, width),
                 layout.physics_memory(physics, width),
                 sensing_memory(seen, len(model.A), z_width, width),
             )
-            backward(first, last, *gradients, *ctx.arrays, memory, adjoint, *further, moments)
+            backward(first, last, *gradients, ctx.arrays, memories, moments)
         learned = [parameter.numpy() for parameter in ctx.saved_tensors]
         slopes = [np.empty_like(parameter) for parameter in learned]
         differentiate(*learned, moments, *slopes)

@@ -96,28 +96,17 @@ def _advance(model, delta, state, following, frozen):
 
 def _compiled(sources: str):
     @njit(**OUTERMOST)
-    def forward(
-        start,
-        stop,
-        noise,
-        mask,
-        policy,
-        model,
-        physics,
-        sensing,
-        trace,
-        policy_memory,
-        model_memory,
-        physics_memory,
-        sensing_memory,
-    ):
+    def forward(start, stop, noise, arrays, memory):
         """Roll particles out, block by block, and fill the trace behind its first states.
 
-        Particles are those from start to stop, in blocks as wide as the memory. Where a policy acts
-        on estimates, further rows of a particle move as its state does, see
-        `mcpilco.search.fused.sensing`; noise: (T, K E, P), zeros for these.
+        Particles are those from start to stop, in blocks as wide as the memory. `arrays` are of
+        mask, policy, model, physics, sensing and trace, `memory` of policy, model, physics and
+        sensing. Where a policy acts on estimates, further rows of a particle move as its state
+        does, see `mcpilco.search.fused.sensing`; noise: (T, K E, P), zeros for these.
         """
         sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
+        mask, policy, model, physics, sensing, trace = arrays
+        policy_memory, model_memory, physics_memory, sensing_memory = memory
         steps, moved, _ = trace.frozen.shape
         outputs, width_x, width = model.B.shape[1], model.A.shape[0], policy_memory.slope.size
         acted_on = trace.states.shape[1] - width_x

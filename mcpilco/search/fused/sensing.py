@@ -16,6 +16,8 @@ compiled does nothing, or takes the states themselves.
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -25,18 +27,8 @@ from mcpilco.search.fused.arithmetic import PLAIN, add, clear, copy
 from mcpilco.search.fused.policy import augment, through_augmentation
 from mcpilco.sensing import Chain, DelayModel, LinearEstimator, Observer
 
-
-class LinearArrays(NamedTuple):
-    """A linear estimator."""
-
-    A: np.ndarray
-    """(X, X), from an estimate to the expected next state"""
-    C: np.ndarray
-    """(Y, X), from a state to its measurement"""
-    gains: np.ndarray
-    """(T, X, Y)"""
-    start: np.ndarray
-    """(X,), the expected state before any measurement"""
+LinearArrays = namedtuple("LinearArrays", [field.name for field in fields(LinearEstimator)])
+"""those of a `LinearEstimator`; gains are of each of T steps"""
 
 
 class SensingArrays(NamedTuple):

@@ -23,6 +23,7 @@ from mcpilco.kernels import (
 )
 from mcpilco.kernels.mechanical import GIP
 from mcpilco.typing import InputError
+from tests.reference.terms import matrix
 
 WIDTH = 3
 
@@ -121,7 +122,7 @@ def test_terms_are_the_kernel(make):
     kernel, X1, X2 = shake(make((2,))), points(5, WIDTH), points(4, WIDTH, seed=2)
     if not (terms := terms_of(kernel)):
         pytest.skip("no canonical form")
-    total = sum(term(X1, X2) for term in terms)
+    total = sum(matrix(term, X1, X2) for term in terms)
     torch.testing.assert_close(total, kernel(X1, X2), rtol=1e-12, atol=1e-12)
 
 
@@ -131,7 +132,7 @@ def test_canonical_terms_are_the_kernel_too(make):
         form = kernel.canonical()
     except NoCanonicalFormError:
         pytest.skip("no canonical form")
-    total = sum(term(form.regressors(X1), form.regressors(X2)) for term in form.terms)
+    total = sum(matrix(term, *map(form.regressors, (X1, X2))) for term in form.terms)
     torch.testing.assert_close(total, kernel(X1, X2), rtol=1e-12, atol=1e-12)
     assert form.W.shape[1] == 0 or not terms_of(kernel)
 
@@ -144,7 +145,7 @@ class Everything(torch.nn.Module):
         self.kernel = kernel
 
     def forward(self, X1, X2):
-        total = sum((term(X1, X2) for term in terms_of(self.kernel)), torch.zeros(()))
+        total = sum((matrix(t, X1, X2) for t in terms_of(self.kernel)), torch.zeros(()))
         return self.kernel(X1, X2), self.kernel.diag(X1), total
 
 
