@@ -7,13 +7,16 @@ from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from jaxtyping import Float
+from torch import Tensor
 
 from mcpilco.agent.guess import guess_task
+from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec
-from mcpilco.typing import EnvError, InputError
+from mcpilco.typing import EnvError, InputError, McPilcoError
 
 logger = logging.getLogger(__name__)
 
@@ -87,6 +90,70 @@ def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarra
             "bound them, for example with gymnasium.wrappers.TransformAction."
         )
     return low, high
+
+
+def check_cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndarray, " U"]) -> None:
+    """Call the cost as a policy search does: of particles where episodes start, with a gradient.
+
+    Args:
+        task: a cost that is learned from rewards is not looked at.
+        low: smallest inputs, in their units.
+        high: largest inputs.
+
+    Raises:
+        EnvError: it raises, or gives no finite number with a finite gradient for each particle.
+    """
+    if task.cost is None or isinstance(task.cost, RewardCost):
+        return
+    rng, X = np.random.default_rng(0), len(task.state_names)
+    shape = (X + 2, X + 3)  # of steps and particles: no axis is as long as a state
+    start = rng.normal(task.start_mean, np.maximum(task.start_std, 1e-3), (*shape, X))
+    states, inputs = (
+        torch.from_numpy(start),
+        torch.from_numpy(rng.uniform(low, high, (*shape, len(low)))),
+    )
+    if wrong := _wrong_cost(task, states, inputs):
+        raise EnvError(
+            f"The task's cost must give one finite number for each particle: of states "
+            f"{tuple(states.shape)} and inputs {tuple(inputs.shape)} a tensor {shape}; {wrong}."
+        )
+
+
+def _wrong_cost(task: TaskSpec, states: Tensor, inputs: Tensor) -> str | None:
+    """The fault of the cost of these particles, and what to do about it; None: it has none."""
+    assert task.cost is not None, "check_cost has seen to it"
+    particles = states.requires_grad_(), inputs.requires_grad_()
+    try:
+        costs: Any = task.cost(*particles)
+    except McPilcoError:
+        raise
+    except Exception as error:  # a user's function
+        return (
+            f"it raised {type(error).__name__}: {error}. Write it with torch functions of the "
+            f"{len(task.state_names)} states in the last axis: "
+            f"states[..., 0] is {task.state_names[0]}"
+        )
+    if not isinstance(costs, Tensor) or not costs.is_floating_point():
+        return f"got {costs!r:.80}. Write it with torch functions of states and inputs"
+    if costs.shape != states.shape[:-1]:
+        return (
+            f"got shape {tuple(costs.shape)}. Index and sum over the last axis alone, as in "
+            "states[..., 0] and .sum(-1)"
+        )
+    if not costs.isfinite().all():
+        return "got numbers that are not finite where episodes start. Mend its formula there"
+    if not costs.requires_grad:
+        return (
+            "got a number without gradient. Write it with torch functions of states and inputs, "
+            "without numpy, .detach(), .item() or torch.no_grad()"
+        )
+    slopes = torch.autograd.grad(costs.sum(), particles, allow_unused=True)
+    if not all(slope is None or slope.isfinite().all() for slope in slopes):
+        return (
+            "got a gradient that is not finite where episodes start. Keep roots and quotients away "
+            "from zero, as in (x**2 + 1e-6).sqrt()"
+        )
+    return None
 
 
 def horizon_of(env: gym.Env, horizon: int | None) -> int:

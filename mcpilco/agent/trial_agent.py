@@ -17,7 +17,14 @@ from jaxtyping import Float
 from torch import nn
 
 from mcpilco.agent.agent_file import SavedAgent, reading
-from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.agent.contract import (
+    AbsentEnv,
+    check_cost,
+    horizon_of,
+    input_bounds,
+    make_env,
+    task_of,
+)
 from mcpilco.agent.controller import Act, Controller, remembering
 from mcpilco.agent.episode import Streams
 from mcpilco.agent.model import Model
@@ -25,7 +32,7 @@ from mcpilco.config import Preset
 from mcpilco.data import Rollout, Transitions, TrialResult
 from mcpilco.logbook import Callback, Progress, as_callback
 from mcpilco.sensing import Perception
-from mcpilco.task import TaskSpec
+from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
 
 
@@ -94,6 +101,8 @@ class TrialAgent(ABC):
         self.verbose = verbose
         self.task = self._own_task(task_of(self.env, task))
         self.low, self.high = input_bounds(self.env)
+        if self.task.cost is not unknown_cost:  # that of an agent that was loaded to predict only
+            check_cost(self.task, self.low, self.high)
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.streams = Streams(self.seed)
         self.trials = 0
@@ -174,6 +183,7 @@ class TrialAgent(ABC):
         """
         if isinstance(self.env, AbsentEnv):
             self.env.reset()  # raises
+        check_cost(self.task, self.low, self.high)
         shown = [Progress()] if progress_bar or self.verbose else []
         events = as_callback(callback, *shown)
         try:

@@ -513,6 +513,14 @@ def test_a_wrong_argument_is_answered_with_a_sentence(arguments: dict, message: 
         MCPILCO(**complete)
 
 
+def test_a_cost_that_cannot_be_used_is_refused_before_the_first_step() -> None:
+    env = PointEnv()
+    task = dataclasses.replace(TASK, cost=lambda states, inputs: states[..., 9])
+    with pytest.raises(EnvError, match="cost must give one finite number for each particle"):
+        MCPILCO("SumOfGaussians", env, config=TINY, task=task)
+    assert env.actions == []
+
+
 def test_a_task_can_be_given_where_the_env_shows_none() -> None:
     agent = MCPILCO("SumOfGaussians", without_task(), config=TINY, task=TASK).learn(2 * STEPS)
     assert agent.task is TASK

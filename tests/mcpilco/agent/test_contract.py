@@ -8,10 +8,18 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import TimeLimit
 
-from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.agent.contract import (
+    AbsentEnv,
+    check_cost,
+    horizon_of,
+    input_bounds,
+    make_env,
+    task_of,
+)
 from mcpilco.typing import EnvError, InputError
 from tests.mcpilco.point import TASK, PointEnv
 
@@ -117,3 +125,35 @@ def test_an_absent_env_is_described_but_does_nothing() -> None:
     assert horizon_of(env, None) == 12
     with pytest.raises(EnvError, match="loaded without an env"):
         env.reset(seed=1)
+
+
+def of_numpy(states, inputs):
+    return np.asarray(states)[..., 0]
+
+
+WRONG_COSTS = [
+    (lambda states, inputs: states[..., 5], "raised IndexError.* of the 2 states in the last axis"),
+    (of_numpy, "raised RuntimeError: .*numpy"),
+    (lambda states, inputs: 0.5, "got 0.5. Write it with torch"),
+    (lambda states, inputs: states[..., 0] > 0, "Write it with torch"),
+    (
+        lambda states, inputs: states[:, 0],
+        r"tensor \(4, 5\); got shape \(4, 2\). .*last axis alone",
+    ),
+    (lambda states, inputs: states**2, r"got shape \(4, 5, 2\)"),
+    (lambda states, inputs: (states**2).mean(), r"got shape \(\)"),
+    (lambda states, inputs: torch.log(-(states[..., 0] ** 2)), "not finite where episodes start"),
+    (lambda states, inputs: states[..., 0].detach(), "without gradient"),
+    (lambda states, inputs: (0 * states[..., 0]).sqrt(), "gradient that is not finite"),
+]
+
+
+@pytest.mark.parametrize(("cost", "message"), WRONG_COSTS)
+def test_a_cost_that_no_search_can_use_is_answered_with_a_sentence(cost, message: str) -> None:
+    with pytest.raises(EnvError, match=message):
+        check_cost(dataclasses.replace(TASK, cost=cost), np.array([-2.0]), np.array([2.0]))
+
+
+def test_a_cost_of_the_inputs_alone_or_learned_from_rewards_is_fine() -> None:
+    for cost in (None, lambda states, inputs: (inputs**2).sum(-1), TASK.cost):
+        check_cost(dataclasses.replace(TASK, cost=cost), np.array([-2.0]), np.array([2.0]))
