@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from typing import Any, NoReturn
 
 import gymnasium as gym
@@ -37,7 +38,9 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
     try:
         return gym.make(env, **kwargs)
     except Exception as error:  # a constructor is foreign code
-        raise EnvError(f"Cannot make the env {env!r}: {error}") from error
+        known = "envs" in sys.modules or not env.startswith("mcpilco/")
+        remedy = "" if known else " Write `import envs` first: it registers this package's envs."
+        raise EnvError(f"Cannot make the env {env!r}: {error}{remedy}") from error
 
 
 def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
@@ -51,8 +54,8 @@ def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpe
     Raises:
         EnvError: there is none and none can be guessed, or it does not match the env's spaces.
     """
-    _check_kind(env, env.observation_space, "observation", "flatten it")
-    _check_kind(env, env.action_space, "action", "wrap it so that its inputs are numbers")
+    _check_kind(env, env.observation_space, "observation")
+    _check_kind(env, env.action_space, "action")
     if task is None:
         task = getattr(env.unwrapped, "task", None)
     if task is None:
@@ -215,12 +218,20 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
         )
 
 
-def _check_kind(env: gym.Env, space: gym.Space, kind: str, remedy: str) -> None:
-    """Raises EnvError unless the space is a vector of numbers."""
-    if not isinstance(space, Box) or len(space.shape) != 1:
-        raise EnvError(
-            f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
-        )
+def _check_kind(env: gym.Env, space: gym.Space, kind: str) -> None:
+    """Raises EnvError unless the space is a vector of real numbers."""
+    real = kind == "observation" or np.issubdtype(space.dtype, np.floating)
+    if isinstance(space, Box) and len(space.shape) == 1 and real:
+        return
+    if kind == "action":
+        remedy = "inputs are real numbers here: take an env whose actions are forces or torques"
+    elif len(space.shape or ()) > 1:
+        remedy = "images and tables are no state: let the env observe positions and velocities"
+    else:
+        remedy = "flatten it, with gymnasium.wrappers.FlattenObservation, where it holds the state"
+    raise EnvError(
+        f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
+    )
 
 
 def _check_width(env: gym.Env, space: gym.Space, kind: str, count: int) -> None:
@@ -242,7 +253,10 @@ def _check_observed(env: gym.Env, task: TaskSpec) -> None:
         )
 
 
+def name_of(env: gym.Env) -> str:
+    """The id of an env, or the name of its class where it is not registered."""
+    return type(env.unwrapped).__name__ if env.spec is None else env.spec.id
+
+
 def _name(env: gym.Env) -> str:
-    if env.spec is not None:
-        return f"The env {env.spec.id}"
-    return f"The env {type(env.unwrapped).__name__}"
+    return f"The env {name_of(env)}"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -55,6 +57,12 @@ def test_an_unknown_id_is_answered_with_a_sentence(name: str) -> None:
         make_env(name)
 
 
+def test_envs_of_this_package_are_registered_by_an_import() -> None:
+    code = "from mcpilco.agent import make_env; make_env('mcpilco/CartPoleSwingUp-v0')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "Write `import envs` first" in done.stderr
+
+
 def test_what_is_no_single_env_is_refused() -> None:
     vector = gym.vector.SyncVectorEnv([PointEnv])
     with pytest.raises(EnvError, match="one gymnasium.Env .* got SyncVectorEnv"):
@@ -71,7 +79,9 @@ def test_a_task_given_comes_before_the_one_shown() -> None:
 @pytest.mark.parametrize(
     ("env", "message"),
     [
-        (with_spaces(action_space=Discrete(3)), "one-dimensional Box action space, got Discrete"),
+        (with_spaces(action_space=Discrete(3)), "Box action space, got Discrete.*are real numbers"),
+        (with_spaces(action_space=Box(0, 5, (1,), np.int64)), "got Box.*inputs are real numbers"),
+        (with_spaces(observation_space=Box(0, 1, (8, 8, 3))), "images and tables are no state"),
         (with_spaces(action_space=Box(-1, 1, (1, 1))), "one-dimensional Box action space"),
         (with_spaces(action_space=Box(-1, 1, (2,))), r"1 actions, its action space has shape \(2"),
         (with_spaces(observation_space=Box(-1, 1, (3,))), "task names 2 observations"),
