@@ -22,6 +22,7 @@ REMEDIES = {
     "policy_kwargs": "set the policy's numbers in config=Config(policy=PolicyConfig(...))",
     "print_system_info": "run the command `mcpilco doctor`",
     "reset_num_timesteps": "`learn` goes on where it ended; make a new agent to begin anew",
+    "stats_window_size": "each trial is told by itself; leave it out",
     "tb_log_name": "name the folder: learn(callback=mcpilco.logbook.TensorBoard(folder))",
     "tensorboard_log": "give learn a callback: callback=mcpilco.logbook.TensorBoard(folder)",
     "total_timesteps": "give it to learn(total_timesteps)",

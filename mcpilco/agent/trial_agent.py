@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -34,7 +34,7 @@ from mcpilco.agent.keywords import refuse_keywords
 from mcpilco.agent.model import Model
 from mcpilco.config import Preset
 from mcpilco.data import Rollout, Transitions, TrialResult
-from mcpilco.logbook import Callback, Progress, as_callback
+from mcpilco.logbook import Callback, Logged, Progress, as_callback
 from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
@@ -61,6 +61,8 @@ class TrialAgent(ABC):
     """what makes states of measurements; None where states are measured"""
     model: Model | None = None
     """of the system; None: it learns none"""
+    logger: Any = None
+    """of stable-baselines3, see `set_logger`"""
     transitions: Transitions | None = None
     """what a model is learned from; None: nothing yet, or no model"""
 
@@ -184,7 +186,7 @@ class TrialAgent(ABC):
     def learn(
         self,
         total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
+        callback: Any = None,
         progress_bar: bool = False,
         **unknown: Any,
     ) -> Self:
@@ -195,7 +197,9 @@ class TrialAgent(ABC):
 
         Args:
             total_timesteps: steps of the env.
-            callback: called at each event, see `mcpilco.logbook.callbacks`.
+            callback: called at each event, see `mcpilco.logbook.callbacks`: one, or a list; also
+                one of stable-baselines3, or a function of (locals, globals), which is called once a
+                rollout is over, for each of its steps, and stops the learning by False.
             progress_bar: show progress on the screen.
             **unknown: refused, with what to use in place of a keyword of stable-baselines3.
 
@@ -217,13 +221,16 @@ class TrialAgent(ABC):
             self.env.reset()  # raises
         check_cost(self.task, self.low, self.high)
         shown = [Progress()] if progress_bar or self.verbose else []
-        events = as_callback(callback, *shown)
+        logged = [] if self.logger is None else [Logged(self.logger)]
+        events = as_callback(callback, *shown, *logged)
         try:
             trials, end = self._trials_within(total_timesteps), self.num_timesteps + total_timesteps
             events.on_training_start(self, trials)
             for record in self._explore():
                 events.on_exploration(record)
             for _ in range(trials):
+                if events.stops():
+                    break
                 trial, left = self.trials + 1, end - self.num_timesteps
                 events.on_trial_start(trial)
                 result = self._trial(trial, left, events)
@@ -234,6 +241,14 @@ class TrialAgent(ABC):
         finally:
             as_callback(shown).close()
         return self
+
+    def set_logger(self, logger: Any) -> None:
+        """Record the numbers of each trial to come in a logger of stable-baselines3.
+
+        Args:
+            logger: as `stable_baselines3.common.logger.configure(folder, ["csv"])` makes one.
+        """
+        self.logger = logger
 
     @abstractmethod
     def predict(
