@@ -81,14 +81,14 @@ def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarra
     """Smallest and largest inputs, in the env's unit.
 
     Raises:
-        EnvError: the action space is unbounded.
+        EnvError: the action space is unbounded, or empty.
     """
     space = env.action_space
     assert isinstance(space, Box), "task_of has checked it"
     low, high = space.low.astype(np.float64), space.high.astype(np.float64)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
         raise EnvError(
-            f"{_name(env)} must have finite action bounds, "
+            f"{_name(env)} must have finite action bounds, low < high, "
             f"got low {low.tolist()}, high {high.tolist()}; "
             "bound them, for example with gymnasium.wrappers.TransformAction."
         )

@@ -17,6 +17,7 @@ from mcpilco.agent.episode import run_episode
 from mcpilco.agent.guess import RESETS, guess_task, start_of
 from mcpilco.agent.predictability import Gain, reward_share, state_gains
 from mcpilco.data import Rollout
+from mcpilco.policies import costs_of
 from mcpilco.sensing import TURN, state_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, McPilcoError
@@ -75,8 +76,6 @@ def inspect_env(
         yield Finding("fault", str(error))
         return
     yield Finding("fits", f"Actions are bounded: {low.tolist()} to {high.tolist()}.")
-    if known is not None and known.cost is not None:
-        yield _cost(known, low, high)
     yield from _time(env, horizon)
     rng = np.random.default_rng(seed)
     try:
@@ -89,10 +88,13 @@ def inspect_env(
     yield from _circles(raw, known)
     if known is None:
         return
-    if known.measured is not None:
+    partly = known.measured is not None
+    seen = [] if partly else [_as_states(known, episode) for episode in raw]
+    if known.cost is not None:
+        yield _cost(known, low, high, seen)
+    if partly:
         yield _hidden(known)
         return
-    seen = [_as_states(known, episode) for episode in raw]
     yield from _start(env, known)
     yield from _scales(known, seen)
     yield from _velocities(known, seen)
@@ -110,11 +112,22 @@ def _task(env: gym.Env, task: TaskSpec | None) -> tuple[TaskSpec, Finding]:
     return known, Finding("note", str(guess_task(env)))
 
 
-def _cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndarray, " U"]) -> Finding:
+def _cost(
+    task: TaskSpec,
+    low: Float[np.ndarray, " U"],
+    high: Float[np.ndarray, " U"],
+    seen: Sequence[Rollout],
+) -> Finding:
+    """Can a search use the cost, and is it finite where random inputs lead?"""
     try:
         check_cost(task, low, high)
     except McPilcoError as error:
         return Finding("fault", str(error))
+    for episode in seen:
+        costs = costs_of(task.cost, episode)
+        if len(wrong := np.flatnonzero(~np.isfinite(costs))):
+            state = episode.observations[1 + wrong[0]].round(3).tolist()
+            return Finding("fault", f"The cost is not finite at {state}: mend its formula there.")
     return Finding("fits", "The cost is one finite number a particle, and has a gradient.")
 
 

@@ -21,7 +21,7 @@ def test_a_public_name_is_the_one_of_its_home(name: str) -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'PILCO'"):
+    with pytest.raises(AttributeError, match="no attribute 'PILCO'; it has MCPILCO"):
         mcpilco.PILCO  # noqa: B018
 
 

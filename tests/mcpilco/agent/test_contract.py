@@ -110,7 +110,7 @@ def test_bounds_are_the_spaces_in_float64() -> None:
     np.testing.assert_array_equal([low, high], np.float32([[-0.1], [0.3]]))
 
 
-@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.0), (-1.0, np.inf)])
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.0), (-1.0, np.inf), (1.0, 1.0)])
 def test_unbounded_inputs_are_answered_with_a_sentence(low: float, high: float) -> None:
     with pytest.raises(EnvError, match="finite action bounds.*TransformAction"):
         input_bounds(with_spaces(action_space=Box(low, high, (1,))))

@@ -66,6 +66,7 @@ def spaces(**changed: gym.Space) -> Swinging:
         (Swinging(), replace(TASK, dt=0.05), "as if dt were 0.1"),
         (Swinging(), replace(TASK, cost=lambda x, u: x[..., 7]), "cost .* raised IndexError"),
         (Swinging(), replace(TASK, cost=lambda x, u: x[..., 0] / 0), "cost .* not finite"),
+        (Swinging(), replace(TASK, cost=lambda x, u: (1 - x[..., 0]).log()), "not finite at "),
         (Swinging(silent=True), TASK, "All rewards are equal"),
         (Swinging("wrapped", push=12.0), replace(TASK, start_mean=(0.5, 12.0)), "full turn"),
         (
