@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 REMEDIES = {
     "batch_size": "a model is fitted to all data; SearchConfig(particles=...) sizes a rollout",
@@ -12,14 +12,11 @@ REMEDIES = {
     "custom_objects": "a file holds plain arrays and numbers alone; leave it out",
     "device": "agents compute on the processor; leave it out",
     "force_reset": "each trial begins new episodes; leave it out",
-    "gamma": "costs are summed over the horizon without discount; set config=Config(horizon=...)",
-    "learning_rate": (
-        "set it in config=Config(search=SearchConfig(phases=(Phase(learning_rate=...),)))"
-    ),
-    "learning_starts": "set the steps of random inputs in config=Config(exploration=...)",
+    "gamma": "costs are summed over the horizon without discount; set config={}(horizon=...)",
+    "learning_starts": "set the steps of random inputs in config={}(exploration=...)",
     "log_interval": "callbacks are told of each step of a search; leave it out",
-    "n_steps": "set the steps of an episode in config=Config(horizon=...)",
-    "policy_kwargs": "set the policy's numbers in config=Config(policy=PolicyConfig(...))",
+    "n_steps": "set the steps of an episode in config={}(horizon=...)",
+    "policy_kwargs": "set the policy's numbers in config={}(...)",
     "print_system_info": "run the command `mcpilco doctor`",
     "reset_num_timesteps": "`learn` goes on where it ended; make a new agent to begin anew",
     "stats_window_size": "each trial is told by itself; leave it out",
@@ -43,8 +40,9 @@ def refuse_keywords(what: str, given: Iterable[str], known: Iterable[str], confi
     """
     for name in given:
         usual = f"it has {', '.join(known)}"
-        remedy = next(_entries(config, name, "config={}"), None)
-        raise TypeError(f"{what} has no keyword {name}; {remedy or REMEDIES.get(name, usual)}.")
+        remedy = REMEDIES.get(name, usual).format(config.__name__)
+        entry = next(_entries(config, name, "config={}"), None)
+        raise TypeError(f"{what} has no keyword {name}; {entry or remedy}.")
 
 
 def _entries(config: Any, name: str, place: str) -> Iterator[str]:
@@ -54,5 +52,7 @@ def _entries(config: Any, name: str, place: str) -> Iterator[str]:
         here = place.format(f"{config.__name__}({field.name}={{}})")
         if field.name == name:
             yield f"set {here.format('...')}"
-        elif is_dataclass(hints[field.name]):
-            yield from _entries(hints[field.name], name, here)
+        hint = hints[field.name]
+        for part in filter(is_dataclass, (hint, *get_args(hint))):
+            inner = here if part is hint else here.format("({},)")
+            yield from _entries(part, name, inner)
