@@ -34,5 +34,11 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first asked for: `mcpilco --help` then answers at once."""
     if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        public = ", ".join(__all__)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; it has {public}")
     return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, which are loaded when they are first asked for."""
+    return sorted(__all__)

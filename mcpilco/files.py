@@ -154,7 +154,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
                 for name, member in zip(names, members, strict=True)
             }
     except FileNotFoundError as error:
-        raise RunFolderError(f"There is no file {path}.") from error
+        raise RunFolderError(f"There is no file {path}; name one that exists.") from error
     except Exception as error:  # numpy and zipfile raise almost anything from damaged bytes
         raise RunFolderError(
             f"{path} is damaged or holds more than plain arrays: {error}"

@@ -69,6 +69,18 @@ class TaskSpec:
     recording"""
 
     def __post_init__(self) -> None:
+        try:
+            self._check_numbers()
+            self._check_structure()
+            self._check_measured()
+        except TypeError as error:
+            raise InputError(
+                f"TaskSpec has an entry of another type ({error}): dt is a number, names and units "
+                "are tuples of text, angles a tuple of indices, velocities a tuple of pairs of "
+                "indices, start_mean and start_std tuples of numbers."
+            ) from error
+
+    def _check_numbers(self) -> None:
         width = len(self.state_names)
         for field in ("state_units", "start_mean", "start_std"):
             if len(getattr(self, field)) != width:
@@ -89,8 +101,6 @@ class TaskSpec:
             raise InputError(
                 f"TaskSpec.start_std must be finite and not negative, got {self.start_std}."
             )
-        self._check_structure()
-        self._check_measured()
 
     def _check_structure(self) -> None:
         width = len(self.state_names)
@@ -200,8 +210,8 @@ class TaskSpec:
         """The task of `to_json`, with a cost that says that it is not known, or the one given.
 
         Raises:
-            InputError: the entries do not fit one another.
-            TypeError: an entry is missing, unknown or of another type.
+            InputError: an entry is of another type, or does not fit the others.
+            TypeError: an entry is missing or unknown.
         """
         entries = {name: _as_tuple(value) for name, value in values.items()}
         return cls(**entries, cost=cost)

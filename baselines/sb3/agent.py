@@ -201,7 +201,12 @@ class PPOAgent(SB3Agent):
 
 
 def make_learner(
-    algo: str, env: gym.Env | str, *, preset: str = "default", seed: int = 0, config: Any = None
+    algo: str,
+    env: gym.Env | str,
+    *,
+    preset: str = "default",
+    seed: int | None = 0,
+    config: Any = None,
 ) -> SB3Agent:
     """An agent for `baselines.evaluate.learning_curve`: `num_timesteps`, `learn`, `predict`.
 
@@ -210,7 +215,7 @@ def make_learner(
         env: a Gymnasium env or its id; the preset has numbers of its own for the envs of this
             package.
         preset: name of a configuration.
-        seed: of everything random.
+        seed: of everything random; None draws one.
         config: the numbers themselves; takes precedence over `preset`.
 
     Raises:

@@ -20,7 +20,7 @@ from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
 from mcpilco.search import Candidate, PolicySearch, Problem, SearchResult, follow, rollout_of
 from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
-from mcpilco.typing import Dynamics, UncertainDynamics
+from mcpilco.typing import Dynamics, InputError, UncertainDynamics
 
 
 class MCPILCO(ModelBasedAgent):
@@ -37,32 +37,63 @@ class MCPILCO(ModelBasedAgent):
     policy_name = "SumOfGaussians"
     config_type = Config
     presets = PRESETS
+    objects = ("kernel",)
 
     def __init__(
         self,
         policy: str,
         env: gym.Env | str,
         *,
+        preset: str = "default",
+        config: Config | None = None,
+        seed: int | None = 0,
+        verbose: int = 0,
+        task: TaskSpec | None = None,
         kernel: KernelFactory | None = None,
-        **settings: Any,
+        **unknown: Any,
     ) -> None:
         """An agent that has learned nothing yet.
 
         Args:
-            policy: "SumOfGaussians".
-            env: a Gymnasium env with one-dimensional Box spaces, or its id.
+            policy: "SumOfGaussians", a sum of Gaussian bases, squashed to the env's inputs.
+            env: a Gymnasium env, or its id; its observations and actions are one-dimensional Boxes
+                in physical units, the actions bounded.
+            preset: named numbers: "default", "thorough", "thesis" or "tro2022", see
+                `mcpilco.config.PRESETS`; with a cart-pole's id it also sets the env's keywords.
+            config: the numbers themselves, such as `Config(horizon=60)` [steps]; takes precedence
+                over `preset`.
+            seed: of everything random; equal seeds give equal results. None draws one, which
+                `agent.seed` tells.
+            verbose: 0 is silent, 1 shows progress.
+            task: names, units, sampling time [s], start and cost of the env, where it does not
+                show them as `task`; without either they are guessed, with a warning, where the
+                env's class, model or names tell.
             kernel: a kernel of your own in place of the one that `config.model.kernel` names: a
                 subclass of `mcpilco.kernels.Kernel`, or a function of (width, batch) that makes
                 one. It is no part of the file that `save` writes: give it to `load` again.
-            **settings: preset, config, seed, verbose, task, as of
-                `mcpilco.agent.trial_agent.TrialAgent`.
+            **unknown: refused, with what to use in place of a keyword of stable-baselines3.
 
         Raises:
-            InputError: an argument is unknown, or the kernel or the task does not fit.
+            TypeError: a keyword is unknown.
+            InputError: an argument does not fit.
             EnvError: the env does not fit.
         """
+        if not (kernel is None or callable(kernel)):
+            raise InputError(
+                f"kernel must be a function of (width, batch) that makes one, got {kernel!r:.80}; "
+                "kernels of this package have names: Config(model=ModelConfig(kernel='rbf'))."
+            )
         self.kernel = kernel
-        super().__init__(policy, env, **settings)
+        super().__init__(
+            policy,
+            env,
+            preset=preset,
+            config=config,
+            seed=seed,
+            verbose=verbose,
+            task=task,
+            **unknown,
+        )
 
     def _new_model(self) -> Model:
         return Model(self.config.model, self.task, self.kernel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from mcpilco.data import Transitions
 from mcpilco.files import read_groups, write_groups
 from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec, unknown_cost
-from mcpilco.typing import Cost, EnvError, RunFolderError
+from mcpilco.typing import Cost, EnvError, InputError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.agent.model_based import ModelBasedAgent
@@ -89,7 +90,7 @@ class SavedAgent(ABC, Generic[A]):
         }
         dtype = agent.env.action_space.dtype
         bounds = {"low": agent.low.astype(dtype), "high": agent.high.astype(dtype)}
-        return write_groups(_npz(path), about, {"bounds": bounds, **groups})
+        return write_groups(path, about, {"bounds": bounds, **groups})
 
     def config(self, kind: type[Any]) -> Any:
         """The agent's numbers, of the dataclass of its algorithm."""
@@ -134,7 +135,6 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
     Raises:
         RunFolderError: the file is missing or damaged, or the agent cannot be made of it.
     """
-    path = _npz(path)
     about, arrays = read_groups(path)
     if (saved := about.get("algo", "mcpilco")) != algo:
         raise RunFolderError(
@@ -156,8 +156,22 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
         ) from error
 
 
-def _npz(path: Path) -> Path:
-    return path if path.suffix == ".npz" else path.with_name(f"{path.name}.npz")
+def npz_path(path: str | Path) -> Path:
+    """The path of an agent's file, which ends with .npz.
+
+    Raises:
+        InputError: it is no path.
+        RunFolderError: it is a folder.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"An agent's file has a path, such as 'agent.npz', got {path!r:.80}.")
+    path = Path(path)
+    if path.suffix == ".npz":
+        return path
+    named = path.parent / f"{path.name}.npz"
+    if path.is_dir() and not named.is_file():
+        raise RunFolderError(f"{path} is a folder; name the file in it, as in {path}/agent.npz.")
+    return named
 
 
 def _own_kernel(agent: ModelBasedAgent) -> str | None:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import logging
+import sys
 from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from jaxtyping import Float
+from torch import Tensor
 
 from mcpilco.agent.guess import guess_task
+from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec
-from mcpilco.typing import EnvError, InputError
+from mcpilco.typing import EnvError, InputError, McPilcoError
 
 logger = logging.getLogger(__name__)
 
@@ -34,7 +38,9 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
     try:
         return gym.make(env, **kwargs)
     except Exception as error:  # a constructor is foreign code
-        raise EnvError(f"Cannot make the env {env!r}: {error}") from error
+        known = "envs" in sys.modules or not env.startswith("mcpilco/")
+        remedy = "" if known else " Write `import envs` first: it registers this package's envs."
+        raise EnvError(f"Cannot make the env {env!r}: {error}{remedy}") from error
 
 
 def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
@@ -48,8 +54,8 @@ def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpe
     Raises:
         EnvError: there is none and none can be guessed, or it does not match the env's spaces.
     """
-    _check_kind(env, env.observation_space, "observation", "flatten it")
-    _check_kind(env, env.action_space, "action", "wrap it so that its inputs are numbers")
+    _check_kind(env, env.observation_space, "observation")
+    _check_kind(env, env.action_space, "action")
     if task is None:
         task = getattr(env.unwrapped, "task", None)
     if task is None:
@@ -75,18 +81,82 @@ def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarra
     """Smallest and largest inputs, in the env's unit.
 
     Raises:
-        EnvError: the action space is unbounded.
+        EnvError: the action space is unbounded, or empty.
     """
     space = env.action_space
     assert isinstance(space, Box), "task_of has checked it"
     low, high = space.low.astype(np.float64), space.high.astype(np.float64)
-    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    if not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
         raise EnvError(
-            f"{_name(env)} must have finite action bounds, "
+            f"{_name(env)} must have finite action bounds, low < high, "
             f"got low {low.tolist()}, high {high.tolist()}; "
             "bound them, for example with gymnasium.wrappers.TransformAction."
         )
     return low, high
+
+
+def check_cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndarray, " U"]) -> None:
+    """Call the cost as a policy search does: of particles where episodes start, with a gradient.
+
+    Args:
+        task: a cost that is learned from rewards is not looked at.
+        low: smallest inputs, in their units.
+        high: largest inputs.
+
+    Raises:
+        EnvError: it raises, or gives no finite number with a finite gradient for each particle.
+    """
+    if task.cost is None or isinstance(task.cost, RewardCost):
+        return
+    rng, X = np.random.default_rng(0), len(task.state_names)
+    shape = (X + 2, X + 3)  # of steps and particles: no axis is as long as a state
+    start = rng.normal(task.start_mean, np.maximum(task.start_std, 1e-3), (*shape, X))
+    states, inputs = (
+        torch.from_numpy(start),
+        torch.from_numpy(rng.uniform(low, high, (*shape, len(low)))),
+    )
+    if wrong := _wrong_cost(task, states, inputs):
+        raise EnvError(
+            f"The task's cost must give one finite number for each particle: of states "
+            f"{tuple(states.shape)} and inputs {tuple(inputs.shape)} a tensor {shape}; {wrong}."
+        )
+
+
+def _wrong_cost(task: TaskSpec, states: Tensor, inputs: Tensor) -> str | None:
+    """The fault of the cost of these particles, and what to do about it; None: it has none."""
+    assert task.cost is not None, "check_cost has seen to it"
+    particles = states.requires_grad_(), inputs.requires_grad_()
+    try:
+        costs: Any = task.cost(*particles)
+    except McPilcoError:
+        raise
+    except Exception as error:  # a user's function
+        return (
+            f"it raised {type(error).__name__}: {error}. Write it with torch functions of the "
+            f"{len(task.state_names)} states in the last axis: "
+            f"states[..., 0] is {task.state_names[0]}"
+        )
+    if not isinstance(costs, Tensor) or not costs.is_floating_point():
+        return f"got {costs!r:.80}. Write it with torch functions of states and inputs"
+    if costs.shape != states.shape[:-1]:
+        return (
+            f"got shape {tuple(costs.shape)}. Index and sum over the last axis alone, as in "
+            "states[..., 0] and .sum(-1)"
+        )
+    if not costs.isfinite().all():
+        return "got numbers that are not finite where episodes start. Mend its formula there"
+    if not costs.requires_grad:
+        return (
+            "got a number without gradient. Write it with torch functions of states and inputs, "
+            "without numpy, .detach(), .item() or torch.no_grad()"
+        )
+    slopes = torch.autograd.grad(costs.sum(), particles, allow_unused=True)
+    if not all(slope is None or slope.isfinite().all() for slope in slopes):
+        return (
+            "got a gradient that is not finite where episodes start. Keep roots and quotients away "
+            "from zero, as in (x**2 + 1e-6).sqrt()"
+        )
+    return None
 
 
 def horizon_of(env: gym.Env, horizon: int | None) -> int:
@@ -148,12 +218,20 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
         )
 
 
-def _check_kind(env: gym.Env, space: gym.Space, kind: str, remedy: str) -> None:
-    """Raises EnvError unless the space is a vector of numbers."""
-    if not isinstance(space, Box) or len(space.shape) != 1:
-        raise EnvError(
-            f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
-        )
+def _check_kind(env: gym.Env, space: gym.Space, kind: str) -> None:
+    """Raises EnvError unless the space is a vector of real numbers."""
+    real = kind == "observation" or np.issubdtype(space.dtype, np.floating)
+    if isinstance(space, Box) and len(space.shape) == 1 and real:
+        return
+    if kind == "action":
+        remedy = "inputs are real numbers here: take an env whose actions are forces or torques"
+    elif len(space.shape or ()) > 1:
+        remedy = "images and tables are no state: let the env observe positions and velocities"
+    else:
+        remedy = "flatten it, with gymnasium.wrappers.FlattenObservation, where it holds the state"
+    raise EnvError(
+        f"{_name(env)} must have a one-dimensional Box {kind} space, got {space}; {remedy}."
+    )
 
 
 def _check_width(env: gym.Env, space: gym.Space, kind: str, count: int) -> None:
@@ -175,7 +253,10 @@ def _check_observed(env: gym.Env, task: TaskSpec) -> None:
         )
 
 
+def name_of(env: gym.Env) -> str:
+    """The id of an env, or the name of its class where it is not registered."""
+    return type(env.unwrapped).__name__ if env.spec is None else env.spec.id
+
+
 def _name(env: gym.Env) -> str:
-    if env.spec is not None:
-        return f"The env {env.spec.id}"
-    return f"The env {type(env.unwrapped).__name__}"
+    return f"The env {name_of(env)}"

@@ -5,18 +5,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
-from mcpilco.agent.contract import input_bounds, task_of
+from mcpilco.agent.contract import check_cost, input_bounds, task_of
 from mcpilco.agent.episode import run_episode
 from mcpilco.agent.guess import RESETS, guess_task, start_of
 from mcpilco.agent.predictability import Gain, reward_share, state_gains
 from mcpilco.data import Rollout
+from mcpilco.policies import costs_of
 from mcpilco.sensing import TURN, state_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, McPilcoError
@@ -79,18 +80,21 @@ def inspect_env(
     rng = np.random.default_rng(seed)
     try:
         yield from _seeding(env, rng)
-        raw = _record(env, rng, horizon, steps, seed)
+        raw, terminated = _record(env, rng, horizon, steps, seed)
     except McPilcoError as error:
         yield Finding("fault", str(error))
         return
-    yield from _ends(raw, horizon)
+    yield from _ends(raw, terminated, horizon or _time_limit(env) or LONG)
     yield from _circles(raw, known)
     if known is None:
         return
-    if known.measured is not None:
+    partly = known.measured is not None
+    seen = [] if partly else [_as_states(known, episode) for episode in raw]
+    if known.cost is not None:
+        yield _cost(known, low, high, seen)
+    if partly:
         yield _hidden(known)
         return
-    seen = [_as_states(known, episode) for episode in raw]
     yield from _start(env, known)
     yield from _scales(known, seen)
     yield from _velocities(known, seen)
@@ -108,9 +112,27 @@ def _task(env: gym.Env, task: TaskSpec | None) -> tuple[TaskSpec, Finding]:
     return known, Finding("note", str(guess_task(env)))
 
 
+def _cost(
+    task: TaskSpec,
+    low: Float[np.ndarray, " U"],
+    high: Float[np.ndarray, " U"],
+    seen: Sequence[Rollout],
+) -> Finding:
+    """Can a search use the cost, and is it finite where random inputs lead?"""
+    try:
+        check_cost(task, low, high)
+    except McPilcoError as error:
+        return Finding("fault", str(error))
+    for episode in seen:
+        costs = costs_of(task.cost, episode)
+        if len(wrong := np.flatnonzero(~np.isfinite(costs))):
+            state = episode.observations[1 + wrong[0]].round(3).tolist()
+            return Finding("fault", f"The cost is not finite at {state}: mend its formula there.")
+    return Finding("fits", "The cost is one finite number a particle, and has a gradient.")
+
+
 def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
-    limit = None if env.spec is None else env.spec.max_episode_steps
-    steps = limit if horizon is None else horizon
+    steps = _time_limit(env) if horizon is None else horizon
     if steps is None:
         yield Finding(
             "fault", "There is no time limit: say how many steps an episode has, --horizon."
@@ -123,6 +145,10 @@ def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
         )
     else:
         yield Finding("fits", f"Episodes have {steps} steps.")
+
+
+def _time_limit(env: gym.Env) -> int | None:
+    return None if env.spec is None else env.spec.max_episode_steps
 
 
 def _seeding(env: gym.Env, rng: np.random.Generator) -> Iterator[Finding]:
@@ -152,16 +178,27 @@ def _replay(env: gym.Env, inputs: Float[np.ndarray, "T U"]) -> tuple[np.ndarray,
 
 def _record(
     env: gym.Env, rng: np.random.Generator, horizon: int | None, steps: int, seed: int
-) -> list[Rollout]:
-    """Episodes of random inputs, as observed."""
+) -> tuple[list[Rollout], list[bool]]:
+    """Episodes of random inputs, as observed, and which of them the env terminated."""
     low, high = input_bounds(env)
-    episodes: list[Rollout] = []
+    watched, episodes, terminated = _Watched(env), list[Rollout](), list[bool]()
     seeds = itertools.chain([seed], itertools.repeat(None))
     while (left := steps - sum(map(len, episodes))) > 0:
         longest = min(left, horizon or left)
-        record = run_episode(env, lambda _: rng.uniform(low, high), longest, 1.0, next(seeds))
+        record = run_episode(watched, lambda _: rng.uniform(low, high), longest, 1.0, next(seeds))
         episodes.append(record)
-    return episodes
+        terminated.append(watched.terminated)
+    return episodes, terminated
+
+
+class _Watched(gym.Wrapper[Any, Any, Any, Any]):
+    """The env, and whether its last step terminated the episode."""
+
+    terminated = False
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        observation, reward, self.terminated, truncated, info = self.env.step(action)
+        return observation, reward, self.terminated, truncated, info
 
 
 def _as_states(task: TaskSpec, episode: Rollout) -> Rollout:
@@ -172,10 +209,12 @@ def _as_states(task: TaskSpec, episode: Rollout) -> Rollout:
     return replace(episode, observations=states, states=None, dt=task.dt)
 
 
-def _ends(episodes: Sequence[Rollout], horizon: int | None) -> Iterator[Finding]:
-    """Episodes that end early: all but the last were ended by the env."""
-    lengths = [len(episode) for episode in episodes[:-1]]
-    if lengths and np.median(lengths) < (horizon or LONG) / 2:
+def _ends(
+    episodes: Sequence[Rollout], terminated: Sequence[bool], longest: int
+) -> Iterator[Finding]:
+    """Do most episodes terminate in the first half of their time?"""
+    lengths = [len(e) if early else longest for e, early in zip(episodes, terminated, strict=True)]
+    if np.median(lengths) < longest / 2:
         yield Finding(
             "note",
             f"Under random inputs an episode lasts {np.median(lengths):g} steps in the median: "

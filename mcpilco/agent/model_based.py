@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import warnings
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -315,6 +316,8 @@ class ModelBasedAgent(TrialAgent):
         far: pass the state that the last call returned, as with recurrent policies. Else there is
         no memory, and the state is returned as it came.
 
+        Before the first trial the action is the middle of its range, or random, with a warning.
+
         Args:
             observation: in the env's units.
             state: returned by the call before; None begins an episode.
@@ -325,6 +328,8 @@ class ModelBasedAgent(TrialAgent):
             InputError: the observation has another width, or is not finite; or the state belongs to
                 other observations.
         """
+        if not self.trials:
+            warnings.warn("No policy was learned yet; call learn before predict.", stacklevel=2)
         controller = Controller(self.policy, self.estimator)
         measured = state_of(self.task, self._observation(observation))
         action, state = controller.answer(measured, state, episode_start)

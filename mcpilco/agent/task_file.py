@@ -58,8 +58,9 @@ def _from_entries(path: Path) -> TaskSpec:
     cost = None if named is None else _cost(named, path)
     try:
         return TaskSpec.from_json(entries, cost)
-    except TypeError as error:
-        raise InputError(f"{path} holds no task: {error}; see the entries of TaskSpec.") from error
+    except (TypeError, InputError) as error:
+        why = str(error).rstrip(".")
+        raise InputError(f"{path} holds no task: {why}; see the entries of TaskSpec.") from error
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -6,8 +6,10 @@ searches a policy in it.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -16,16 +18,25 @@ import numpy as np
 from jaxtyping import Float
 from torch import nn
 
-from mcpilco.agent.agent_file import SavedAgent, reading
-from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.agent.agent_file import SavedAgent, npz_path, reading
+from mcpilco.agent.contract import (
+    AbsentEnv,
+    check_cost,
+    horizon_of,
+    input_bounds,
+    make_env,
+    name_of,
+    task_of,
+)
 from mcpilco.agent.controller import Act, Controller, remembering
 from mcpilco.agent.episode import Streams
+from mcpilco.agent.keywords import refuse_keywords
 from mcpilco.agent.model import Model
 from mcpilco.config import Preset
 from mcpilco.data import Rollout, Transitions, TrialResult
-from mcpilco.logbook import Callback, Progress, as_callback
+from mcpilco.logbook import Callback, Logged, Progress, as_callback
 from mcpilco.sensing import Perception
-from mcpilco.task import TaskSpec
+from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
 
 
@@ -42,12 +53,16 @@ class TrialAgent(ABC):
     """its named settings; one is `default`"""
     saved_type: ClassVar[type[SavedAgent[Any]]]
     """what its file holds"""
+    objects: ClassVar[tuple[str, ...]] = ()
+    """keywords of what it is made with and no file can hold"""
     policy: nn.Module
     """what it acts by"""
     perception: Perception | None = None
     """what makes states of measurements; None where states are measured"""
     model: Model | None = None
     """of the system; None: it learns none"""
+    logger: Any = None
+    """of stable-baselines3, see `set_logger`"""
     transitions: Transitions | None = None
     """what a model is learned from; None: nothing yet, or no model"""
 
@@ -58,9 +73,10 @@ class TrialAgent(ABC):
         *,
         preset: str = "default",
         config: Any = None,
-        seed: int = 0,
+        seed: int | None = 0,
         verbose: int = 0,
         task: TaskSpec | None = None,
+        **unknown: Any,
     ) -> None:
         """An agent that has learned nothing yet.
 
@@ -70,21 +86,36 @@ class TrialAgent(ABC):
             preset: name of a configuration, one of `presets`; with the id of the cart-pole it also
                 sets the env's keywords.
             config: the numbers themselves; takes precedence over `preset`.
-            seed: of everything random; equal seeds give equal results.
+            seed: of everything random; equal seeds give equal results. None draws one, which
+                `agent.seed` tells.
             verbose: 0 silent, 1 shows progress.
             task: what to know of the env, where it does not show it as `task`; without either it
                 is guessed, with a warning, where the env's class, model or names tell.
+            **unknown: refused, with what to use in place of a keyword of stable-baselines3.
 
         Raises:
-            InputError: an argument is unknown, or the algorithm cannot learn such a task.
+            TypeError: a keyword is unknown.
+            InputError: an argument does not fit, or the algorithm cannot learn such a task.
             EnvError: the env does not fit.
         """
+        known = ("preset", "config", "seed", "verbose", "task", *self.objects)
+        refuse_keywords(type(self).__name__, unknown, known, self.config_type)
         if policy != self.policy_name:
-            raise InputError(f'policy must be "{self.policy_name}", got {policy!r}.')
-        if preset not in self.presets:
+            raise InputError(
+                f'policy must be "{self.policy_name}", got {policy!r}; '
+                f'write {type(self).__name__}("{self.policy_name}", env).'
+            )
+        if preset not in list(self.presets):
             raise InputError(f"preset must be one of {sorted(self.presets)}, got {preset!r}.")
+        if not (config is None or isinstance(config, self.config_type)):
+            name = self.config_type.__name__
+            raise InputError(
+                f"config must be a {name}, got {config!r:.80}; write config={name}(horizon=60)."
+            )
+        if seed is None:
+            seed = int(np.random.SeedSequence().generate_state(1)[0])
         if not isinstance(seed, int | np.integer) or seed < 0:
-            raise InputError(f"seed must be an integer of at least 0, got {seed!r}.")
+            raise InputError(f"seed must be an integer of at least 0, or None, got {seed!r}.")
         chosen = self.presets[preset]
         keywords = chosen.keywords(env) if isinstance(env, str) and config is None else {}
         self.env = make_env(env, **keywords)
@@ -94,6 +125,8 @@ class TrialAgent(ABC):
         self.verbose = verbose
         self.task = self._own_task(task_of(self.env, task))
         self.low, self.high = input_bounds(self.env)
+        if self.task.cost is not unknown_cost:  # that of an agent that was loaded to predict only
+            check_cost(self.task, self.low, self.high)
         self.horizon = horizon_of(self.env, self.config.horizon)
         self.streams = Streams(self.seed)
         self.trials = 0
@@ -153,8 +186,9 @@ class TrialAgent(ABC):
     def learn(
         self,
         total_timesteps: int,
-        callback: Callback | Sequence[Callback] | None = None,
+        callback: Any = None,
         progress_bar: bool = False,
+        **unknown: Any,
     ) -> Self:
         """Spend `total_timesteps` steps of the env, rounded up to whole trials; return the agent.
 
@@ -163,25 +197,40 @@ class TrialAgent(ABC):
 
         Args:
             total_timesteps: steps of the env.
-            callback: called at each event, see `mcpilco.logbook.callbacks`.
+            callback: called at each event, see `mcpilco.logbook.callbacks`: one, or a list; also
+                one of stable-baselines3, or a function of (locals, globals), which is called once a
+                rollout is over, for each of its steps, and stops the learning by False.
             progress_bar: show progress on the screen.
+            **unknown: refused, with what to use in place of a keyword of stable-baselines3.
 
         Raises:
-            InputError: too few steps for a trial.
+            TypeError: a keyword is unknown.
+            InputError: too few steps for a trial, or no number of them.
             EnvError: the env is absent, or an episode broke off before its first step was done.
 
         Reference: thesis chapter 5, Algorithm 1.
         """
+        known = ("total_timesteps", "callback", "progress_bar")
+        refuse_keywords("learn", unknown, known, self.config_type)
+        if not isinstance(total_timesteps, Real) or not math.isfinite(total_timesteps):
+            raise InputError(
+                f"total_timesteps must be a number of steps of the env, got {total_timesteps!r}; "
+                f"one trial takes {self.timesteps_of(1)}."
+            )
         if isinstance(self.env, AbsentEnv):
             self.env.reset()  # raises
+        check_cost(self.task, self.low, self.high)
         shown = [Progress()] if progress_bar or self.verbose else []
-        events = as_callback(callback, *shown)
+        logged = [] if self.logger is None else [Logged(self.logger)]
+        events = as_callback(callback, *shown, *logged)
         try:
             trials, end = self._trials_within(total_timesteps), self.num_timesteps + total_timesteps
             events.on_training_start(self, trials)
             for record in self._explore():
                 events.on_exploration(record)
             for _ in range(trials):
+                if events.stops():
+                    break
                 trial, left = self.trials + 1, end - self.num_timesteps
                 events.on_trial_start(trial)
                 result = self._trial(trial, left, events)
@@ -192,6 +241,14 @@ class TrialAgent(ABC):
         finally:
             as_callback(shown).close()
         return self
+
+    def set_logger(self, logger: Any) -> None:
+        """Record the numbers of each trial to come in a logger of stable-baselines3.
+
+        Args:
+            logger: as `stable_baselines3.common.logger.configure(folder, ["csv"])` makes one.
+        """
+        self.logger = logger
 
     @abstractmethod
     def predict(
@@ -209,16 +266,20 @@ class TrialAgent(ABC):
         Raises:
             InputError: it has another width, or is not finite.
         """
-        observation = np.asarray(observation, dtype=np.float64)
         shape = self.env.observation_space.shape
-        if observation.shape[-1:] != shape or not np.isfinite(observation).all():
+        try:
+            found = np.asarray(observation, dtype=np.float64)
+        except (TypeError, ValueError):
+            found = np.array(np.nan)
+        if found.shape[-1:] != shape or not np.isfinite(found).all():
             measured = tuple(self.task.state_names[i] for i in self.task.measured_states)
             names = "" if self.task.observed else f" {measured}"
             raise InputError(
-                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, "
-                f"got shape {observation.shape}: {observation}."
+                f"predict expects finite observations of {(shape or (0,))[0]} numbers{names}, one "
+                f"or a batch, got shape {np.shape(observation)}: {observation!r:.200}; pass what "
+                "`env.reset` and `env.step` return first."
             )
-        return observation
+        return found
 
     def controller(self) -> Act:
         """A function from observation to action, for one episode or a batch that begins together.
@@ -231,13 +292,22 @@ class TrialAgent(ABC):
         """The same from states, or from what is measured of them, whatever the env observes."""
         return remembering(Controller(self.policy).answer)
 
+    def __repr__(self) -> str:
+        seconds, engine = self.num_timesteps * self.task.dt, getattr(self.config, "engine", None)
+        return (
+            f"<{type(self).__name__} in {name_of(self.env)}: {self.trials} trials learned, "
+            f"{seconds:g} s of experience, seed {self.seed}"
+            f"{'' if engine is None else f', engine {engine}'}>"
+        )
+
     def save(self, path: str | Path) -> Path:
         """Write all that `load` needs to one `.npz` file of plain arrays; returns its path.
 
         Raises:
+            InputError: the path is none.
             RunFolderError: the file cannot be written.
         """
-        return self.saved_type.write(Path(path), self)
+        return self.saved_type.write(npz_path(path), self)
 
     @classmethod
     def load(
@@ -262,10 +332,15 @@ class TrialAgent(ABC):
             **objects: what the agent was made with and no file can hold, as `kernel` of MCPILCO.
 
         Raises:
+            TypeError: a keyword is unknown.
+            InputError: the path is none.
             RunFolderError: the file is missing, damaged, or not an agent of this class and env.
             EnvError: the env does not fit.
         """
-        with reading(Path(path), cls.algo, cls.saved_type) as saved:
+        known = ("path", "env", "task", *cls.objects)
+        unknown = [name for name in objects if name not in cls.objects]
+        refuse_keywords(f"{cls.__name__}.load", unknown, known, cls.config_type)
+        with reading(npz_path(path), cls.algo, cls.saved_type) as saved:
             env = make_env(saved.absent_env() if env is None else env)
             if task is None and getattr(env.unwrapped, "task", None) is None:
                 task = saved.task_for(env)

@@ -1,4 +1,5 @@
-from .callbacks import Agent, Callback, JsonLines, TensorBoard, as_callback
+from .callbacks import Agent, Callback, JsonLines, TensorBoard
+from .foreign import Logged, as_callback
 from .history import (
     History,
     PastTrial,
@@ -18,6 +19,7 @@ __all__ = [
     "Callback",
     "History",
     "JsonLines",
+    "Logged",
     "PastTrial",
     "Progress",
     "RunFolder",

@@ -8,6 +8,8 @@ callback reads and must not change the agent:
     ( on_trial_start  on_model_fitted  on_policy_step +  on_trial_end ) +
     on_training_end
 
+The learning ends before another trial where `stops` answers True.
+
 Numbers have keys like stable-baselines3's: `model/noise_std_0`, `policy/cost`, `time/trial`.
 """
 
@@ -36,6 +38,11 @@ class Agent(Protocol):
     transitions: Transitions | None
     results: list[TrialResult]
     config: Any
+
+    @property
+    def num_timesteps(self) -> int:
+        """Steps of its env that it has learned from."""
+        ...
 
     def save(self, path: str | Path) -> Path:
         """Write the agent to a file, whole or not at all."""
@@ -69,6 +76,10 @@ class Callback:
     def on_training_end(self) -> None:
         """Called once, after the last trial; not called when training fails."""
 
+    def stops(self) -> bool:
+        """Whether to learn no further trial; asked after the exploration and after each trial."""
+        return False
+
     def close(self) -> None:
         """Gives back files and the terminal; its maker calls it, also after an error."""
 
@@ -98,26 +109,9 @@ class CallbackList(Callback):
     on_training_end = _told_to_all("on_training_end")
     close = _told_to_all("close")
 
-
-def as_callback(callback: Callback | Iterable[Callback] | None, *more: Callback) -> Callback:
-    """One callback that stands for what the user gave (nothing, one, or several) and for `more`.
-
-    Raises:
-        InputError: an object that is no Callback.
-    """
-    if callback is None:
-        given = []
-    elif isinstance(callback, Iterable):
-        given = list(callback)
-    else:
-        given = [callback]
-    strangers = [type(member).__name__ for member in given if not isinstance(member, Callback)]
-    if strangers:
-        raise InputError(
-            f"callback must be a mcpilco Callback or a list of them, got {', '.join(strangers)}; "
-            "subclass mcpilco.logbook.callbacks.Callback."
-        )
-    return CallbackList([*given, *more])
+    def stops(self) -> bool:
+        """Whether one of them stops."""
+        return any(callback.stops() for callback in self.callbacks)
 
 
 def trial_values(result: TrialResult) -> dict[str, float]:

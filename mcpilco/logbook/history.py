@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ class PastTrial:
     prediction: Prediction | None
     """the particles predicted for it; None where no model foresaw it, as in the exploration"""
     row: Mapping[str, Any]
-    """its row of metrics.csv; empty for the exploration"""
+    """its row of metrics.csv, and `predicted_cost_std`; empty for the exploration"""
 
     @property
     def experience_s(self) -> float:
@@ -45,8 +46,11 @@ class PastTrial:
 
     @property
     def predicted_cost_std(self) -> float:
-        """Its standard deviation over the particles that were kept [-]."""
-        return float("nan") if self.prediction is None else self.prediction.costs.sum(0).std()
+        """Its standard deviation over all particles; over those kept where no file tells it [-]."""
+        if self.prediction is None:
+            return float("nan")
+        std = self.row.get("predicted_cost_std")
+        return float(self.prediction.costs.sum(0).std(ddof=1) if std is None else std)
 
     @property
     def real_cost(self) -> float:
@@ -168,7 +172,15 @@ def read_trial(run: RunFolder, task: TaskSpec, number: int, row: Mapping[str, An
             prediction = _prediction(run.read_arrays(number, "particles"), rollout)
     except (KeyError, ValueError, TypeError) as error:
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error
-    return PastTrial(number, rollout, costs, prediction, row)
+    return PastTrial(number, rollout, costs, prediction, {**row, **_spread(run, number)})
+
+
+def _spread(run: RunFolder, number: int) -> dict[str, float]:
+    """The standard deviation of a trial's predicted cost, which metrics.csv does not hold."""
+    with contextlib.suppress(RunFolderError):
+        std = run.result(number).get("predicted_cost_std")
+        return {"predicted_cost_std": std} if isinstance(std, float) else {}
+    return {}
 
 
 def read_transitions(run: RunFolder, number: int) -> Transitions:

@@ -21,7 +21,7 @@ def test_a_public_name_is_the_one_of_its_home(name: str) -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'PILCO'"):
+    with pytest.raises(AttributeError, match="no attribute 'PILCO'; it has MCPILCO"):
         mcpilco.PILCO  # noqa: B018
 
 
@@ -34,3 +34,7 @@ def test_the_package_waits_for_nothing_until_a_name_is_asked_for() -> None:
     """
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_dir_shows_the_public_names_alone() -> None:
+    assert dir(mcpilco) == sorted(mcpilco.__all__)

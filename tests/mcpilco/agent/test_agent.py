@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 import re
 import warnings
@@ -31,6 +32,10 @@ from tests.mcpilco.point import DT, STEPS, TASK, TINY, PointEnv
 def make_agent(seed: int = 0, env: gym.Env | None = None, **numbers: Any) -> MCPILCO:
     config = dataclasses.replace(TINY, **numbers)
     return MCPILCO("SumOfGaussians", PointEnv() if env is None else env, config=config, seed=seed)
+
+
+def make_one(**arguments: Any) -> MCPILCO:
+    return MCPILCO("SumOfGaussians", PointEnv(), config=TINY, **arguments)
 
 
 def search(**numbers: Any) -> dict[str, Any]:
@@ -436,7 +441,7 @@ def test_actions_have_the_type_of_the_action_space() -> None:
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-@pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((4, 1)), 0.0, [np.nan, 0.0]])
+@pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((4, 1)), 0.0, [np.nan, 0.0], "hi", {}])
 def test_a_wrong_observation_is_answered_with_a_sentence(learned: MCPILCO, wrong) -> None:
     with pytest.raises(InputError, match=r"finite observations of 2 numbers \('position'"):
         learned.predict(wrong)
@@ -502,15 +507,87 @@ def test_a_wrong_env_is_answered_with_a_sentence(env, error: type, message: str)
             {"preset": "best"},
             r"preset must be one of \['default', 'thesis', 'thorough', 'tro2022'\]",
         ),
-        ({"seed": -1}, "seed must be an integer of at least 0, got -1"),
+        ({"preset": ["default"]}, "preset must be one of"),
+        ({"seed": -1}, "seed must be an integer of at least 0, or None, got -1"),
         ({"seed": 0.5}, "seed must be an integer"),
         ({"config": Config()}, "no time limit; pass a horizon"),
+        ({"config": {}}, r"config must be a Config, got {}; write config=Config\(horizon=60\)"),
+        ({"config": TINY.search}, "config must be a Config, got SearchConfig"),
+        ({"kernel": "rbf"}, "kernel must be a function of .*got 'rbf'"),
     ],
 )
 def test_a_wrong_argument_is_answered_with_a_sentence(arguments: dict, message: str) -> None:
     complete = {"policy": "SumOfGaussians", "env": PointEnv(), "config": TINY, **arguments}
     with pytest.raises(InputError, match=message):
         MCPILCO(**complete)
+
+
+def test_a_cost_that_cannot_be_used_is_refused_before_the_first_step() -> None:
+    env = PointEnv()
+    task = dataclasses.replace(TASK, cost=lambda states, inputs: states[..., 9])
+    with pytest.raises(EnvError, match="cost must give one finite number for each particle"):
+        MCPILCO("SumOfGaussians", env, config=TINY, task=task)
+    assert env.actions == []
+
+
+@pytest.mark.parametrize("steps", ["100", None, math.nan, math.inf])
+def test_what_is_no_number_of_steps_is_answered_with_a_sentence(steps: Any) -> None:
+    agent = make_agent()
+    with pytest.raises(
+        InputError, match=f"total_timesteps must be a number .*one trial takes {2 * STEPS}"
+    ):
+        agent.learn(steps)
+    assert agent.env.seeds == []
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: make_one(device="cpu"), "MCPILCO has no keyword device; .*leave it out"),
+        (
+            lambda: make_one(tensorboard_log="logs"),
+            r"callback=mcpilco.logbook.TensorBoard\(folder\)",
+        ),
+        (lambda: make_one(learning_rate=1e-3), r"phases=\(Phase\(learning_rate=...\),\)"),
+        (lambda: make_one(particles=50), r"config=Config\(search=SearchConfig\(particles=...\)\)"),
+        (lambda: make_one(horizon=50), r"set config=Config\(horizon=...\)"),
+        (lambda: make_one(gamma=0.9), r"without discount; set config=Config\(horizon=...\)"),
+        (lambda: make_one(sed=1), "it has preset, config, seed, verbose, task, kernel"),
+        (lambda: make_agent().learn(12, log_interval=4), "learn has no keyword log_interval"),
+        (lambda: MCPILCO.load("agent", device="cpu"), "MCPILCO.load has no keyword device"),
+    ],
+)
+def test_an_unknown_keyword_is_told_what_takes_its_place(call: Callable, message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        call()
+
+
+def test_a_seed_that_is_drawn_is_told_and_makes_the_same_agent_again() -> None:
+    drawn, other = make_one(seed=None), make_one(seed=None)
+    assert drawn.seed != other.seed
+    assert numbers_of(make_agent(drawn.seed).learn(2 * STEPS)) == numbers_of(drawn.learn(2 * STEPS))
+
+
+def test_predictions_before_learning_are_warned_of(learned: MCPILCO) -> None:
+    with pytest.warns(UserWarning, match="call learn before predict"):
+        assert make_agent().predict(np.zeros(2))[0] == 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        learned.predict(np.zeros(2))
+
+
+def test_an_agent_shows_its_env_and_what_it_has_learned(learned: MCPILCO) -> None:
+    shown = "in PointEnv: 1 trials learned, 2.4 s of experience, seed 0, engine eager"
+    assert repr(learned) == f"<MCPILCO {shown}>"
+
+
+def test_help_explains_every_argument() -> None:
+    for function in (MCPILCO.__init__, MCPILCO.learn, MCPILCO.load, MCPILCO.predict):
+        names = [
+            name for name in inspect.signature(function).parameters if name not in ("self", "cls")
+        ]
+        text = inspect.getdoc(function) or ""
+        assert [name for name in names if not re.search(rf"^ +\**{name}: ", text, re.M)] == []
 
 
 def test_a_task_can_be_given_where_the_env_shows_none() -> None:

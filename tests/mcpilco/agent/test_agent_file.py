@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.agent.contract import AbsentEnv
 from mcpilco.files import read_arrays, read_groups, write_arrays, write_groups
-from mcpilco.typing import EnvError, McPilcoError, RunFolderError
+from mcpilco.typing import EnvError, InputError, McPilcoError, RunFolderError
 from tests.mcpilco.point import STEPS, TASK, TINY, PointEnv
 
 OBSERVATIONS = np.random.default_rng(0).normal(size=(20, 2))
@@ -172,6 +172,23 @@ def test_an_env_with_another_meaning_is_refused(saved: Path, env: PointEnv, mess
 def test_a_wrong_env_is_no_damaged_file(saved: Path) -> None:
     with pytest.raises(EnvError, match="NoSuchEnv"):
         MCPILCO.load(saved, "NoSuchEnv-v0")
+
+
+@pytest.mark.parametrize("path", [None, 5, b"agent"])
+def test_what_is_no_path_is_answered_with_a_sentence(learned: MCPILCO, path: Any) -> None:
+    for act in (learned.save, MCPILCO.load):
+        with pytest.raises(InputError, match="has a path, such as 'agent.npz', got "):
+            act(path)
+
+
+def test_a_folder_is_no_agent(learned: MCPILCO, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for path in (tmp_path, ".", ".."):
+        for act in (learned.save, MCPILCO.load):
+            with pytest.raises(
+                RunFolderError, match="is a folder; name the file in it, .*agent.npz"
+            ):
+                act(path)
 
 
 def test_an_unwritable_place_is_answered_with_a_sentence(learned: MCPILCO, tmp_path: Path) -> None:

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import TimeLimit
 
-from mcpilco.agent.contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
+from mcpilco.agent.contract import (
+    AbsentEnv,
+    check_cost,
+    horizon_of,
+    input_bounds,
+    make_env,
+    task_of,
+)
 from mcpilco.typing import EnvError, InputError
 from tests.mcpilco.point import TASK, PointEnv
 
@@ -47,6 +57,12 @@ def test_an_unknown_id_is_answered_with_a_sentence(name: str) -> None:
         make_env(name)
 
 
+def test_envs_of_this_package_are_registered_by_an_import() -> None:
+    code = "from mcpilco.agent import make_env; make_env('mcpilco/CartPoleSwingUp-v0')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "Write `import envs` first" in done.stderr
+
+
 def test_what_is_no_single_env_is_refused() -> None:
     vector = gym.vector.SyncVectorEnv([PointEnv])
     with pytest.raises(EnvError, match="one gymnasium.Env .* got SyncVectorEnv"):
@@ -63,7 +79,9 @@ def test_a_task_given_comes_before_the_one_shown() -> None:
 @pytest.mark.parametrize(
     ("env", "message"),
     [
-        (with_spaces(action_space=Discrete(3)), "one-dimensional Box action space, got Discrete"),
+        (with_spaces(action_space=Discrete(3)), "Box action space, got Discrete.*are real numbers"),
+        (with_spaces(action_space=Box(0, 5, (1,), np.int64)), "got Box.*inputs are real numbers"),
+        (with_spaces(observation_space=Box(0, 1, (8, 8, 3))), "images and tables are no state"),
         (with_spaces(action_space=Box(-1, 1, (1, 1))), "one-dimensional Box action space"),
         (with_spaces(action_space=Box(-1, 1, (2,))), r"1 actions, its action space has shape \(2"),
         (with_spaces(observation_space=Box(-1, 1, (3,))), "task names 2 observations"),
@@ -92,7 +110,7 @@ def test_bounds_are_the_spaces_in_float64() -> None:
     np.testing.assert_array_equal([low, high], np.float32([[-0.1], [0.3]]))
 
 
-@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.0), (-1.0, np.inf)])
+@pytest.mark.parametrize(("low", "high"), [(-np.inf, 1.0), (-1.0, np.inf), (1.0, 1.0)])
 def test_unbounded_inputs_are_answered_with_a_sentence(low: float, high: float) -> None:
     with pytest.raises(EnvError, match="finite action bounds.*TransformAction"):
         input_bounds(with_spaces(action_space=Box(low, high, (1,))))
@@ -117,3 +135,35 @@ def test_an_absent_env_is_described_but_does_nothing() -> None:
     assert horizon_of(env, None) == 12
     with pytest.raises(EnvError, match="loaded without an env"):
         env.reset(seed=1)
+
+
+def of_numpy(states, inputs):
+    return np.asarray(states)[..., 0]
+
+
+WRONG_COSTS = [
+    (lambda states, inputs: states[..., 5], "raised IndexError.* of the 2 states in the last axis"),
+    (of_numpy, "raised RuntimeError: .*numpy"),
+    (lambda states, inputs: 0.5, "got 0.5. Write it with torch"),
+    (lambda states, inputs: states[..., 0] > 0, "Write it with torch"),
+    (
+        lambda states, inputs: states[:, 0],
+        r"tensor \(4, 5\); got shape \(4, 2\). .*last axis alone",
+    ),
+    (lambda states, inputs: states**2, r"got shape \(4, 5, 2\)"),
+    (lambda states, inputs: (states**2).mean(), r"got shape \(\)"),
+    (lambda states, inputs: torch.log(-(states[..., 0] ** 2)), "not finite where episodes start"),
+    (lambda states, inputs: states[..., 0].detach(), "without gradient"),
+    (lambda states, inputs: (0 * states[..., 0]).sqrt(), "gradient that is not finite"),
+]
+
+
+@pytest.mark.parametrize(("cost", "message"), WRONG_COSTS)
+def test_a_cost_that_no_search_can_use_is_answered_with_a_sentence(cost, message: str) -> None:
+    with pytest.raises(EnvError, match=message):
+        check_cost(dataclasses.replace(TASK, cost=cost), np.array([-2.0]), np.array([2.0]))
+
+
+def test_a_cost_of_the_inputs_alone_or_learned_from_rewards_is_fine() -> None:
+    for cost in (None, lambda states, inputs: (inputs**2).sum(-1), TASK.cost):
+        check_cost(dataclasses.replace(TASK, cost=cost), np.array([-2.0]), np.array([2.0]))

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.wrappers import TimeLimit
 
 from mcpilco.agent.inspection import inspect_env
 from mcpilco.policies import SaturatingCost
@@ -63,6 +64,9 @@ def spaces(**changed: gym.Space) -> Swinging:
         (Swinging(push=3.0), TASK, "start with velocity at .*the task says 0 "),
         (Swinging(), replace(TASK, start_std=(0.1, 1.0)), "start with velocity"),
         (Swinging(), replace(TASK, dt=0.05), "as if dt were 0.1"),
+        (Swinging(), replace(TASK, cost=lambda x, u: x[..., 7]), "cost .* raised IndexError"),
+        (Swinging(), replace(TASK, cost=lambda x, u: x[..., 0] / 0), "cost .* not finite"),
+        (Swinging(), replace(TASK, cost=lambda x, u: (1 - x[..., 0]).log()), "not finite at "),
         (Swinging(silent=True), TASK, "All rewards are equal"),
         (Swinging("wrapped", push=12.0), replace(TASK, start_mean=(0.5, 12.0)), "full turn"),
         (
@@ -106,6 +110,12 @@ def test_what_is_only_worth_knowing_is_a_note() -> None:
     assert "Equal seeds of reset give different starts" in notes(Swinging(unseeded=True))
     assert "lasts" in notes(Swinging(ends=0.4))
     assert "long to roll particles out" in notes(Swinging(), horizon=500)
+
+
+def test_a_time_limit_is_no_early_end() -> None:
+    limited = TimeLimit(Swinging(), max_episode_steps=20)
+    assert "lasts" not in notes(limited, horizon=None)
+    assert "lasts" not in notes(limited, horizon=60)
 
 
 def test_a_start_all_around_the_circle_is_a_note_and_no_fault() -> None:

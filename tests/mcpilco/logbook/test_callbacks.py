@@ -12,7 +12,6 @@ from mcpilco.logbook.callbacks import (
     CallbackList,
     JsonLines,
     TensorBoard,
-    as_callback,
     trial_values,
 )
 from mcpilco.logbook.progress import Progress
@@ -55,25 +54,6 @@ def test_list_passes_every_event_to_all_in_order():
 def test_error_in_a_callback_is_not_swallowed():
     with pytest.raises(ZeroDivisionError):
         play(CallbackList([Callback(), Broken()]))
-
-
-@pytest.mark.parametrize("given", [None, [], Diary(), [Diary()], (Diary(), Diary())])
-def test_as_callback_takes_nothing_one_or_several(given):
-    members = [] if given is None else [given] if isinstance(given, Callback) else given
-    play(as_callback(given))
-    assert all("on_trial_end" in member.notes for member in members)
-
-
-def test_as_callback_adds_further_ones():
-    given, more = Diary(), Diary()
-    play(as_callback(given, more))
-    assert given.notes == more.notes != []
-
-
-@pytest.mark.parametrize("stranger", [print, "progress", [Callback(), 3]])
-def test_as_callback_refuses_what_is_no_callback(stranger):
-    with pytest.raises(InputError, match="must be a mcpilco Callback"):
-        as_callback(stranger)
 
 
 def test_trial_values_leave_out_what_the_env_does_not_tell():

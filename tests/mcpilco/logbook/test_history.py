@@ -41,8 +41,15 @@ def test_what_was_recorded_is_read_back(run, agent):
             np.testing.assert_array_equal(getattr(trial.rollout, name), expected)
         assert trial.rollout.outcome == dict(result.rollout.outcome)
         np.testing.assert_array_equal(trial.prediction.states, result.prediction.states)
-        for name in ("experience_s", "predicted_cost", "real_cost", "success"):
+        told = ("experience_s", "predicted_cost", "predicted_cost_std", "real_cost", "success")
+        for name in told:
             assert getattr(trial, name) == getattr(result, name)
+
+
+def test_the_spread_of_a_folder_that_does_not_tell_it_is_that_of_the_kept_particles(run, agent):
+    (run.path / "trials" / "01" / "result.json").unlink()
+    costs = agent.results[0].prediction.costs
+    assert read_history(run).learned[0].predicted_cost_std == costs.sum(0).std(ddof=1)
 
 
 def test_costs_of_the_rollout_are_those_of_the_task(run, agent):
