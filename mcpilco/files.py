@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import stat
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
@@ -22,6 +23,13 @@ LARGEST = 2**29
 """most bytes that the arrays of one file may take in memory; a run writes some thousands"""
 LARGEST_TEXT = 2**26
 """most bytes of a text that is read whole"""
+_NO_FILES = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 _PLAIN = "biufcSU"
 """kinds of numpy's types that are read: numbers, truth values and text"""
 _SUFFIX = ".tmp"
@@ -31,15 +39,18 @@ _SUFFIX = ".tmp"
 def replacing(path: Path) -> Iterator[Path]:
     """A place to write a file, which then appears whole at `path`, also if the power fails.
 
+    Where `path` is a link it stays one, and the file that it leads to is written.
+
     Raises:
         RunFolderError: the file cannot be written; what was there is there still.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}{_SUFFIX}")
+    target = destination(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}{_SUFFIX}")
     try:
         yield temporary
         _sync(temporary)
-        temporary.replace(path)
-        _sync(path.parent)
+        temporary.replace(target)
+        _sync(target.parent)
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         remedy = "make room on the disk" if full else "choose another folder"
@@ -49,6 +60,46 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):  # it is gone where all went well
             temporary.unlink()
+
+
+def destination(path: Path) -> Path:
+    """The file that is written to at a path: where its links lead, which need not be there yet.
+
+    Raises:
+        RunFolderError: a folder, a device, a pipe or a socket is there, or links lead in a circle.
+    """
+    try:
+        kind = _NO_FILES.get(stat.S_IFMT(path.stat().st_mode))
+    except OSError as error:
+        kind = "a link that leads in a circle" if error.errno == errno.ELOOP else None
+    if kind is not None:
+        raise RunFolderError(
+            f"Cannot write {path}: it is {kind}, expected a regular file or a name that is free; "
+            "name another file."
+        )
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def require_own(folder: Path, *paths: Path) -> None:
+    """Make sure that what is written into a folder lands in it, whoever made the folder.
+
+    Args:
+        folder: to write into.
+        paths: in it, that are written; none: all that is there.
+
+    Raises:
+        RunFolderError: a link below it leads out of it, or a device, a pipe or a socket is there.
+    """
+    root = Path(os.path.realpath(folder))
+    for path in paths or sorted(folder.rglob("*")):
+        end = Path(os.path.realpath(path))
+        if not end.is_relative_to(root):
+            raise RunFolderError(
+                f"Cannot write into {folder}: {path} is a link to {end}, outside of the folder; "
+                "put the file itself in its place."
+            )
+        if not path.is_dir():
+            destination(path)
 
 
 def leftovers(folder: Path) -> list[Path]:

@@ -261,6 +261,58 @@ def test_no_docstring_begins_as_a_riddle() -> None:
     assert not riddles, "\n".join(riddles)
 
 
+# --- what few modules may do ----------------------------------------------------------------------
+
+WRITES = {
+    "mcpilco/files.py": "whole or not at all, and through links",
+    "mcpilco/logbook/callbacks.py": "lines, as they come",
+    "mcpilco/show/viewer.py": "the viewer's log, in a temporary folder",
+}
+"""modules that write files themselves; all others call mcpilco.files"""
+
+
+def calls(path: Path) -> Iterator[tuple[int, str, list[ast.expr]]]:
+    """Line, name and arguments of each call in a module; of a method `.name`."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Call):
+            method = isinstance(node.func, ast.Attribute)
+            name = f".{node.func.attr}" if method else ast.unparse(node.func)
+            yield node.lineno, name, [*node.args, *(word.value for word in node.keywords)]
+
+
+def _writes(name: str, arguments: list[ast.expr]) -> bool:
+    """Whether a call makes or replaces a file by itself."""
+    words = {a.value for a in arguments if isinstance(a, ast.Constant) and isinstance(a.value, str)}
+    to_disk = bool(arguments) and ast.unparse(arguments[0]) != "content"  # bytes in memory
+    return (
+        name in (".write_text", ".write_bytes", ".rename", ".copyfile", ".copy2", ".move")
+        or name in (".savez", ".savez_compressed", ".to_csv", ".to_file", ".symlink_to", ".touch")
+        or (name in ("open", ".open") and any(re.fullmatch("[wax]b?[+]?", word) for word in words))
+        or (name == ".savefig" and to_disk)
+    )
+
+
+def test_files_are_written_in_one_place() -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for path in sources(*TOPS)
+        if str(path.relative_to(ROOT)) not in WRITES
+        for line, name, arguments in calls(path)
+        if _writes(name, arguments)
+    }
+    assert not found, "call mcpilco.files.write_bytes, or mcpilco.show.plots.write_picture"
+
+
+def test_a_file_that_is_written_elsewhere_would_be_found() -> None:
+    names = ("path.write_text('')", "open(path, 'w')", "(out / 'a').open(mode='wb')")
+    names += ("figure.savefig(self.out / 'a.png')", "shutil.copyfile(a, b)", "np.savez(a, b=1)")
+    for text in names:
+        call = ast.parse(text, mode="eval").body
+        assert isinstance(call, ast.Call)
+        name = f".{call.func.attr}" if isinstance(call.func, ast.Attribute) else "open"
+        assert _writes(name, [*call.args, *(word.value for word in call.keywords)]), text
+
+
 # --- tests mirror the tree ------------------------------------------------------------------------
 
 ACROSS = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +79,7 @@ class Simulate(Command):
 
         from envs.arms.sticky_arm import MODEL, StickyArm
         from envs.arms.waypoints import waypoints
+        from mcpilco.files import write_bytes
 
         if self.moves < 1 or self.seed < 0:
             raise InputError(
@@ -95,7 +95,7 @@ class Simulate(Command):
         targets = waypoints(8, rng, rest_s=(1.6, 1.6), always=0)
         pushes = _pushes(targets, float(arm.model.dof_frictionloss[0]), rng)
         self._write("pushed", arm.follow(targets, rng, pushes))
-        shutil.copyfile(MODEL, self.out / "arm.xml")
+        write_bytes(self.out / "arm.xml", MODEL.read_bytes())
         print(f"In {self.out}: arm.xml, free.csv, check.csv, pushed.csv.")
         return 0
 

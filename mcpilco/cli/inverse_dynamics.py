@@ -166,7 +166,7 @@ class InverseDynamics(Command):
         """The file of the picture; a picture that cannot be drawn loses nothing else."""
         import torch
 
-        from mcpilco.show.plots import new_axes, plot_torque
+        from mcpilco.show.plots import new_axes, plot_torque, write_picture
 
         shown = test[:500]
         with torch.no_grad():
@@ -178,10 +178,7 @@ class InverseDynamics(Command):
             for j, (joint, unit, ax) in enumerate(rows):
                 band = None if std is None else std[:, j].numpy()
                 plot_torque(shown.tau[:, j], tau[:, j], joint, unit, band, ax)
-            figure = axes[0].get_figure(root=True)
-            assert figure is not None
-            figure.savefig(self.out / "torques.png", dpi=110)
-            return ["torques.png"]
+            return [write_picture(self.out / "torques.png", axes[0]).name]
         return []
 
 

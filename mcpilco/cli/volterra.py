@@ -152,8 +152,13 @@ def _picture(
     """Prediction and maps of the first input and output."""
     import numpy as np
 
-    from mcpilco.files import replacing
-    from mcpilco.show.plots import new_axes, plot_lags, plot_prediction, plot_response
+    from mcpilco.show.plots import (
+        new_axes,
+        plot_lags,
+        plot_prediction,
+        plot_response,
+        write_picture,
+    )
 
     one = slice(0, model.config.lags + 1)
     rows = slice(model.config.lags, model.config.lags + _SHOWN)
@@ -165,10 +170,4 @@ def _picture(
     if model.config.degree > 1:
         plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
         plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
-    from matplotlib import pyplot
-
-    figure = axes[0].get_figure(root=True)
-    assert figure is not None
-    with replacing(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
-    pyplot.close(figure)
+    write_picture(path, axes[0])

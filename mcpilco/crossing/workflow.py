@@ -41,6 +41,7 @@ from mcpilco.agent import (
 from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, write_crossing
 from mcpilco.crossing.prior import as_mean, remembered_inputs
 from mcpilco.crossing.rollouts import record_rollouts
+from mcpilco.files import require_own
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
@@ -112,6 +113,7 @@ class Workflow:
         Raises:
             RunFolderError: it was not, or the folder cannot be made.
         """
+        require_own(self.out)
         path = self.out / "cross.json"
         known = asdict(self.settings) if typed is None else dict(typed)
         known = json.loads(json.dumps(known))  # as it comes back from the file

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol, TextIO
 
 from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.files import destination
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError, RunFolderError
 
@@ -178,7 +179,7 @@ class JsonLines(_Numbers):
         """
         self.close()
         try:
-            self._file = self.path.open(self._mode, encoding="utf-8", buffering=1)
+            self._file = destination(self.path).open(self._mode, encoding="utf-8", buffering=1)
         except OSError as error:
             raise self._unwritable(error) from error
 

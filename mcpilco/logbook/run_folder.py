@@ -31,7 +31,15 @@ from typing import Any
 import numpy as np
 
 from mcpilco.data import TrialResult
-from mcpilco.files import damaged, leftovers, read_arrays, read_text, write_arrays, write_bytes
+from mcpilco.files import (
+    damaged,
+    leftovers,
+    read_arrays,
+    read_text,
+    require_own,
+    write_arrays,
+    write_bytes,
+)
 from mcpilco.logbook.metrics import check_values, read_metrics, values_of, write_metrics
 from mcpilco.typing import RunFolderError
 
@@ -188,8 +196,9 @@ class RunFolder:
         """Keeps other processes from writing to the run, until its end or this process's.
 
         Raises:
-            RunFolderError: another process does so already.
+            RunFolderError: another process does so already, or a file of the run lies elsewhere.
         """
+        require_own(self.path)
         with _writing(self.path):
             descriptor = os.open(self.path, os.O_RDONLY)
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import subprocess
@@ -9,12 +10,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mcpilco.files import write_bytes
 from mcpilco.show.blueprint import TIMELINE
 from mcpilco.typing import InputError, RunFolderError
 
@@ -48,7 +49,7 @@ def open_viewer(paths: Sequence[str | Path], *, web: bool = False) -> None:
         _wait(viewer)
 
 
-@contextmanager
+@contextlib.contextmanager
 def live_viewer(*, web: bool = False) -> Iterator[LiveViewer]:
     """A viewer that waits for what is streamed to it; it ends with the context.
 
@@ -83,7 +84,7 @@ class LiveViewer:
         _wait(self.process)
 
 
-@contextmanager
+@contextlib.contextmanager
 def _viewer(web: bool, files: Sequence[str]) -> Iterator[tuple[subprocess.Popen, int]]:
     """A viewer in a window or for a browser, and the port that it takes recordings on."""
     if not web and not has_display():
@@ -134,15 +135,9 @@ def screenshot(path: str | Path, png: str | Path, at_s: float) -> Path:
         raise RunFolderError(
             f"The recording {recording} cannot be shown ({reason}); record it again."
         ) from error
-    try:
+    with contextlib.suppress(OSError):  # the writing then says what is wrong
         png.parent.mkdir(parents=True, exist_ok=True)
-        png.write_bytes(picture)
-    except OSError as error:
-        raise RunFolderError(
-            f"The picture {png} cannot be written ({error.strerror or error}); "
-            "choose a folder that you may write to."
-        ) from error
-    return png
+    return write_bytes(png, picture)
 
 
 def _picture(client: ViewerClient, recording: Path, at_s: float) -> bytes:
@@ -163,7 +158,7 @@ def _picture(client: ViewerClient, recording: Path, at_s: float) -> bytes:
     return picture
 
 
-@contextmanager
+@contextlib.contextmanager
 def _headless(folder: Path) -> Iterator[ViewerClient]:
     """A client of a viewer without a window, which keeps its files in `folder`."""
     from rerun.experimental import ViewerClient

@@ -16,7 +16,7 @@ from typing import Any
 
 from mcpilco.agent import find
 from mcpilco.config import from_dict
-from mcpilco.files import write_bytes
+from mcpilco.files import require_own, write_bytes
 from mcpilco.logbook import read_json, write_json
 from mcpilco.sweep.engines import Failure
 from mcpilco.sweep.job import FORMAT, Settings
@@ -30,13 +30,15 @@ class SweepFolder:
         """A new folder, or the one in which a sweep with the same settings was begun.
 
         Raises:
-            RunFolderError: it cannot be written, holds other settings, or something else.
+            RunFolderError: it cannot be written, holds other settings or something else, or leads
+                elsewhere.
         """
         self.path = Path(path)
         self._trials = settings.trials
         known = {"format": FORMAT, **settings.to_json()}
         about = self.path / "sweep.json"
         begun = about.is_file()
+        require_own(self.path)
         if begun:
             _require_equal(self.path, _completed(read_json(about)), known)
         try:

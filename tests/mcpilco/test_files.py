@@ -6,6 +6,8 @@ import contextlib
 import io
 import os
 import pickle
+import socket
+import stat
 import zipfile
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from mcpilco.files import (
     read_groups,
     read_text,
     replacing,
+    require_own,
     write_arrays,
     write_bytes,
     write_groups,
@@ -282,3 +285,79 @@ def test_what_a_killed_writer_leaves_is_known(tmp_path: Path) -> None:
     assert path.read_bytes() == b"old"
     assert leftovers(tmp_path) == []
     assert mine.exists()
+
+
+def test_a_link_stays_a_link_and_its_target_is_written(tmp_path: Path) -> None:
+    """Also a link to a link, in another folder, and one to a file that is not there yet."""
+    (tmp_path / "far").mkdir()
+    target, link, first = tmp_path / "far" / "file", tmp_path / "link", tmp_path / "first"
+    link.symlink_to("far/file")
+    first.symlink_to(link)
+    for content in (b"new", b"other"):
+        assert write_bytes(first, content) == first
+        assert target.read_bytes() == content
+        assert link.is_symlink()
+        assert first.is_symlink()
+    assert not leftovers(tmp_path)
+
+
+def test_a_link_keeps_its_target_where_the_writing_fails(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"old")
+    (tmp_path / "link").symlink_to("file")
+    with contextlib.suppress(ZeroDivisionError), replacing(tmp_path / "link") as place:
+        place.write_bytes(b"half")
+        raise ZeroDivisionError
+    assert (tmp_path / "file").read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link"]
+
+
+def special_files(folder: Path) -> dict[str, Path]:
+    """What is no file, by what messages call it."""
+    found = {kind: folder / kind for kind in ("pipe", "socket", "folder", "device")}
+    os.mkfifo(found["pipe"])
+    here = os.getcwd()
+    os.chdir(folder)  # the path of a socket must be short
+    try:
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind("socket")
+    finally:
+        os.chdir(here)
+    found["folder"].mkdir()
+    try:
+        os.mknod(found["device"], stat.S_IFCHR | 0o600, os.makedev(1, 3))
+    except PermissionError:  # it takes root
+        del found["device"]
+    return found
+
+
+def test_what_is_no_file_is_refused_and_stays(tmp_path: Path) -> None:
+    for kind, path in special_files(tmp_path).items():
+        before = path.stat().st_mode
+        link = tmp_path / f"to-{kind}"
+        link.symlink_to(path)
+        for named in (path, link):
+            with pytest.raises(RunFolderError, match=f"{named}: it is a {kind}, .*name another"):
+                write_bytes(named, b"new")
+        assert path.stat().st_mode == before
+        assert link.is_symlink()
+
+
+def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("link")
+    with pytest.raises(RunFolderError, match="leads in a circle"):
+        write_bytes(tmp_path / "link", b"new")
+
+
+def test_a_folder_that_leads_outside_is_not_written_to(tmp_path: Path) -> None:
+    """Links within it are well; `require_own` asks before a folder of somebody else is used."""
+    folder = tmp_path / "folder"
+    (folder / "inner").mkdir(parents=True)
+    (folder / "inner" / "link").symlink_to("../file")
+    require_own(folder)
+    (folder / "inner" / "out").symlink_to(tmp_path / "secret")
+    with pytest.raises(RunFolderError, match="inner/out is a link to .*secret, outside"):
+        require_own(folder)
+    (folder / "inner" / "out").unlink()
+    os.mkfifo(folder / "inner" / "pipe")
+    with pytest.raises(RunFolderError, match="it is a pipe"):
+        require_own(folder)

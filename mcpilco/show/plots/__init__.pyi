@@ -1,7 +1,7 @@
 from .comparison import Curve, plain_log_axis, plot_curves
 from .identification import draw_kinematics, plot_lags, plot_prediction, plot_response, plot_torque
 from .rollouts import plot_costs, plot_input, plot_state, plot_states
-from .style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes
+from .style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes, write_picture
 from .training import (
     plot_coverage,
     plot_errors,
@@ -35,4 +35,5 @@ __all__ = [
     "plot_states",
     "plot_times",
     "plot_torque",
+    "write_picture",
 ]

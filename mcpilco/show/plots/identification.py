@@ -10,13 +10,12 @@ from jaxtyping import Float
 
 from mcpilco.identification.kinematics import KinematicChain, PoseErrors, Tolerance, scores
 from mcpilco.recordings import MarkerRecording
-from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes, write_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_DPI = 110
 _LOWEST, _HIGHEST = 0.1, 10.0
 """scores between which the colours change; 1 is the tolerance [-]"""
 
@@ -32,18 +31,15 @@ def draw_kinematics(
 
     Raises:
         InputError: matplotlib is missing.
+        RunFolderError: the file cannot be written.
     """
     left, right = new_axes(2)
-    import matplotlib.pyplot as plt  # new_axes has said what to do where it is missing
-
     plot_triplets(recording, chain, tolerance, left)
     if errors is None:
         right.set_axis_off()
     else:
         plot_pose_errors(errors, right)
-    plt.savefig(path, dpi=_DPI)
-    plt.close()
-    return path
+    return write_picture(path, left)
 
 
 def plot_triplets(

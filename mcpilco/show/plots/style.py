@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.files import write_bytes
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -17,6 +20,7 @@ QUANTILES = (5, 95)
 """between which the band lies [%]"""
 _LINES = 30
 """particles drawn as lines"""
+_DPI = 110
 _PANEL_INCHES = (4.2, 2.6)
 _LIGHTEST = 0.35
 """shade of the first trial's line; the last one's is 1 [-]"""
@@ -43,6 +47,21 @@ def new_axes(count: int = 1) -> list[Axes]:
     for spare in axes.flat[count:]:
         figure.delaxes(spare)
     return list(axes.flat[:count])
+
+
+def write_picture(path: Path, ax: Axes) -> Path:
+    """Write the figure of some axes as a PNG, and forget it; returns the file's path.
+
+    Raises:
+        RunFolderError: the file cannot be written.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, content = ax.get_figure(root=True), io.BytesIO()
+    assert figure is not None, "axes of new_axes have one"
+    figure.savefig(content, format="png", dpi=_DPI)
+    plt.close(figure)
+    return write_bytes(path, content.getvalue())
 
 
 def draw_particles(

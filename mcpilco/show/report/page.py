@@ -14,6 +14,7 @@ import numpy as np
 
 from mcpilco.agent import find
 from mcpilco.data import title_of
+from mcpilco.files import require_own
 from mcpilco.logbook import History, PastTrial, RunFolder, measures_in, read_history, read_search
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
 from mcpilco.show.plots.training import (
@@ -59,8 +60,10 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
     """
     require_extra()
     history = read_history(run)
-    path = run.path / "report.html" if out is None else out
-    return write_document(path, page_of(history))
+    if out is None:
+        out = run.path / "report.html"
+        require_own(run.path, out)
+    return write_document(out, page_of(history))
 
 
 def page_of(history: History) -> Document:

@@ -307,3 +307,17 @@ def test_a_damaged_result_is_an_error(run, key, value):
     path.write_text(json.dumps({name: values[name] for name in values if name != key}))
     with pytest.raises(RunFolderError, match=r"result\.json is damaged"):
         run.result(1)
+
+
+@pytest.mark.parametrize("name", ["metrics.csv", "agent.npz", "trials", "rollouts/01.rrd"])
+def test_a_run_that_leads_outside_is_not_written_to(run, tmp_path, name):
+    """A folder that somebody sent must not choose which files of the user's are written."""
+    secret = tmp_path / "secret"
+    secret.write_text("mine")
+    if name == "trials":
+        (run.path / name).rmdir()
+    (run.path / name).unlink(missing_ok=True)
+    (run.path / name).symlink_to(secret)
+    with pytest.raises(RunFolderError, match=f"{name} is a link to .*secret"), run.writing():
+        pass
+    assert secret.read_text() == "mine"

@@ -219,3 +219,19 @@ def test_browser_shows_the_page_alone_and_within_its_width(run, tmp_path, width)
         assert page.problems == []
         asked = {address.partition(":")[0] for address in page.requests}
         assert asked == {"file", "data"}
+
+
+def test_a_page_in_a_run_folder_is_written_there_and_nowhere_else(made_once, tmp_path):
+    """A link in a folder that somebody sent is refused; one that the user names is followed."""
+    folder, mine = tmp_path / "run", tmp_path / "mine"
+    shutil.copytree(made_once, folder)
+    mine.write_text("mine")
+    (folder / "report.html").unlink(missing_ok=True)
+    (folder / "report.html").symlink_to(mine)
+    run = RunFolder.open(folder)
+    with pytest.raises(RunFolderError, match="report.html is a link to .*mine, outside"):
+        write_report(run)
+    assert mine.read_text() == "mine"
+    write_report(run, folder / "report.html")
+    assert mine.read_text().startswith("<!")
+    assert (folder / "report.html").is_symlink()
