@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import os
-import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -269,7 +266,7 @@ def register(
 
 
 def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
-    """The plant that a user names: registered, or an MJCF file; of `module:Id` imports the module.
+    """The plant that a user names: registered, or an MJCF file; of `module:Id` that of the id.
 
     Args:
         option: where the user named it, for the error.
@@ -277,20 +274,13 @@ def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
         simulated: whether an env must simulate it, which none does with an MJCF file.
 
     Raises:
-        InputError: there is no such module or plant, or no env simulates it.
+        InputError: there is no such plant, as its module was not imported, or no env simulates it.
     """
     if name.endswith(".xml") and not simulated:
         from mcpilco.plant import plant_of  # loads MuJoCo
 
         return plant_of(name)
-    module, _, last = name.rpartition(":")
-    if module:
-        if os.getcwd() not in sys.path:  # the module may lie where the user is
-            sys.path.append(os.getcwd())
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise InputError(f"{option} {name}: cannot import {module}: {error}.") from error
+    last = name.rpartition(":")[2]
     fitting = [known for known in PLANTS if not simulated or known in gymnasium.registry]
     if last not in fitting:
         more = "" if simulated else "an MJCF file, "

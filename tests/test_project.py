@@ -272,17 +272,17 @@ WRITES = {
 
 
 def calls(path: Path) -> Iterator[tuple[int, str, list[ast.expr]]]:
-    """Line, name and arguments of each call in a module; of a method `.name`."""
+    """Line, name and arguments of each call in a module."""
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Call):
-            method = isinstance(node.func, ast.Attribute)
-            name = f".{node.func.attr}" if method else ast.unparse(node.func)
-            yield node.lineno, name, [*node.args, *(word.value for word in node.keywords)]
+            arguments = [*node.args, *(word.value for word in node.keywords)]
+            yield node.lineno, ast.unparse(node.func), arguments
 
 
 def _writes(name: str, arguments: list[ast.expr]) -> bool:
     """Whether a call makes or replaces a file by itself."""
     words = {a.value for a in arguments if isinstance(a, ast.Constant) and isinstance(a.value, str)}
+    name = f".{name.rpartition('.')[2]}" if "." in name else name
     to_disk = bool(arguments) and ast.unparse(arguments[0]) != "content"  # bytes in memory
     return (
         name in (".write_text", ".write_bytes", ".rename", ".copyfile", ".copy2", ".move")
@@ -309,8 +309,56 @@ def test_a_file_that_is_written_elsewhere_would_be_found() -> None:
     for text in names:
         call = ast.parse(text, mode="eval").body
         assert isinstance(call, ast.Call)
-        name = f".{call.func.attr}" if isinstance(call.func, ast.Attribute) else "open"
-        assert _writes(name, [*call.args, *(word.value for word in call.keywords)]), text
+        assert _writes(
+            ast.unparse(call.func), [*call.args, *(word.value for word in call.keywords)]
+        ), text
+
+
+EXECUTES = {
+    "mcpilco/__init__.py": "its own rooms",
+    "mcpilco/agent/algorithms.py": "classes that are registered",
+    "mcpilco/agent/contract.py": "envs that are registered",
+    "mcpilco/agent/modules.py": "modules that a user names",
+    "mcpilco/agent/task_file.py": "the task that a user names",
+    "mcpilco/identification/noisy_inputs/methods.py": "scikit-learn",
+    "mcpilco/plant/effects/own.py": "the effects that a user names",
+    "mcpilco/plant/simulation/laws.py": "formulas of effects",
+    "mcpilco/sweep/fresh.py": "an env that was made before, in batches",
+    "baselines/sb3/library.py": "an env that was made before",
+    "envs/mujoco_views.py": "MuJoCo's",
+}
+"""modules that may execute what they find by a name; none of them may take it from a file"""
+TYPED = {
+    "mcpilco/cli/options.py": "the options of a command",
+    "mcpilco/sweep/job.py": "the settings of a sweep, which its user typed",
+}
+"""modules that may say that a user has typed a name: none that opens a run folder"""
+
+
+def _executes(name: str) -> bool:
+    """Whether a call may execute what it finds by a name, or in a file."""
+    last = name.rpartition(".")[2]
+    return (
+        name in ("exec", "eval", "__import__", "compile", "gym.make", "gym.make_vec")
+        or last in ("import_module", "exec_module", "run_path", "run_module", "load_module")
+        or name in ("pickle.load", "pickle.loads", "torch.load", "joblib.load", "yaml.load")
+    )
+
+
+def test_names_are_executed_in_few_modules() -> None:
+    """So a command cannot import what a run folder names: `make_env` and `find` import nothing."""
+    found = {
+        (str(path.relative_to(ROOT)), name)
+        for path in sources(*TOPS)
+        for _, name, _ in calls(path)
+        if _executes(name) or name == "import_named"
+    }
+    typed = {module for module, name in found if name == "import_named"}
+    assert typed == set(TYPED), "see mcpilco.agent.modules; a name out of a file is never typed"
+    assert {module for module, _ in found} - typed == set(EXECUTES)
+    readers = ("RunFolder", "read_json", "read_arrays", "read_groups")
+    words = {module: (ROOT / module).read_text(encoding="utf-8") for module in EXECUTES | TYPED}
+    assert not {m for m in words if any(word in words[m] for word in readers)}
 
 
 # --- tests mirror the tree ------------------------------------------------------------------------

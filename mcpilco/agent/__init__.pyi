@@ -1,7 +1,7 @@
 from . import algorithms
 from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference, load_policy
-from .algorithms import find, find_after_import, with_package
+from .algorithms import find, with_package
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .controller import Act, remembering
 from .episode import BrokenEpisodeError, Streams, reported, run_episode
@@ -9,6 +9,7 @@ from .guess import guess_task
 from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
+from .modules import import_named
 from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
 from .presets import preset_numbers, suitable_preset, with_model
@@ -46,10 +47,10 @@ __all__ = [
     "choose_trial",
     "difference",
     "find",
-    "find_after_import",
     "finished_trial",
     "guess_task",
     "horizon_of",
+    "import_named",
     "input_bounds",
     "inspect_env",
     "learn_rest",

@@ -63,7 +63,7 @@ def find(name: str) -> type[TrialAgent]:
     """The class of an algorithm.
 
     Args:
-        name: as it is registered; of `package:name` the package is not imported.
+        name: as it is registered; of `package:name` the package must have been imported.
 
     Raises:
         InputError: none of this name is registered.
@@ -71,31 +71,15 @@ def find(name: str) -> type[TrialAgent]:
     name, homes = name.rpartition(":")[2], _homes()
     if name not in homes:
         raise InputError(
-            f"The algorithm must be one of {sorted(homes)}, got {name!r}; import the package that "
-            "registers it, or name it as package:name."
+            f"The algorithm must be one of {sorted(homes)}, got {name!r}; type it as package:name, "
+            "or where a file names it, trust the package that registers it: `--trust package`, in "
+            "Python `import package` before."
         )
     module, _, kind = homes[name].partition(":")
     return getattr(import_module(module), kind)
 
 
-def find_after_import(name: str) -> type[TrialAgent]:
-    """The same where a name may be `package:name`: the package is imported first.
-
-    For names that the user gives, not for those that a file on disk does: an import executes.
-
-    Raises:
-        InputError: no such package, or it registers none of this name.
-    """
-    package = name.rpartition(":")[0]
-    if package:
-        try:
-            import_module(package)
-        except ImportError as error:
-            raise InputError(f"The algorithm {name!r} cannot be imported: {error}.") from error
-    return find(name)
-
-
 def with_package(name: str) -> str:
     """The name of an algorithm as any process can find it: `package:name` where it needs one."""
-    package = find_after_import(name).__module__.partition(".")[0]
+    package = find(name).__module__.partition(".")[0]
     return name if ":" in name or package == "mcpilco" else f"{package}:{name}"

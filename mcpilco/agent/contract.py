@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.agent.guess import guess_task
+from mcpilco.agent.modules import require_imported
 from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, InputError, McPilcoError
@@ -23,10 +24,11 @@ logger = logging.getLogger(__name__)
 
 
 def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
-    """The env itself, or the one registered under an id.
+    """The env itself, or the one registered under an id; of `module:Id` nothing is imported.
 
     Raises:
-        EnvError: no such id, its constructor refuses the keywords, or no single Gymnasium env.
+        EnvError: no such id, its module has not been imported, its constructor refuses the
+            keywords, or no single Gymnasium env.
     """
     if isinstance(env, gym.Env):
         return env
@@ -36,6 +38,7 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
             "it learns in a single env, without a vector of them."
         )
     try:
+        require_imported(env)
         return gym.make(env, **kwargs)
     except Exception as error:  # a constructor is foreign code
         known = "envs" in sys.modules or not env.startswith("mcpilco/")

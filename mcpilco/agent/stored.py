@@ -1,21 +1,18 @@
 """Agents and envs from run folders: to judge a policy, or to go on with an interrupted training.
 
-Nothing that lies in a run folder is executed, and no module that only the folder names is taken
-from it.
+Nothing that lies in a run folder is executed, and no module is imported because a folder names it.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mcpilco.agent.agent_file import load_policy
-from mcpilco.agent.algorithms import find_after_import
+from mcpilco.agent.algorithms import find
 from mcpilco.agent.contract import make_env
 from mcpilco.agent.task_file import load_task
 from mcpilco.config import from_dict
@@ -34,53 +31,28 @@ Prepare = Callable[[RunFolder, Any], None]
 
 
 def open_run_env(run: RunFolder, kwargs: Mapping[str, Any] | None = None) -> gym.Env:
-    """The env that a run was trained in; a module that lies in the run folder is not imported.
+    """The env that a run was trained in, whose module must have been imported.
 
     Args:
         run: names the env.
         kwargs: to make it with; None: those of the training.
 
     Raises:
-        RunFolderError: the env's module lies in the run folder.
         EnvError: the env cannot be made.
     """
-    env_id = run.config["env"]
-    _require_outside(run, "env", env_id)
-    return make_env(env_id, **(run.config["env_kwargs"] if kwargs is None else kwargs))
+    return make_env(run.config["env"], **(run.config["env_kwargs"] if kwargs is None else kwargs))
 
 
 def algorithm_of(run: RunFolder) -> type[TrialAgent]:
     """The class of the algorithm that a run names, `mcpilco` where it names none.
 
-    A package that lies in the run folder is not imported.
-
     Raises:
-        RunFolderError: none of this name is registered, or its package lies in the run folder.
+        RunFolderError: none of this name is registered, as its package has not been imported.
     """
-    name = run.config.get("algo", "mcpilco")
-    _require_outside(run, "algorithm", name)
     try:
-        return find_after_import(name)
+        return find(str(run.config.get("algo", "mcpilco")))
     except InputError as error:
         raise RunFolderError(f"{run.path / 'config.json'} cannot be used: {error}") from error
-
-
-def _require_outside(run: RunFolder, kind: str, name: str) -> None:
-    """Raises RunFolderError where the module of `module:Name` would be taken from the run folder.
-
-    Args:
-        run: names it.
-        kind: of what is named, for the message.
-        name: as the run has it.
-    """
-    module = str(name).rpartition(":")[0]
-    folder = run.path.resolve()
-    for place in {*sys.path, os.getcwd()} if module else ():
-        if Path(place or ".", *module.split(".")).resolve().is_relative_to(folder):
-            raise RunFolderError(
-                f"{run.path} names the {kind} {name!r}, whose module would be taken from the run "
-                "folder itself, where nothing is executed; move the module out, if you trust it."
-            )
 
 
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:

@@ -53,6 +53,9 @@ COMMANDS = (
     Doctor,
 )
 """as `--help` lists them"""
+_UNREAD = {"MPLBACKEND": "agg", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
+"""settings by which a file in the folder where the user is, which matplotlib and numba read, could
+make them load code; an env variable of the user's own comes first"""
 _ABOUT = "MC-PILCO: learn to control a system from seconds of experience."
 
 
@@ -63,6 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: the arguments after `mcpilco`; those of this process when None.
     """
     _choose_gl()
+    os.environ.update(_UNREAD | os.environ)
     kinds: Any = functools.reduce(operator.or_, COMMANDS)
     try:
         command = tyro.cli(

@@ -75,7 +75,7 @@ class Cross(Command):
 
     def __call__(self) -> int:
         """Go through the stages that are missing, and return the exit code."""
-        register()
+        register(self.env, self.sim, self.algo)
         self._check()
         use_one_thread()
         from mcpilco.crossing import LEGS

@@ -237,7 +237,7 @@ class CheckEnv(Command):
         require_at_least(1, horizon=self.horizon, steps=self.steps)
         require_at_least(0, seed=self.seed)
         use_one_thread()
-        register()
+        register(self.env)
 
         from mcpilco.agent import inspect_env, make_env
 

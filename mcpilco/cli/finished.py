@@ -14,6 +14,7 @@ import tyro
 from mcpilco.cli.options import (
     Command,
     RunPath,
+    Trust,
     optional,
     register,
     require_at_least,
@@ -43,13 +44,15 @@ class Evaluate(Command):
     """steps of a rollout"""
     json: bool = False
     """print one JSON object instead of a table"""
+    trust: Trust = ()
+    """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
         """Evaluate, print, and return the exit code."""
         require_at_least(1, episodes=self.episodes, horizon=self.horizon)
         require_at_least(0, seed=self.seed)
         use_one_thread()
-        register()
+        register(trusted=self.trust)
 
         from mcpilco.agent import agent_of, finished_trial, open_run_env
         from mcpilco.logbook import RunFolder
@@ -138,10 +141,12 @@ class Export(Command):
     """the .npz file to write; one that is there is replaced"""
     trial: Annotated[int | None, optional("INT", "the last")] = None
     """whose policy"""
+    trust: Trust = ()
+    """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
         """Write, and return the exit code."""
-        register()
+        register(trusted=self.trust)
         from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder
         from mcpilco.policies import SumOfGaussians
@@ -168,11 +173,13 @@ class Report(Command):
     """run folder"""
     out: Annotated[Path | None, optional("FILE", "report.html in the run folder")] = None
     """the page"""
+    trust: Trust = ()
+    """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
         """Write the page, print its path, and return the exit code."""
         use_one_thread()
-        register()
+        register(trusted=self.trust)
         from mcpilco.logbook import RunFolder
         from mcpilco.show.report import write_report
 

@@ -61,7 +61,7 @@ class Gap(Command):
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
         use_one_thread()
-        register()
+        register("" if self.plant.endswith(".xml") else self.plant)
         from mcpilco.gap import investigate, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant

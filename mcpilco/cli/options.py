@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
@@ -49,17 +48,22 @@ def use_one_thread() -> None:
     threadpool_limits(1)
 
 
-def register() -> None:
-    """Register the envs and algorithms of this project, and let modules here be imported.
+def register(*names: str, trusted: Iterable[str] = ()) -> None:
+    """Register the envs and algorithms of this project, and those of the modules that a user names.
 
-    An env's module may lie where the user is, as with `python -m`.
+    Args:
+        names: of envs, algorithms and plants that the user typed; of `module:Name` the module is
+            imported.
+        trusted: modules that the user trusts, because a run names them.
+
+    Raises:
+        InputError: a module cannot be imported.
     """
     import baselines  # noqa: F401  registers its algorithms
     import envs  # noqa: F401  registers its ids
+    from mcpilco.agent import import_named
 
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+    import_named(*names, *(f"{module}:" for module in trusted))
 
 
 def require_at_least(least: int, **values: int | None) -> None:
@@ -126,6 +130,8 @@ def optional(metavar: str, default: str) -> object:
 
 RunPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RUN")]
 """a run folder, without a flag"""
+Trust = Annotated[tuple[str, ...], tyro.conf.arg(metavar="MODULE...")]
+"""modules that a run names; without it none of them is imported"""
 TaskPath = Annotated[
     Path | None,
     tyro.conf.arg(metavar="FILE", help_behavior_hint="(default: what the env shows, or a guess)"),
@@ -293,10 +299,10 @@ class Learning(Command):
             InputError: the algorithm has no such preset, model or exploration, or a keyword of the
                 env cannot be read.
         """
-        from mcpilco.agent import find_after_import, preset_numbers, with_model
+        from mcpilco.agent import find, preset_numbers, with_model
 
         config, env_kwargs = preset_numbers(
-            find_after_import(self.algo),
+            find(self.algo),
             self.chosen_preset,
             self.env,
             self.horizon,
@@ -311,7 +317,7 @@ class Learning(Command):
         Raises:
             McPilcoError: the numbers, the env and the task do not fit one another.
         """
-        from mcpilco.agent import find_after_import
+        from mcpilco.agent import find
 
-        kind = find_after_import(self.algo)
+        kind = find(self.algo)
         return kind(kind.policy_name, env, config=config, seed=seed, task=given_task(self.task))

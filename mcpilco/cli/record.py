@@ -14,6 +14,7 @@ import tyro
 from mcpilco.cli.options import (
     Command,
     EnvKeywords,
+    Trust,
     keywords,
     make_folder,
     optional,
@@ -56,6 +57,8 @@ class Record(Command):
     """sampling time [s], for envs with the keyword `dt`"""
     seed: int = 0
     """of everything random; equal seeds give equal files"""
+    trust: Trust = ()
+    """modules of your own that the run of --policy names; they are imported"""
     quiet: bool = False
     """show no progress"""
 
@@ -63,7 +66,7 @@ class Record(Command):
         """Record, and return the exit code."""
         self._check()
         use_one_thread()
-        register()
+        register(self.env or "", trusted=self.trust)
 
         from mcpilco.agent import agent_of, finished_trial
         from mcpilco.crossing import record_rollouts

@@ -51,7 +51,7 @@ class Sweep(Learning):
         )
 
         seeds = parse_seeds(self.seeds)
-        register()
+        register(self.env, self.algo)
         config, env_kwargs = self.numbers()
         self._check(config, env_kwargs)
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from mcpilco.cli.options import (
     Learning,
+    Trust,
     optional,
     register,
     require_at_least,
@@ -57,6 +58,8 @@ class Train(Learning):
     """write event files for TensorBoard into the run folder too"""
     live: bool = False
     """show each rollout and the policy search in the viewer; without a display, for a browser"""
+    trust: Trust = ()
+    """modules of your own that the run of --resume names; they are imported"""
     resume: Annotated[Path | None, optional("RUN", "none")] = None
     """go on with this run, which was interrupted or shall have more trials; all else about it is
     in its folder"""
@@ -66,7 +69,7 @@ class Train(Learning):
         require_at_least(1, trials=self.trials)
         require_at_least(0, seed=self.seed)
         use_one_thread()
-        register()
+        register(self.env, self.algo, trusted=self.trust)
         if self.resume is not None:
             return self._go_on()
 
@@ -101,12 +104,20 @@ class Train(Learning):
         from mcpilco.agent import changed_versions, reopened
 
         given = dataclasses.replace(
-            self, resume=None, task=None, trials=None, quiet=False, tensorboard=False, live=False
+            self,
+            resume=None,
+            task=None,
+            trials=None,
+            trust=(),
+            quiet=False,
+            tensorboard=False,
+            live=False,
         )
         if given != Train():
             raise InputError(
                 "--resume takes env, its keywords, algo, preset, seed, horizon and folder from the "
-                "run; beside it stand only --task, --trials, --quiet, --tensorboard and --live."
+                "run; beside it stand only --task, --trials, --trust, --quiet, --tensorboard and "
+                "--live."
             )
         assert self.resume is not None
         with reopened(self.resume, self.trials, self.task, _warm_again) as (run, agent):
@@ -133,7 +144,7 @@ class Train(Learning):
         except McPilcoError:
             warn(f"stopped; {_saved(run)}")
             raise
-        where = shlex.quote(str(run.path))
+        where = shlex.join(_named(run))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
         print(f"Read of it: {_command()} report {where}")
@@ -156,8 +167,11 @@ class Train(Learning):
             return
         from mcpilco.show import has_display
 
-        command = [sys.executable, "-m", "mcpilco.cli", "view", str(run.path), "--live"]
-        with subprocess.Popen(command if has_display() else [*command, "--web"]) as viewer:
+        command = [sys.executable, "-P", "-m", "mcpilco.cli", "view", *_named(run), "--live"]
+        command += [] if has_display() else ["--web"]
+        # The modules of this process, and none of the folder where the user is.
+        paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        with subprocess.Popen(command, env=paths) as viewer:
             try:
                 yield
             except BaseException:
@@ -197,7 +211,7 @@ def _warm_again(run: RunFolder, agent: Any) -> None:
 def _saved(run: RunFolder) -> str:
     """A sentence on what an interrupted run holds."""
     trials = run.finished_trials()
-    where = shlex.quote(str(run.path))
+    where = shlex.join(_named(run))
     go_on = f"go on with `mcpilco train --resume {where}`"
     if trials:
         saved = "trial 1 is" if len(trials) == 1 else f"trials 1 to {trials[-1]} are"
@@ -205,6 +219,12 @@ def _saved(run: RunFolder) -> str:
     if run.agent_path.exists():
         return f"no trial was finished, the exploration is saved in {run.path}; {go_on}."
     return f"nothing was measured yet; {run.path} holds the configuration only; {go_on}."
+
+
+def _named(run: RunFolder) -> list[str]:
+    """The arguments that name a run, with the modules that it needs."""
+    names = {run.config.get(key, "").rpartition(":")[0] for key in ("env", "algo")} - {""}
+    return [str(run.path), *(["--trust", *sorted(names)] if names else [])]
 
 
 def _command() -> str:

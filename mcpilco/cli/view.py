@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import Command, RunPath, optional, register, warn
+from mcpilco.cli.options import Command, RunPath, Trust, optional, register, warn
 from mcpilco.typing import InputError, McPilcoError
 
 _FIRST_WINDOW_S = 1.0
@@ -48,10 +48,12 @@ class View(Command):
     """write a picture to this file instead; needs no display"""
     at: Annotated[float | None, optional("FLOAT", "the end")] = None
     """instant of the picture [s]"""
+    trust: Trust = ()
+    """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
         """Show, and return the exit code."""
-        register()
+        register(trusted=self.trust)
         from mcpilco.agent import choose_trial
         from mcpilco.logbook import RunFolder
 
@@ -98,7 +100,10 @@ class View(Command):
 
         from mcpilco.show import Follower, live_viewer
 
-        with live_viewer(web=self.web) as viewer, contextlib.suppress(KeyboardInterrupt):
+        with (
+            live_viewer(web=self.web) as viewer,
+            contextlib.suppress(KeyboardInterrupt),
+        ):
             rec = rr.RecordingStream("mcpilco", send_properties=False)
             rec.connect_grpc(viewer.url)
             rec.send_recording_name(runs[0].path.resolve().name)

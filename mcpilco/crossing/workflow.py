@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 from mcpilco.agent import (
     agent_of,
     begin_run,
-    find_after_import,
+    find,
     learn_rest,
     make_env,
     preset_numbers,
@@ -217,7 +217,7 @@ class Workflow:
                 with reopened(path) as (run, agent), listeners(run) as callbacks:
                     learn_rest(run, agent, callbacks)
             return run
-        told, kind = self.settings, find_after_import(self.settings.algo)
+        told, kind = self.settings, find(self.settings.algo)
         model = self._model(leg)
         preset = suitable_preset(told.preset, told.algo, model.get("name"))
         config, env_kwargs = preset_numbers(kind, preset, told.simulation.env)

@@ -52,6 +52,7 @@ PACKAGES = ("mcpilco", "torch", "numpy", "scipy", "gymnasium", "mujoco", "rerun-
 
 _CONFIG: Mapping[str, type] = {
     "env": str,
+    "algo": str,
     "env_kwargs": dict,
     "preset": str,
     "seed": int,
@@ -344,7 +345,8 @@ def _check_config(path: Path, config: Mapping[str, Any]) -> None:
     known = found in READABLE and not isinstance(found, bool)
     _require(path, config, "format", known, f"one of {READABLE}")
     for key, kind in _CONFIG.items():
-        fits = isinstance(config.get(key), kind) and not isinstance(config[key], bool)
+        value = config.get(key, "mcpilco" if key == "algo" else None)  # the first runs had no other
+        fits = isinstance(value, kind) and not isinstance(value, bool)
         _require(path, config, key, fits, f"of type {kind.__name__}")
     for key, least in (("seed", 0), ("trials", 1)):
         _require(path, config, key, config[key] >= least, f"at least {least}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mcpilco.agent import find_after_import, load_task, make_env, task_of
+from mcpilco.agent import find, import_named, load_task, make_env, task_of
 from mcpilco.config import Config
 from mcpilco.data import TrialResult
 from mcpilco.logbook import Callback, versions
@@ -87,7 +87,8 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """
-    kind = find_after_import(settings.algo)
+    import_named(settings.env, settings.algo)  # as the user typed them, maybe elsewhere
+    kind = find(settings.algo)
     with contextlib.ExitStack() as stack:
         stack.enter_context(one_thread())  # other processes have the other cores
         env = stack.enter_context(contextlib.closing(make_env(settings.env, **settings.env_kwargs)))

@@ -19,7 +19,7 @@ from typing import Any
 import gymnasium as gym
 
 from baselines.evaluate import Judge, Judgement, learning_curve
-from mcpilco.agent import find_after_import, make_env
+from mcpilco.agent import find, import_named, make_env
 from mcpilco.data import is_measure
 from mcpilco.logbook import read_json, write_json
 from mcpilco.sweep import Settings, one_thread, result_of
@@ -61,6 +61,7 @@ class CurveJob:
             McPilcoError: the env or the algorithm does not fit, or misbehaves.
         """
         settings, rows = self.settings, self._rows()
+        import_named(settings.env, settings.algo)  # as the user typed them, maybe elsewhere
         with (
             one_thread(),
             contextlib.closing(make_env(settings.env, **settings.env_kwargs)) as env,
@@ -94,7 +95,7 @@ class CurveJob:
 
     def _agent(self, env: gym.Env, done: int) -> Any:
         """The agent as it was after so many amounts."""
-        kind = find_after_import(self.settings.algo)
+        kind = find(self.settings.algo)
         if done:
             return kind.load(self._file(done), env)
         return kind(kind.policy_name, env, config=self.settings.config, seed=self.seed)

@@ -211,8 +211,9 @@ def test_a_run_of_an_algorithm_in_its_own_folder_is_not_executed(stranger):
     config |= {"config": {}, "algo": "run.careful_package:careful"}
     run = RunFolder.create(stranger / "run", config)
     (stranger / "run" / "careful_package.py").write_text("raise SystemExit('executed')")
-    with pytest.raises(RunFolderError, match="names the algorithm .* nothing is executed"):
+    with pytest.raises(RunFolderError, match="cannot be used: .* got 'careful'.* `--trust"):
         algorithm_of(run)
+    assert "run.careful_package" not in sys.modules
 
 
 def test_an_algorithm_of_an_installed_package_is_chosen_by_its_entry_point(stranger):
@@ -415,7 +416,7 @@ def shown(monkeypatch):
     """What the viewer is asked for, in place of the viewer."""
     calls = []
     monkeypatch.setattr(
-        "mcpilco.show.viewer.open_viewer", lambda paths, web=False: calls.append((paths, web))
+        "mcpilco.show.viewer.open_viewer", lambda paths, web, tell: calls.append((paths, web))
     )
     monkeypatch.setattr(
         "mcpilco.show.viewer.screenshot", lambda *arguments: calls.append(arguments)
@@ -492,7 +493,7 @@ def test_training_that_is_watched_starts_a_viewer_that_follows_it(tmp_path, fake
     started = []
 
     class Viewer:
-        def __init__(self, command):
+        def __init__(self, command, env):
             started.append(command)
 
         __enter__ = lambda self: self  # noqa: E731
