@@ -165,13 +165,13 @@ class Train(Learning):
         if not self.live:
             yield
             return
-        from mcpilco.show import has_display
+        from mcpilco.show import ended_by_signals, has_display
 
         command = [sys.executable, "-P", "-m", "mcpilco.cli", "view", *_named(run), "--live"]
         command += [] if has_display() else ["--web"]
         # The modules of this process, and none of the folder where the user is.
         paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        with subprocess.Popen(command, env=paths) as viewer:
+        with ended_by_signals(), subprocess.Popen(command, env=paths) as viewer:
             try:
                 yield
             except BaseException:

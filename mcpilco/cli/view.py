@@ -81,7 +81,7 @@ class View(Command):
         from mcpilco.show import open_viewer, screenshot
 
         if self.screenshot is None:
-            open_viewer([recording], web=self.web)
+            open_viewer([recording], web=self.web, tell=_tell)
         else:
             at = end_s() if self.at is None else self.at
             print(screenshot(recording, self.screenshot, at))
@@ -101,7 +101,7 @@ class View(Command):
         from mcpilco.show import Follower, live_viewer
 
         with (
-            live_viewer(web=self.web) as viewer,
+            live_viewer(web=self.web, tell=_tell) as viewer,
             contextlib.suppress(KeyboardInterrupt),
         ):
             rec = rr.RecordingStream("mcpilco", send_properties=False)
@@ -115,6 +115,10 @@ class View(Command):
                 viewer.wait()
             finally:
                 rec.disconnect()
+
+
+def _tell(address: str) -> None:
+    print(f"Look at it: {address} (Ctrl-C ends it)", flush=True)
 
 
 def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:

@@ -17,7 +17,7 @@ from .recording import write_recording
 from .report.gap_page import write_gap_report
 from .scene import Pose, Scene, Shape
 from .side_by_side import write_crossing_film, write_gap_film
-from .viewer import has_display, live_viewer, open_viewer, screenshot
+from .viewer import ended_by_signals, has_display, live_viewer, open_viewer, screenshot
 
 __all__ = [
     "Follower",
@@ -27,6 +27,7 @@ __all__ = [
     "Scene",
     "Shape",
     "chain_scene",
+    "ended_by_signals",
     "estimate_cell",
     "has_display",
     "live_viewer",

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
+from urllib.parse import quote
 
 from mcpilco.files import write_bytes
 from mcpilco.show.blueprint import TIMELINE
@@ -21,6 +25,8 @@ from mcpilco.typing import InputError, RunFolderError
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
+
+logger = logging.getLogger(__name__)
 
 _LOCALHOST = "127.0.0.1"
 """every server is bound here; Rerun's own default, 0.0.0.0, shows recordings to the network"""
@@ -32,34 +38,41 @@ _SETTLE_S = 30.0
 """how long a picture may take to stand still [s]"""
 
 
-def open_viewer(paths: Sequence[str | Path], *, web: bool = False) -> None:
+Tell = Callable[[str], object]
+"""is called with the address for a browser, once the viewer listens there"""
+
+
+def open_viewer(
+    paths: Sequence[str | Path], *, web: bool = False, tell: Tell = logger.info
+) -> None:
     """Show recordings until the viewer is closed; in a browser, until Ctrl-C.
 
     Args:
         paths: .rrd files.
-        web: instead of opening a window, serve the viewer to a browser on this machine, at an
-            address that the viewer itself prints.
+        web: instead of opening a window, serve the viewer to a browser on this machine.
+        tell: gets the address for the browser.
 
     Raises:
         RunFolderError: a file is missing.
         InputError: there is no display to open a window on, or the viewer does not start.
     """
     files = [str(_existing(path)) for path in paths]
-    with _viewer(web, files) as (viewer, _):
+    with _viewer(web, files, tell) as (viewer, _):
         _wait(viewer)
 
 
 @contextlib.contextmanager
-def live_viewer(*, web: bool = False) -> Iterator[LiveViewer]:
+def live_viewer(*, web: bool = False, tell: Tell = logger.info) -> Iterator[LiveViewer]:
     """A viewer that waits for what is streamed to it; it ends with the context.
 
     Args:
         web: as for `open_viewer`.
+        tell: the same.
 
     Raises:
         InputError: there is no display to open a window on, or the viewer does not start.
     """
-    with _viewer(web, []) as (viewer, port):
+    with _viewer(web, [], tell) as (viewer, port):
         if not _listens(viewer, port):
             raise InputError(f"The Rerun viewer does not listen on {_LOCALHOST}:{port}.")
         yield LiveViewer(viewer, f"rerun+http://{_LOCALHOST}:{port}/proxy")
@@ -85,7 +98,27 @@ class LiveViewer:
 
 
 @contextlib.contextmanager
-def _viewer(web: bool, files: Sequence[str]) -> Iterator[tuple[subprocess.Popen, int]]:
+def ended_by_signals() -> Iterator[None]:
+    """Lets SIGTERM and SIGHUP end the context as SystemExit, so that what it began ends with it."""
+
+    def end(number: int, _: object) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    kinds: list[int] = []
+    if threading.current_thread() is threading.main_thread():  # no other may ask for signals
+        asked = (signal.SIGTERM, signal.SIGHUP)
+        kinds = [kind for kind in asked if signal.getsignal(kind) is signal.SIG_DFL]
+    for kind in kinds:
+        signal.signal(kind, end)
+    try:
+        yield
+    finally:
+        for kind in kinds:
+            signal.signal(kind, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def _viewer(web: bool, files: Sequence[str], tell: Tell) -> Iterator[tuple[subprocess.Popen, int]]:
     """A viewer in a window or for a browser, and the port that it takes recordings on."""
     if not web and not has_display():
         raise InputError(
@@ -94,15 +127,21 @@ def _viewer(web: bool, files: Sequence[str]) -> Iterator[tuple[subprocess.Popen,
         )
     port = _free_port(_PORT)
     command = [_executable(), "--bind", _LOCALHOST, "--port", str(port)]
+    web_port = _free_port(_WEB_PORT)
     if web:
-        command += ["--serve-web", "--web-viewer-port", str(_free_port(_WEB_PORT))]
-    # In a session of its own, so that Ctrl-C ends the viewer after what streams to it.
-    viewer = subprocess.Popen([*command, *files], start_new_session=True)
-    try:
-        yield viewer, port
-    finally:
-        viewer.terminate()
-        viewer.wait()
+        command += ["--serve-web", "--web-viewer-port", str(web_port)]
+    quiet = {"RUST_LOG": "error", **os.environ}
+    with ended_by_signals():
+        # In a session of its own, so that Ctrl-C ends the viewer after what streams to it.
+        viewer = subprocess.Popen([*command, *files], start_new_session=True, env=quiet)
+        try:
+            if web and _listens(viewer, web_port):
+                source = quote(f"rerun+http://{_LOCALHOST}:{port}/proxy", safe="")
+                tell(f"http://{_LOCALHOST}:{web_port}?url={source}")
+            yield viewer, port
+        finally:
+            viewer.terminate()
+            viewer.wait()
 
 
 def _wait(viewer: subprocess.Popen) -> None:

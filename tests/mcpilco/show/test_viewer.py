@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -37,6 +38,9 @@ def started(monkeypatch) -> list[list[str]]:
             commands.append(command)
 
         def wait(self):
+            return 0
+
+        def poll(self):
             return 0
 
         def terminate(self):
@@ -240,3 +244,52 @@ def test_neither_rerun_nor_matplotlib_is_loaded_before_it_is_used() -> None:
         "assert mcpilco.show.write_recording.__name__ == 'write_recording'\n"
     )
     assert subprocess.run([sys.executable, "-c", script]).returncode == 0
+
+
+STAND_IN = """#!{python}
+import os, pathlib, socket, sys, time
+port = int(sys.argv[sys.argv.index("--web-viewer-port") + 1])
+pathlib.Path("pid").write_text(str(os.getpid()))
+sys.stderr.write(os.environ["RUST_LOG"])
+sys.stderr.flush()
+server = socket.create_server(("127.0.0.1", port))
+time.sleep(60)
+"""
+WATCHER = """
+from pathlib import Path
+from mcpilco.show import viewer
+viewer._executable = lambda: str(Path("rerun").resolve())
+try:
+    viewer.open_viewer(["01.rrd"], web=True, tell=lambda address: print(address, flush=True))
+except KeyboardInterrupt:  # where it comes before the wait
+    pass
+"""
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_the_viewer_ends_with_the_command(recording: Path, kind: signal.Signals) -> None:
+    """Which prints the address alone; the stand-in for Rerun is told to keep its own log quiet."""
+    folder = recording.parent
+    (folder / "rerun").write_text(STAND_IN.format(python=sys.executable))
+    (folder / "rerun").chmod(0o755)
+    command = subprocess.Popen(
+        [sys.executable, "-c", WATCHER],
+        cwd=folder,
+        env={name: value for name, value in os.environ.items() if name != "RUST_LOG"}
+        | {"PYTHONPATH": str(Path(__file__).parents[3])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert command.stdout is not None
+    address = command.stdout.readline()
+    pid = int((folder / "pid").read_text())
+    command.send_signal(kind)
+    said, errors = command.communicate()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert re.fullmatch(
+        r"http://127.0.0.1:\d+\?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A\d+%2Fproxy\n", address
+    )
+    assert (said, errors) == ("", "error")
+    assert command.returncode == (0 if kind is signal.SIGINT else 128 + kind)
