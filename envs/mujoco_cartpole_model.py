@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mcpilco.plant import Plant
+from mcpilco.plant import Plant, load_mjcf
 from mcpilco.typing import InputError
 
 BUILT_IN = Path(__file__).parent / "assets" / "cartpole.xml"
@@ -46,16 +46,7 @@ def read_model(path: str | os.PathLike[str]) -> mujoco.MjModel:
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"model must be the path of an MJCF file, got {path!r}.")
-    if not Path(path).is_file():
-        raise InputError(f"model must be an MJCF file, but there is no file {os.fspath(path)!r}.")
-    try:
-        model = mujoco.MjSpec.from_file(os.fspath(path)).compile()
-    except (ValueError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise InputError(
-            f"model must be an MJCF file that MuJoCo reads; of {os.fspath(path)!r} it says: "
-            f"{reason}."
-        ) from error
+    model = load_mjcf(os.fspath(path), "model must be an MJCF file")
     try:
         _check(model)
     except InputError as error:

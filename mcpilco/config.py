@@ -328,6 +328,10 @@ class EstimatorConfig(Checked):
         _require(0 <= self.low_pass < 1, f"low_pass must be in [0, 1), got {self.low_pass}.")
 
 
+LONGEST = 100_000
+"""most steps of an episode: 28 hours at 1 s a step, and some GB of particles"""
+
+
 @dataclass(frozen=True)
 class Config(Checked):
     """Everything an agent is told; the defaults are what learns best in the thesis's setting."""
@@ -354,8 +358,9 @@ class Config(Checked):
             f"horizon must be >= 1 step, got {self.horizon}; pass duration / dt.",
         )
         _require(
-            self.exploration is None or self.exploration >= 1,
-            f"exploration must be >= 1 step, got {self.exploration}; None is one horizon.",
+            self.exploration is None or 1 <= self.exploration <= LONGEST,
+            f"exploration must be >= 1 step and at most {LONGEST}, got {self.exploration}; None is "
+            "one horizon.",
         )
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from mcpilco.agent.guess import guess_task
 from mcpilco.agent.modules import require_imported
+from mcpilco.config import LONGEST, SearchConfig
 from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec
 from mcpilco.typing import EnvError, InputError, McPilcoError
@@ -39,11 +40,14 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
         )
     try:
         require_imported(env)
-        return gym.make(env, **kwargs)
+        made = gym.make(env, **kwargs)
     except Exception as error:  # a constructor is foreign code
         known = "envs" in sys.modules or not env.startswith("mcpilco/")
         remedy = "" if known else " Write `import envs` first: it registers this package's envs."
         raise EnvError(f"Cannot make the env {env!r}: {error}{remedy}") from error
+    if (mujoco := sys.modules.get("mujoco")) is not None:  # else it writes MUJOCO_LOG.TXT here
+        mujoco.set_mju_user_warning(logger.warning)
+    return made
 
 
 def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
@@ -166,7 +170,8 @@ def horizon_of(env: gym.Env, horizon: int | None) -> int:
     """Steps of one episode: as configured, or the env's time limit.
 
     Raises:
-        InputError: neither is known, or the env ends sooner than configured.
+        InputError: neither is known, the env ends sooner than configured, or an episode would be
+            longer than `LONGEST`.
     """
     limit = None if env.spec is None else env.spec.max_episode_steps
     steps = limit if horizon is None else horizon
@@ -174,6 +179,14 @@ def horizon_of(env: gym.Env, horizon: int | None) -> int:
         raise InputError(
             f"{_name(env)} has no time limit; pass a horizon in steps, duration / dt, "
             "on the command line --horizon."
+        )
+    if steps > LONGEST:
+        numbers = sum(int(np.prod(s.shape or 1)) for s in (env.observation_space, env.action_space))
+        size = steps * numbers * SearchConfig().particles * np.float64().nbytes
+        raise InputError(
+            f"horizon must be at most {LONGEST} steps, got {steps}: all steps of all particles are "
+            f"kept at once, which would take about {size / 1e9:.3g} GB; lengthen the env's dt, or "
+            "learn from shorter episodes."
         )
     if limit is not None and steps > limit:
         raise InputError(

@@ -269,18 +269,11 @@ class Collisions(Command):
 
 
 def _robot(path: Path) -> Any:
-    import mujoco
-
     from mcpilco.identification import RigidBody
     from mcpilco.identification.collision import CURRENT_TERMS
+    from mcpilco.plant import load_mjcf
 
-    if not path.is_file():
-        raise InputError(f"There is no robot at {path}; name an MJCF file.")
-    try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InputError(f"{path} is no MJCF that MuJoCo reads: {error}") from error
-    return RigidBody.of(model, terms=CURRENT_TERMS)
+    return RigidBody.of(load_mjcf(path, "--robot must be an MJCF file"), terms=CURRENT_TERMS)
 
 
 def _read(

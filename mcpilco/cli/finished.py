@@ -86,10 +86,11 @@ class Evaluate(Command):
         """The outcome of each rollout, by measure; what the env does not tell is absent."""
         import numpy as np
 
+        from mcpilco.agent import horizon_of
         from mcpilco.sweep import outcomes_one_by_one
 
         seeds = np.random.SeedSequence((training_seed, self.seed)).generate_state(self.episodes)
-        horizon = self.horizon or agent.horizon
+        horizon = horizon_of(agent.env, self.horizon or agent.horizon)
         return outcomes_one_by_one(agent.env, agent.controller, horizon, seeds.tolist())
 
 

@@ -93,17 +93,9 @@ class InverseDynamics(Command):
     def _chain(self) -> Chain | None:
         if self.model is None:
             return None
-        import mujoco
+        from mcpilco.plant import chain_of, load_mjcf
 
-        from mcpilco.plant import chain_of
-
-        if not self.model.is_file():
-            raise InputError(f"--model must be an MJCF file, got {str(self.model)!r}.")
-        try:
-            model = mujoco.MjModel.from_xml_path(str(self.model))
-        except ValueError as error:
-            raise InputError(f"{self.model} is no model that MuJoCo can load: {error}") from None
-        return chain_of(model)
+        return chain_of(load_mjcf(self.model))
 
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
         """Samples to learn from, and samples to test on."""

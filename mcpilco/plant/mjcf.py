@@ -6,9 +6,12 @@ something, or runs into an end stop, is compared with a machine that does not.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -22,6 +25,18 @@ from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
+logger = logging.getLogger(__name__)
+mujoco.set_mju_user_warning(logger.warning)  # else MUJOCO_LOG.TXT is written where the user is
+
+MOST_ELEMENTS = 100_000
+"""bodies, joints, geoms and all else of a model, copies included; large robots have thousands"""
+COPYING = ("replicate", "composite", "flexcomp")
+"""elements of MJCF that make `count` copies of what is in them"""
+CONSTANTS = (
+    *("body_mass", "body_inertia", "body_pos", "jnt_pos", "jnt_axis", "jnt_stiffness"),
+    *("dof_damping", "dof_armature", "dof_frictionloss", "actuator_gear", "actuator_gainprm"),
+)
+"""arrays of a model that its motion is computed from"""
 SWITCHES = sum(
     int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}", 0))
     for name in ("GRAVITY", "SPRING", "DAMPER", "PASSIVE", "FRICTIONLOSS", "CLAMPCTRL", "ACTUATION")
@@ -30,21 +45,85 @@ SWITCHES = sum(
 
 
 def load_mjcf(path: str | Path, wanted: str = "--model must be an MJCF file") -> mujoco.MjModel:
-    """The model in a file.
+    """The model in a file, once it is sure that MuJoCo can hold it.
 
     Args:
         path: of the file.
         wanted: beginning of the message where there is no such file.
 
     Raises:
-        InputError: there is no such file, or MuJoCo cannot load it.
+        InputError: there is no such file, MuJoCo cannot load it, it has more than `MOST_ELEMENTS`,
+            or a number in it is not finite.
     """
     if not Path(path).is_file():
         raise InputError(f"{wanted}, got {str(path)!r}, which is no file.")
+    _require_affordable(Path(path))
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise InputError(f"{path} is no model that MuJoCo can load: {error}") from None
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise _unloadable(path, error) from None
+    finally:
+        mujoco.set_mju_user_warning(logger.warning)
+    _require_finite(path, model, said)
+    return model
+
+
+def _unloadable(path: str | Path, error: Exception) -> InputError:
+    reason = " ".join(str(error).split()).rstrip(".")
+    return InputError(f"{path} is no model that MuJoCo can load: {reason:.300}.")
+
+
+def _require_affordable(path: Path) -> None:
+    """Raises InputError before MuJoCo writes out more than `MOST_ELEMENTS`."""
+    try:
+        count = _elements(path, path.parent, {})
+    except (ElementTree.ParseError, RecursionError, OSError, ValueError) as error:
+        raise _unloadable(path, error) from None
+    if count > MOST_ELEMENTS:
+        raise InputError(
+            f"{path} must have at most {MOST_ELEMENTS} elements, for MuJoCo writes them all out, "
+            f"got {count:.3g} with the copies of its {' and '.join(COPYING)}; lower their count."
+        )
+
+
+def _elements(path: Path, folder: Path, known: dict[Path, float]) -> float:
+    """The elements of a file, with the copies that MuJoCo makes and the files that it reads.
+
+    Args:
+        path: of the file.
+        folder: of the model, where the other files are.
+        known: files that were counted; one that is being counted, in a circle, counts as 0.
+    """
+    if path in known:
+        return known[path]
+    known[path] = 0.0
+    root = ElementTree.parse(path).getroot()
+    models = {model.get("name"): model.get("file") for model in root.iter("model")}
+
+    def written(node: ElementTree.Element) -> float:
+        other = {"include": node.get("file"), "attach": models.get(node.get("model"))}.get(node.tag)
+        count = 1.0 + sum(map(written, node))
+        if other and (folder / other).is_file():
+            count += _elements(folder / other, folder, known)
+        copies = node.get("count", "1") if node.tag in COPYING else "1"
+        return count * math.prod(abs(float(word)) for word in copies.split())
+
+    known[path] = written(root)
+    return known[path]
+
+
+def _require_finite(path: str | Path, model: mujoco.MjModel, said: Sequence[str]) -> None:
+    """Raises InputError for a model that cannot be simulated; `said` are MuJoCo's warnings."""
+    wrong = [line for line in said if "NaN" in line]
+    for name in CONSTANTS:
+        if not np.isfinite(getattr(model, name)).all():
+            wrong.append(f"{name} is not finite.")
+    if not 0.0 < model.opt.timestep < math.inf:
+        wrong.append(f"timestep must be positive [s], got {model.opt.timestep:g}.")
+    if wrong:
+        raise InputError(f"{path} must have finite numbers: {' '.join(wrong)} Mend them.")
 
 
 def plant_of(path: str | Path) -> Plant:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mcpilco.agent import find, import_named, load_task, make_env, task_of
-from mcpilco.config import Config
+from mcpilco.config import LONGEST, Config
 from mcpilco.data import TrialResult
 from mcpilco.logbook import Callback, versions
 from mcpilco.sweep.fresh import FreshEpisodes
@@ -53,8 +53,10 @@ class Settings:
             raise InputError(f"trials must be at least 1, got {self.trials}.")
         if self.fresh < 0:
             raise InputError(f"fresh must not be negative, got {self.fresh}.")
-        if self.fresh_horizon is not None and self.fresh_horizon < 1:
-            raise InputError(f"fresh_horizon must be at least 1 step, got {self.fresh_horizon}.")
+        if self.fresh_horizon is not None and not 1 <= self.fresh_horizon <= LONGEST:
+            raise InputError(
+                f"fresh_horizon must be from 1 to {LONGEST} steps, got {self.fresh_horizon}."
+            )
 
     def to_json(self) -> dict[str, Any]:
         """As JSON reads it back."""

@@ -39,21 +39,24 @@ def test_built_in_file_says_pilcos_constants_itself():
 
 
 def test_path_that_holds_no_model_is_refused(tmp_path, monkeypatch, unchecked_shapes):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of its own where it is
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "no.xml").write_text("mass: 3")
     (tmp_path / "other.xml").write_text("<svg/>")
     (tmp_path / "notes.txt").write_text("mass: 3")
     (tmp_path / "short.xml").write_text("<mujoco><worldbody>")
     (tmp_path / "wrong.xml").write_text('<mujoco><option timestep="soon"/></mujoco>')
     for name in ("no.xml", "other.xml", "notes.txt", "short.xml", "wrong.xml"):
-        with pytest.raises(InputError, match=f"MuJoCo reads.*{name}") as error:
+        with pytest.raises(InputError, match=f"{name} is no model that MuJoCo can load") as error:
             read_model(tmp_path / name)
         assert str(error.value).endswith(".")
     for missing in (tmp_path / "missing.xml", str(tmp_path)):
-        with pytest.raises(InputError, match="there is no file"):
+        with pytest.raises(
+            InputError, match="model must be an MJCF file, got .*, which is no file"
+        ):
             read_model(missing)
     with pytest.raises(InputError, match="must be the path"):
         read_model(3)
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
 
 
 MOTOR = '<motor name="force" joint="cart" ctrlrange="-10 10"/>'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -22,6 +23,8 @@ from mcpilco.agent.contract import (
     make_env,
     task_of,
 )
+from mcpilco.config import Config
+from mcpilco.sweep import Settings
 from mcpilco.typing import EnvError, InputError
 from tests.mcpilco.point import TASK, PointEnv
 
@@ -167,3 +170,22 @@ def test_a_cost_that_no_search_can_use_is_answered_with_a_sentence(cost, message
 def test_a_cost_of_the_inputs_alone_or_learned_from_rewards_is_fine() -> None:
     for cost in (None, lambda states, inputs: (inputs**2).sum(-1), TASK.cost):
         check_cost(dataclasses.replace(TASK, cost=cost), np.array([-2.0]), np.array([2.0]))
+
+
+def test_an_absurd_horizon_is_refused_with_the_memory_it_would_take() -> None:
+    """Before anything of that length is made; the limit itself is fine."""
+    with pytest.raises(InputError, match="at most 100000 steps, got 100000000: .* [0-9.e+]+ GB"):
+        horizon_of(PointEnv(), 10**8)
+    assert horizon_of(PointEnv(), 100_000) == 100_000
+    with pytest.raises(InputError, match="exploration must be .* at most 100000, got 100000000"):
+        Config(exploration=10**8)
+    with pytest.raises(InputError, match="fresh_horizon must be from 1 to 100000 steps"):
+        Settings("tests/Point-v0", fresh_horizon=10**8)
+
+
+def test_no_module_is_imported_for_an_id(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As Gymnasium would; who types a name imports its module first."""
+    (tmp_path / "evil_of_a_file.py").write_text("raise SystemExit('executed')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(EnvError, match="no module is imported .* `--trust evil_of_a_file`"):
+        make_env("evil_of_a_file:X-v0")

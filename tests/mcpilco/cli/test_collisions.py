@@ -109,11 +109,11 @@ def test_data_that_cannot_teach_are_refused_with_what_to_record(home, tmp_path, 
 def test_what_does_not_exist_or_fit_is_refused(home, tmp_path, capsys):
     free, robot, model = home / "free.npz", home / "data/arm.xml", home / "model.npz"
     out = tmp_path / "m.npz"
-    assert "no robot at nowhere.xml" in refused(
+    assert "--robot must be an MJCF file, got 'nowhere.xml'" in refused(
         capsys, "learn", free, "--robot", "nowhere.xml", "--out", out
     )
     (tmp_path / "bad.xml").write_text("<mujoco><worldbody></mujoco>")
-    assert "no MJCF that MuJoCo reads" in refused(
+    assert "no model that MuJoCo can load" in refused(
         capsys, "learn", free, "--robot", tmp_path / "bad.xml", "--out", out
     )
     assert "--points must be at least 100" in refused(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.mjcf import plant_of
+from mcpilco.plant.mjcf import load_mjcf, plant_of
 from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
 
@@ -272,3 +274,64 @@ def test_a_missing_file_is_named(tmp_path):
 def test_a_broken_file_is_named(plant_from, text):
     with pytest.raises(InputError, match="robot.xml is no model that MuJoCo can load: "):
         plant_from(text)
+
+
+def written(path: Path, world: str, option: str = "") -> Path:
+    path.write_text(f"<mujoco>{option}<worldbody>{world}</worldbody></mujoco>")
+    return path
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        "<replicate count='100000000'><geom size='1'/></replicate>",
+        "<replicate count='1e8'><geom size='1'/></replicate>",
+        "<replicate count='1000'><replicate count='1000'><geom size='1'/></replicate></replicate>",
+        "<body><composite type='cable' count='1000000 1 1'/></body>",
+        "<replicate count='1000'><include file='many.xml'/></replicate>",
+    ],
+)
+def test_a_model_of_more_than_a_machine_can_hold_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, world: str
+) -> None:
+    """MuJoCo, which writes out all copies, never sees it."""
+    many = "<mujocoinclude><replicate count='1000'><geom size='1'/></replicate></mujocoinclude>"
+    (tmp_path / "many.xml").write_text(many)
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_path", None)
+    with pytest.raises(InputError, match="at most 100000 elements.*lower their count"):
+        load_mjcf(written(tmp_path / "robot.xml", world))
+
+
+def test_copies_that_a_machine_can_hold_are_loaded(tmp_path: Path) -> None:
+    """Also where files include one another in a circle, which MuJoCo answers itself."""
+    world = "<replicate count='10' offset='1 0 0'><geom size='1'/></replicate>"
+    assert load_mjcf(written(tmp_path / "robot.xml", world)).ngeom == 10
+    with pytest.raises(InputError, match="is no model that MuJoCo can load"):
+        load_mjcf(written(tmp_path / "circle.xml", "<include file='circle.xml'/>"))
+
+
+@pytest.mark.parametrize("number", ["mass='nan'", "mass='inf'", "mass='1'/><joint damping='nan'"])
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, number: str) -> None:
+    world = f"<body><joint axis='1 0 0'/><geom size='1' {number}/></body>"
+    with pytest.raises(InputError, match="must have finite numbers"):
+        load_mjcf(written(tmp_path / "robot.xml", world))
+
+
+@pytest.mark.parametrize("step", ["0", "-0.01", "inf", "nan"])
+def test_a_time_step_must_be_positive(tmp_path: Path, step: str) -> None:
+    path = written(tmp_path / "robot.xml", "", f"<option timestep='{step}'/>")
+    with pytest.raises(InputError, match=r"timestep must be positive \[s\], got"):
+        load_mjcf(path)
+
+
+def test_mujoco_writes_no_log_where_the_user_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its warnings go where all others go."""
+    monkeypatch.chdir(tmp_path)
+    model = load_mjcf(written(tmp_path / "robot.xml", "<body><joint/><geom size='1'/></body>"))
+    data = mujoco.MjData(model)
+    data.qvel[:] = np.nan
+    mujoco.mj_step(model, data)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.xml"]
+    assert "simulation is unstable" in caplog.text
