@@ -224,7 +224,12 @@ class ModelBasedAgent(TrialAgent):
         """Fit the model and search a policy; the result, or the reason why there is none to try."""
         model, rows = self.model.to_arrays(), self.fitted_rows
         try:
-            events.on_model_fitted(self._fit_model(trial))
+            self.model.gp.on_iteration = events.on_fit_step
+            try:
+                numbers = self._fit_model(trial)
+            finally:
+                self.model.gp.on_iteration = None  # copies of the model are no part of the fit
+            events.on_model_fitted(numbers)
             self.fitted_rows = len(self._data)
             self.look_ahead()
             self._learn_cost()

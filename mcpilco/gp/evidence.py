@@ -107,9 +107,15 @@ class Evidence:
     def __init__(self, gp: GP, X: Tensor, Y: Tensor) -> None:
         self._gp, self._X, self._Y = gp, X, Y
         self._parameters = list(gp.parameters())
-        self.evaluations = 0
+        self.evaluations = self.iterations = 0
         self.best_logs = gp.get_logs()
         self.best_nlml = np.full(gp.outputs, np.inf)
+
+    def count(self, most: int) -> None:
+        """Says that an iteration is done, of at most so many of this start."""
+        self.iterations += 1
+        if self._gp.on_iteration is not None:
+            self._gp.on_iteration(self.iterations, max(most, self.iterations))
 
     def __call__(self, logs: Float[np.ndarray, "E H"]) -> tuple[float, Float[np.ndarray, "E H"]]:
         """The nlml, summed over the outputs, and its gradient."""
@@ -144,6 +150,7 @@ def _lbfgs(evidence, start, bounds, max_iterations, tolerance) -> tuple[int, boo
         jac=True,
         method="L-BFGS-B",
         bounds=np.stack([bound.ravel() for bound in bounds], 1),
+        callback=lambda _: evidence.count(max_iterations),
         # several problems in one: remembering 40 steps instead of 10 halves the iterations
         options={"maxiter": max_iterations, "ftol": tolerance, "gtol": 1e-3, "maxcor": 40},
     )
@@ -165,6 +172,7 @@ def _adam(evidence, start, bounds, max_iterations, tolerance) -> tuple[int, bool
         logs.grad = torch.as_tensor(gradient)
         adam.step()
         logs.data.clamp_(low, high)
+        evidence.count(max_iterations)
     return max_iterations, False
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from typing import Literal
@@ -194,6 +194,8 @@ class GP(nn.Module):
     noise_excess = Positive()
     """noise_std - noise_floor"""
     noise_floor: Tensor
+    on_iteration: Callable[[int, int], object] | None = None
+    """called after each iteration of a fit, with how many are done and how many there may be"""
 
     def __init__(
         self,

@@ -65,6 +65,9 @@ class Callback:
     def on_trial_start(self, trial: int) -> None:
         """Called before the models of trial 1, 2, ... are fitted."""
 
+    def on_fit_step(self, step: int, steps: int) -> None:
+        """Called after iteration 1, 2, ... of the fit of the models, of at most `steps`."""
+
     def on_model_fitted(self, values: dict[str, float]) -> None:
         """Called with the numbers of the fitted models, such as `model/nlml`."""
 
@@ -104,6 +107,7 @@ class CallbackList(Callback):
     on_training_start = _told_to_all("on_training_start")
     on_exploration = _told_to_all("on_exploration")
     on_trial_start = _told_to_all("on_trial_start")
+    on_fit_step = _told_to_all("on_fit_step")
     on_model_fitted = _told_to_all("on_model_fitted")
     on_policy_step = _told_to_all("on_policy_step")
     on_trial_end = _told_to_all("on_trial_end")

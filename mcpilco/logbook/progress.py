@@ -1,12 +1,14 @@
-"""Learning as seen in a terminal: a row a trial, and a bar for the policy steps of this trial."""
+"""Learning as seen in a terminal: a row a trial, and bars for this trial and the whole run."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.live import Live
+from rich.measure import Measurement
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
@@ -16,10 +18,20 @@ from mcpilco.data import Rollout, TrialResult, title_of
 from mcpilco.logbook.callbacks import Agent, Callback
 
 _REFRESH_HZ = 2.0  # drawing shares one core with the learning
+_LARGE = 1e4
+"""numbers from here on are shown with three digits and an exponent, in few columns"""
+
+
+_CAPTION = "costs are sums over an episode"
+_LIMITLESS = 10_000
+_ALWAYS = ("trial", "experience [s]", "predicted cost", "real cost", "success", "wall [s]")
+"""columns that stay where not all fit"""
 
 
 def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+    if value is None:
+        return "-"
+    return f"{value:.{digits}f}" if abs(value) < _LARGE else f"{value:.2e}"
 
 
 def _row(result: TrialResult) -> dict[str, str]:
@@ -39,11 +51,11 @@ def _row(result: TrialResult) -> dict[str, str]:
 def _predicted(result: TrialResult) -> str:
     if math.isnan(result.predicted_cost):
         return "-"
-    return f"{result.predicted_cost:.2f} ± {result.predicted_cost_std:.2f}"
+    return f"{_number(result.predicted_cost, 2)} ± {_number(result.predicted_cost_std, 2)}"
 
 
 class Progress(Callback):
-    """A live table with a row a trial; below it a bar for the policy steps, with the time left.
+    """A live table with a row a trial; below it bars for the fit, the policy and the whole run.
 
     Where the output is no terminal, one plain line a trial.
     """
@@ -69,7 +81,10 @@ class Progress(Callback):
             TimeRemainingColumn(),
             console=self._console,
             auto_refresh=False,
+            speed_estimate_period=600.0,
         )
+        done = self._trials - trials
+        self._run = self._bar.add_task("whole run, trials", total=self._trials, completed=done)
         first = "exploring with random inputs" if self._models else "learning"
         self._task = self._bar.add_task(first, total=None)
         if self._console.is_terminal:
@@ -90,18 +105,25 @@ class Progress(Callback):
         doing = "fitting the models" if self._models else "learning"
         self._task = self._bar.add_task(f"{self._heading}: {doing}", total=None)
 
+    def on_fit_step(self, step: int, steps: int) -> None:
+        """Moves the bar of the trial."""
+        doing = f"{self._heading}: fitting the models"
+        self._bar.update(self._task, completed=step, total=steps, description=doing)
+
     def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Moves the bar."""
+        """Moves both bars."""
         cost = values.get("policy/cost")
         doing = "searching the policy" if self._models else "learning"
         known = "" if cost is None else f", cost {cost:.2f}"
         self._bar.update(
             self._task, completed=step, total=steps, description=f"{self._heading}: {doing}{known}"
         )
+        self._bar.update(self._run, completed=self._trial - 1 + step / max(steps, step, 1))
 
     def on_trial_end(self, result: TrialResult) -> None:
         """Adds the trial's row."""
         self._rows.append(_row(result))
+        self._bar.update(self._run, completed=result.trial)
         if self._live is not None:
             self._live.update(Group(self._table, self._bar))
         self._say(", ".join(f"{name} {value}" for name, value in self._rows[-1].items()))
@@ -119,16 +141,30 @@ class Progress(Callback):
 
     @property
     def _table(self) -> Table:
-        """The rows so far, under the columns that any of them has."""
-        caption = "costs are sums over an episode"
+        """The rows so far, under the columns that any of them has and that fit whole."""
+        widest = max(self._rows, key=len, default={})
+        columns, caption = list(widest), _CAPTION
+        while True:
+            table = self._with(columns, caption)
+            wide = self._console.options.update(width=_LIMITLESS)
+            told = [name for name in columns if name not in _ALWAYS]
+            if Measurement.get(self._console, wide, table).maximum <= self._console.width:
+                return table
+            if not told:
+                return table
+            columns.remove(told[-1])
+            caption = f"{_CAPTION}; more is in metrics.csv"
+
+    def _with(self, columns: Sequence[str], caption: str) -> Table:
+        """The table of some columns; a word a line, for numbers to stay whole in 80 columns."""
         table = Table(box=SIMPLE_HEAD, caption=caption, padding=(0, 0, 0, 1), pad_edge=False)
-        columns = max(self._rows, key=len, default={})
         for name in columns:
-            # As Text, for a unit is no markup; a word a line, for the table to fit 80 columns.
+            # As Text, for a unit is no markup.
             heading = Text(name.replace(" ", "\n"))
-            table.add_column(heading, justify="right", vertical="bottom")
+            table.add_column(heading, justify="right", vertical="bottom", no_wrap=True)
         for row in self._rows:
-            table.add_row(*(row.get(name, "-") for name in columns))
+            cells = (row.get(name, "-").replace("± ", "±") for name in columns)
+            table.add_row(*(cell.replace(" ", "\n") for cell in cells))
         return table
 
     @property

@@ -134,6 +134,7 @@ def play(callback, trials: int = 2, told: bool = True) -> None:
     callback.on_exploration(make_rollout(0, told))
     for trial in range(1, trials + 1):
         callback.on_trial_start(trial)
+        callback.on_fit_step(1, 9)
         callback.on_model_fitted({"model/noise_std_0": 0.01})
         for step in (1, 2, 3):
             values = {"policy/cost": 5.0 / step, "policy/gradient_norm": float("nan")}

@@ -262,14 +262,15 @@ def sent(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(world, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path / "sent")
     monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "evilm", raising=False)
     monkeypatch.setattr("mcpilco.show.viewer.screenshot", lambda *_: "picture.png")
     monkeypatch.setattr("mcpilco.show.film.write_run_film", lambda *_: 1.0)
     monkeypatch.setattr("mcpilco.show.report.page.page_of", stop)
     monkeypatch.setattr("mcpilco.show.comparison.write_comparison", stop)
     monkeypatch.setattr("mcpilco.cli.cross.Cross._draw", stop)
-    for name in ("sweep.sweep", "agent.begin_run", "gap.investigate"):
+    for name in ("sweep.sweep", "agent.begin_run", "agent.learn_rest", "gap.investigate"):
         monkeypatch.setattr(f"mcpilco.{name}", stop)
-    for name in ("begin_run", "investigate", "record_rollouts"):
+    for name in ("begin_run", "learn_rest", "investigate", "record_rollouts", "cross"):
         monkeypatch.setattr(f"mcpilco.crossing.workflow.{name}", stop)
     return tmp_path / "sent"
 
@@ -281,7 +282,10 @@ OF_FILES = ("pickled rollout", "agent that is a pickle", "model", "correction")
 ALL = [argv for calls in READERS.values() for argv in calls]
 
 
-@pytest.mark.parametrize("form", HOSTILE)
+FEWER = [form for form in HOSTILE if form not in {f"algorithm {name}" for name in NAMES[2:]}]
+
+
+@pytest.mark.parametrize("form", FEWER)
 def test_nothing_that_is_sent_is_executed(
     sent: Path, capsys: pytest.CaptureFixture[str], form: str
 ) -> None:

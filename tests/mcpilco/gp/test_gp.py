@@ -492,3 +492,15 @@ def test_the_latest_samples_are_kept_and_a_start_forgets_them():
     assert steps.X[:, -1].eq(RECENT + 4).all()
     assert steps.told[0].all()
     assert steps.told[1].sum() == 4
+
+
+@pytest.mark.parametrize("optimiser", ["lbfgs", "adam"])
+def test_a_fit_tells_each_iteration_and_finds_the_same(optimiser: str) -> None:
+    X = torch.linspace(0, 3, 12, dtype=torch.float64)[:, None]
+    told: list[tuple[int, int]] = []
+    silent, loud = GP(RBF(1, (1,))), GP(RBF(1, (1,)))
+    loud.on_iteration = lambda step, most: told.append((step, most))
+    for gp in (silent, loud):
+        gp.fit(X, X.sin(), optimiser=optimiser, max_iterations=9)
+    assert told == [(k, 9) for k in range(1, loud.report.iterations + 1)]
+    assert np.array_equal(silent.get_logs(), loud.get_logs())

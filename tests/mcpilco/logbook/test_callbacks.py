@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import sys
@@ -162,17 +163,58 @@ def test_progress_draws_a_table_and_a_bar_on_a_terminal():
     progress.on_trial_end(make_result(2))
     progress.close()
     text = screen.file.getvalue()
-    assert "1.67 ± 0.50" in text
+    assert "±0.50" in text
     assert "[s]" in text  # a unit, not markup
 
 
-def test_progress_fits_eighty_columns():
-    screen = Console(file=io.StringIO(), force_terminal=True, width=80)
+LARGE = {
+    "predicted_cost": 123456.789,
+    "predicted_cost_std": 9876.54,
+    "real_cost": 98765.4321,
+    "experience_s": 123456.7,
+    "wall_s": 86399.94,
+    "noise_std": (0.0123, 0.000456, 12.3, 1.2e-05, 3210.0, 0.5, 0.25),
+}
+
+
+@pytest.mark.parametrize("values", [{}, LARGE])
+def test_progress_fits_eighty_columns_with_all_numbers_whole(values: dict) -> None:
+    """However many numbers there are: a column that does not fit whole is left out."""
+    screen = Console(file=io.StringIO(), force_terminal=False, color_system=None, width=80)
     progress = Progress(screen)
     progress.on_training_start(None, 4)
-    progress.on_trial_end(make_result(1))
+    result = dataclasses.replace(make_result(1), **values)
+    many = {f"measure_{k}_of_a_thing_m": 1234.5 for k in range(6)}
+    for outcome in (result.outcome, result.outcome | many):
+        told = dataclasses.replace(
+            result, rollout=dataclasses.replace(result.rollout, outcome=outcome)
+        )
+        progress.on_trial_end(told)
+        screen.file.truncate(screen.file.seek(0))
+        screen.print(progress._table)
+        text = screen.file.getvalue()
+        assert max(map(len, text.splitlines())) <= 80
+        assert "…" not in text
+        for name in ("experience [s]", "predicted cost", "real cost", "wall [s]"):
+            numbers = progress._rows[-1][name].replace("± ", "±").split()
+            assert {*numbers} <= {*text.split()}, name
+    assert "more is in metrics.csv" in text
+
+
+def test_progress_has_a_bar_for_the_fit_and_one_for_the_whole_run() -> None:
+    screen = console(terminal=True)
+    progress = Progress(screen)
+    progress.on_training_start(None, 4)
+    progress.on_trial_start(2)
+    progress.on_fit_step(30, 200)
+    progress._live.refresh()
+    assert "trial 2 of 4: fitting the models" in screen.file.getvalue()
+    assert "30/200" in screen.file.getvalue()
+    progress.on_policy_step(3, 4, {})
+    assert [task.completed for task in progress._bar.tasks] == [1.75, 3]
+    progress.on_trial_end(make_result(2))
+    assert progress._bar.tasks[0].completed == 2
     progress.close()
-    assert "…" not in screen.file.getvalue()
 
 
 @pytest.mark.parametrize("end", ["on_training_end", "close"])
