@@ -416,11 +416,9 @@ def shown(monkeypatch):
     """What the viewer is asked for, in place of the viewer."""
     calls = []
     monkeypatch.setattr(
-        "mcpilco.show.viewer.open_viewer", lambda paths, web, tell: calls.append((paths, web))
+        "mcpilco.show.open_viewer", lambda paths, web, tell: calls.append((paths, web))
     )
-    monkeypatch.setattr(
-        "mcpilco.show.viewer.screenshot", lambda *arguments: calls.append(arguments)
-    )
+    monkeypatch.setattr("mcpilco.show.screenshot", lambda *arguments: calls.append(arguments))
     return calls
 
 

@@ -263,10 +263,10 @@ def sent(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path / "sent")
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.delitem(sys.modules, "evilm", raising=False)
-    monkeypatch.setattr("mcpilco.show.viewer.screenshot", lambda *_: "picture.png")
-    monkeypatch.setattr("mcpilco.show.film.write_run_film", lambda *_: 1.0)
+    monkeypatch.setattr("mcpilco.show.screenshot", lambda *_: "picture.png")
+    monkeypatch.setattr("mcpilco.show.write_run_film", lambda *_: 1.0)
     monkeypatch.setattr("mcpilco.show.report.page.page_of", stop)
-    monkeypatch.setattr("mcpilco.show.comparison.write_comparison", stop)
+    monkeypatch.setattr("mcpilco.show.write_comparison", stop)
     monkeypatch.setattr("mcpilco.cli.cross.Cross._draw", stop)
     for name in ("sweep.sweep", "agent.begin_run", "agent.learn_rest", "gap.investigate"):
         monkeypatch.setattr(f"mcpilco.{name}", stop)
