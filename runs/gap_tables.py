@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mcpilco.gap import Gap
+from mcpilco.gap import IN_SAMPLE, Gap
 from mcpilco.sweep import markdown
 
 MODELS = "nominal", "refit", "corrected", "noise_floor"
@@ -46,9 +46,10 @@ def errors_table(gap: Gap) -> str:
     cells = [f"{value:.2f}" for value in together]
     rows.append(("mean [noise std]", *cells, _below(found.refit, found.corrected)))
     header = ("error of", *(m.replace("_", " ") for m in MODELS), "corrected below refit [%]")
-    held_out = ", ".join(f"`{name}`" for name in gap.held_out)
+    names = ", ".join(f"`{name}`" for name in gap.compared)
+    seen = "which no fit has seen" if gap.held_out else IN_SAMPLE
     return (
-        f"Free runs of {found.horizon_s:g} s on {held_out}, which no fit has seen, rms at their "
+        f"Free runs of {found.horizon_s:g} s on {names}, {seen}, rms at their "
         f"end, {len(found.windows)} windows:\n\n{markdown(header, rows)}"
     )
 

@@ -12,14 +12,25 @@ from .data import Event, GapProblem, Windows, usual_scales
 from .decide import EstimatedParameter, NamedEffect
 from .disagreement import Disagreement
 from .fit import Fit, fit_initial_states, fit_model, truncated
-from .investigation import investigate
-from .report import Gap, cautions, summary, three_digits, to_json, verdict_sentence, write_json
+from .investigation import investigate, require_plausible
+from .report import (
+    IN_SAMPLE,
+    Gap,
+    cautions,
+    summary,
+    three_digits,
+    to_json,
+    verdict_sentence,
+    write_json,
+)
 from .search import SearchResult
+from .suspicion import suspicions
 from .thresholds import COMPARISON, DATA
 
 __all__ = [
     "COMPARISON",
     "DATA",
+    "IN_SAMPLE",
     "ComparedModels",
     "Comparison",
     "Disagreement",
@@ -38,9 +49,11 @@ __all__ = [
     "fit_model",
     "investigate",
     "missing_force",
+    "require_plausible",
     "scaled_errors",
     "squares_at_end",
     "summary",
+    "suspicions",
     "three_digits",
     "time_map",
     "to_json",

@@ -230,9 +230,10 @@ class GapProblem:
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Of the recordings to fit, and of those to compare on."""
+        """Of the recordings to fit, and of those that are held out; none where all are fitted."""
         every = [recording.name for recording in self.recordings]
-        return tuple(every[n] for n in self.train), tuple(every[n] for n in self.held_out)
+        unseen = [n for n in self.held_out if n not in self.train]
+        return tuple(every[n] for n in self.train), tuple(every[n] for n in unseen)
 
     def windows(self, numbers: Sequence[int] | None = None, **how: float) -> Windows:
         """Windows of some recordings, or of all.

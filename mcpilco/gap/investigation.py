@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, compare
+from mcpilco.gap.comparison import ComparedModels, Comparison, compare
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.decide import (
     certain,
@@ -42,11 +43,16 @@ from mcpilco.gap.fit import (
 )
 from mcpilco.gap.learned_force import learned_of, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.report import Gap, experiments
+from mcpilco.gap.report import Gap, experiments, three_digits
 from mcpilco.gap.search import SearchResult, exchanged, nested_fits, plainer, search
-from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
+from mcpilco.gap.suspicion import at_rest, distinct, suspicions, unchanging
+from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE, SUSPICION
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording
+from mcpilco.typing import InputError
+
+_LOG = logging.getLogger(__name__)
+"""tells each stage that begins, and in `found` what is known by then"""
 
 
 def investigate(
@@ -58,6 +64,7 @@ def investigate(
     noise: Mapping[str, float] | None = None,
     held_out: Sequence[str] = (),
     effects: Own | Iterable[Own] = (),
+    accepted: Sequence[str] | None = None,
 ) -> Gap:
     """Finds where a plant and recordings disagree, names the missing effects and adds them.
 
@@ -71,28 +78,39 @@ def investigate(
         held_out: names of recordings that no fit may see; by default the last ones of three or
             more.
         effects: a user's own effects beside those of the catalogue, or Python files with them.
+        accepted: suspicions of the recordings that are accepted, which lead the verdict; None: the
+            recordings must not look wrong, see `suspicions`.
 
     Raises:
-        InputError: the recordings do not fit the plant or one another.
+        InputError: the recordings do not fit the plant or one another, or look wrong.
     """
+    recordings, remarks = distinct(recordings)
     plant = plant.knowing(own_effects(effects))
     problems = [
         GapProblem.of(plant, timed, uncertainty, free, noise or {}, held_out)
         for timed in possible_clocks(recordings)
     ]
     problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
+    if at_rest(recordings, problems[0].std):
+        return _too_poor(problems[0], AT_REST, remarks)
+    if accepted is None:
+        require_plausible(suspicions(plant, recordings))
+    doubts = (*(accepted or ()), *unchanging(recordings))
+    _tell("fit of the nominal plant")
     problem = likelier_clock(problems)
     everything = _windows(problem)
     if len(everything) < DATA.fewest_windows:
-        return _too_poor(problem, everything)
+        return _too_poor(problem, _too_short(everything), remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
     if (likelier := likelier_clock(problems, explained.best)) is not problem:
         problem, explained = likelier, _explain_but_events(likelier, _windows(likelier))
-    recordings = problem.recordings
+    recordings = list(problem.recordings)
+    _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
     windows, masked = explained.windows, explained.masked
     null = refit(explained.result.null, windows)
+    _tell("verdict", explained.best)
     result, best, named = certain(explained.result, explained.best, null, windows)
 
     missed = spans_of(masked, recordings)
@@ -105,6 +123,8 @@ def investigate(
         or mispredicts(best, null, windows, clear)
     )
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
+    if unknown:
+        _tell("learning of a force without a name", best)
     if unknown and (learned := _learn_force(problem, best, null, windows, masked)) is not None:
         final, unexplained = learned
         named = named if final.model.effects else ()
@@ -115,16 +135,21 @@ def investigate(
     if final is not best:
         clear = _held_out(problem, events, final)
 
+    verdict = "unknown" if unknown else "named" if named else "none"
+    if verdict == "none" and unchanging(recordings):
+        return _too_poor(problem, MOVE, remarks, doubts)
+    _tell("comparison of the models", final)
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
     train, unseen = problem.names
+    compared = compare(models, clear)
     return Gap(
         plant=plant,
-        verdict="unknown" if unknown else "named" if named else "none",
+        verdict=verdict,
         named=named,
         corrected=_corrected(final),
         where=where,
-        comparison=compare(models, clear),
+        comparison=compared,
         events=events,
         experiments=tuple(experiments(result, best, windows)),
         train=train,
@@ -132,17 +157,68 @@ def investigate(
         search=result,
         models=models,
         recordings=tuple(recordings),
+        suspicions=(*doubts, *_far_from_noise(compared, unknown)),
+        remarks=remarks,
     )
 
 
-def _too_poor(problem: GapProblem, windows: Windows) -> Gap:
-    experiment = (
+MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."
+AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
+
+
+def require_plausible(suspicions: Sequence[str]) -> None:
+    """Raises InputError where there are suspicions of the recordings."""
+    if suspicions:
+        raise InputError(
+            f"the recordings look wrong: {' '.join(suspicions)} Nothing was searched for; mend the "
+            "columns, or accept them as they are (--accept)."
+        )
+
+
+def _tell(stage: str, best: Fit | None = None) -> None:
+    """Log that a stage begins, and the effects that are known by then."""
+    effects = [] if best is None else [str(effect) for effect in best.model.effects]
+    _LOG.info(stage, extra={"found": effects})
+
+
+def _far_from_noise(compared: Comparison, unknown: bool) -> tuple[str, ...]:
+    """A sentence where the corrected plant is far from explaining the recordings."""
+    most = SUSPICION.unlearned if unknown else SUSPICION.unexplained
+    if compared.corrected <= most * compared.noise_floor:
+        return ()
+    return (
+        f"the corrected plant misses the recordings by {three_digits(compared.corrected)} noise "
+        f"std, and noise alone makes {three_digits(compared.noise_floor)}: is the plant the right "
+        "one?",
+    )
+
+
+def _too_short(windows: Windows) -> str:
+    return (
         f"Record longer: at least {DATA.fewest_windows} windows of one second are needed, "
         f"there are {len(windows)}. `mcpilco record --policy excitation` moves a plant so that "
         "effects show."
     )
-    plant, names = problem.plant, problem.names
-    return Gap(plant, "too_poor", (), plant, (), None, (), (experiment,), *names)
+
+
+def _too_poor(
+    problem: GapProblem, why: str, remarks: tuple[str, ...], doubts: tuple[str, ...] = ()
+) -> Gap:
+    plant, (train, unseen) = problem.plant, problem.names
+    return Gap(
+        plant=plant,
+        verdict="too_poor",
+        named=(),
+        corrected=plant,
+        where=(),
+        comparison=None,
+        events=(),
+        experiments=(why,),
+        train=train,
+        held_out=unseen,
+        suspicions=doubts,
+        remarks=remarks,
+    )
 
 
 def _corrected(best: Fit) -> Plant:
@@ -174,7 +250,8 @@ def _spread(windows: Windows) -> Windows:
 def _held_out(problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows:
     """Held-out windows without events, and without samples that a model shows to be misread."""
     windows = problem.windows(problem.held_out, every=DATA.held_out_every_s)
-    clear = event_of(events, windows, problem.names[1]) < 0
+    names = [problem.recordings[n].name for n in problem.held_out]
+    clear = event_of(events, windows, names) < 0
     return _without_spikes(fit, windows[clear] if clear.any() else windows)
 
 
@@ -216,8 +293,11 @@ def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Expl
     """
     windows = everything[everything.of(problem.train)]
     candidates = problem.candidates(windows)
+    _tell("search for effects")
     result = search(problem.model(everything), _spread(windows), candidates)
+    _tell("exchange of effects for others", result.best)
     result = plainer(exchanged(result, candidates), candidates)
+    _tell("prediction of recordings from one another", result.best)
     result = result.choosing(most_predictive(result.fits, result.windows))
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 

@@ -47,13 +47,23 @@ class Gap:
     train: tuple[str, ...]
     """names of the recordings that were fitted"""
     held_out: tuple[str, ...]
-    """names of the recordings on which the models are compared"""
+    """names of those that no fit has seen, and on which the models are compared; none where there
+    are too few: then they are compared on those that were fitted"""
     search: SearchResult | None = None
     """all sets of effects that were fitted"""
     models: ComparedModels | None = None
     """the models that were compared, to look at them further"""
     recordings: tuple[Recording, ...] = ()
     """all of them"""
+    suspicions: tuple[str, ...] = ()
+    """what looks wrong with them, which leads the verdict"""
+    remarks: tuple[str, ...] = ()
+    """which of them were left out, as they hold the same as others"""
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Names of the recordings on which the models are compared."""
+        return self.held_out or self.train
 
     @property
     def mended(self) -> bool:
@@ -62,7 +72,8 @@ class Gap:
 
 
 FORMAT = 1
-HIDDEN = "On these held-out recordings noise hides how much of the gap is closed."
+HIDDEN = "On these recordings noise hides how much of the gap is closed."
+IN_SAMPLE = "in-sample: nothing was held out"
 
 
 def to_json(gap: Gap) -> dict[str, Any]:
@@ -70,6 +81,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "plant": gap.plant.name,
+        "suspicions": list(gap.suspicions),
         "verdict": gap.verdict,
         "effects": [asdict(named) for named in gap.named],
         # a joint only where the disagreement is in one
@@ -77,7 +89,12 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "error": _error(gap),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
-        "recordings": {"train": list(gap.train), "held_out": list(gap.held_out)},
+        "recordings": {
+            "train": list(gap.train),
+            "held_out": list(gap.held_out),
+            "errors_are": "of held-out recordings" if gap.held_out else IN_SAMPLE,
+            "remarks": list(gap.remarks),
+        },
     }
 
 
@@ -114,7 +131,7 @@ def _finite(value: Any) -> Any:
 
 def summary(gap: Gap) -> list[str]:
     """The result as some lines that an engineer can act on."""
-    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}"]
+    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *gap.remarks]
     for named in gap.named:
         numbers = ", ".join(
             f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
@@ -131,8 +148,9 @@ def summary(gap: Gap) -> list[str]:
         lines.append(f"Missed most is {missed[0].channel} ({share}), {missed[0].condition}.")
     if gap.comparison is not None:
         errors, closed = gap.comparison, gap.comparison.closed
+        where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
         lines.append(
-            f"Error after {errors.horizon_s:g} s on held-out recordings, in noise std: nominal "
+            f"Error after {errors.horizon_s:g} s {where}, in noise std: nominal "
             f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
             f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
         )
@@ -154,7 +172,8 @@ def summary(gap: Gap) -> list[str]:
 
 def cautions(gap: Gap) -> list[str]:
     """Sentences that a reader of the numbers must not miss."""
-    said = [
+    said = list(gap.suspicions) + list(gap.remarks)
+    said += [
         f"Instead of {named.name} at {named.target} it could be {' or '.join(named.family[1:])}: "
         "these recordings cannot tell."
         for named in gap.named
@@ -178,10 +197,10 @@ def cautions(gap: Gap) -> list[str]:
     ]
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:
         said.append(HIDDEN)
-    if not set(gap.train).isdisjoint(gap.held_out) and gap.comparison is not None:
+    if not gap.held_out and gap.comparison is not None:
         said.append(
-            "The errors are of recordings that were fitted too; record three or more to have some "
-            "held out."
+            f"The errors are {IN_SAMPLE}; record three or more, each with commands of its own, to "
+            "have some held out."
         )
     return said
 
@@ -193,9 +212,12 @@ def three_digits(value: float) -> str:
 
 def verdict_sentence(gap: Gap) -> str:
     """The verdict as a sentence."""
-    if gap.verdict == "named" and len(gap.named) > 1:
-        return f"{len(gap.named)} effects are missing in the plant."
-    return _VERDICTS[gap.verdict]
+    several = gap.verdict == "named" and len(gap.named) > 1
+    said = f"{len(gap.named)} effects are missing in the plant."
+    said = said if several else _VERDICTS[gap.verdict]
+    if not gap.suspicions:
+        return said
+    return f"this looks wrong: {' '.join(gap.suspicions)} Taken as it is, {said}"
 
 
 _VERDICTS = {

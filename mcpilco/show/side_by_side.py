@@ -171,7 +171,7 @@ def _window_clip(
     """One window."""
     windows = found.windows
     start = float(windows.start_s[w])
-    title = f"### {gap.held_out[windows.recording[w]]}, from {start:.1f} s"
+    title = f"### {gap.compared[windows.recording[w]]}, from {start:.1f} s"
     told = ", ".join(f"{name} **{three_digits(errors[name][w])}**" for name in names)
     colors = ", ".join(f"{c}: {n}" for c, n in zip(("Orange", "blue"), names, strict=False))
     words = f"White: measured. {colors}, in free runs."

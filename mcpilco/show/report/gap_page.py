@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from mcpilco.gap import (
     COMPARISON,
+    IN_SAMPLE,
     ComparedModels,
     Comparison,
     EstimatedParameter,
@@ -93,12 +94,12 @@ def _sections(gap: Gap) -> Iterator[Section]:
     if gap.corrected.learned:
         yield made("What was learned", partial(learned, gap))
     if gap.comparison is not None:
-        yield made("Errors on held-out recordings", partial(worth, gap, gap.comparison))
+        yield made(f"Errors on {_kind(gap)} recordings", partial(worth, gap, gap.comparison))
     if gap.models is not None:
         yield made("The force that is left over", partial(force, gap, gap.models))
         yield made("When they disagree", partial(when, gap, gap.models))
     if gap.comparison is not None:
-        yield made("Held-out windows", partial(windows, gap, gap.comparison))
+        yield made(f"{_kind(gap).capitalize()} windows", partial(windows, gap, gap.comparison))
     if gap.experiments:
         yield made("What to record next", partial(experiments, gap))
     if gap.search is not None:
@@ -160,7 +161,7 @@ def interval(estimate: EstimatedParameter) -> str:
 
 
 def worth(gap: Gap, found: Comparison) -> Section:
-    """The errors on held-out recordings, and how they shrink."""
+    """The errors on held-out recordings, or on the fitted ones, and how they shrink."""
     times = found.windows.dt * np.arange(found.windows.y.shape[2])
     steps = [step.error for step in found.steps]
     names = [name for name in found.over_time if gap.mended or name != "corrected"]
@@ -178,14 +179,13 @@ def worth(gap: Gap, found: Comparison) -> Section:
         (channel, *(f"{errors[name]:.3g} {units[channel]}" for name in names))
         for channel, errors in found.channels.items()
     ]
-    same = not set(gap.train).isdisjoint(gap.held_out)
     return Section(
-        "What adding it is worth" if gap.mended else "Errors on held-out recordings",
+        "What adding it is worth" if gap.mended else f"Errors on {_kind(gap)} recordings",
         f"Free runs through {len(found.windows)} windows "
         + (
-            "of the recordings, which were fitted too: there are too few to hold some out. "
-            if same
-            else "of recordings that no fit has seen. "
+            "of recordings that no fit has seen. "
+            if gap.held_out
+            else f"of the recordings, which were fitted too ({IN_SAMPLE}). "
         )
         + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
         "bands are 95 % intervals, by a bootstrap over blocks of neighbouring windows.",
@@ -307,14 +307,14 @@ def windows(gap: Gap, found: Comparison) -> Section:
     for x, state in list(enumerate(gap.plant.layout.states))[0::2]:
         label = f"{state} [{units[state]}]"
         for w in shown:
-            recording = gap.held_out[found.windows.recording[w]]
+            recording = gap.compared[found.windows.recording[w]]
             title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
             runs = {name: found.runs[name][w, x] for name in names}
             measured = found.windows.y[w, x]
             plot = partial(plot_window, times, measured, runs, label, title, COMPARISON.start_s)
             pictures.append(draw(f"{state} in {title}", plot, top=0.91))
     return Section(
-        "Held-out windows",
+        f"{_kind(gap).capitalize()} windows",
         f"Windows in which the {names[0]} plant is worse than in 90, 50 and 10 % of all. In the "
         "grey part the starts of the free runs were fitted.",
         pictures,
@@ -394,6 +394,11 @@ def _worst_joints(gap: Gap) -> list[int]:
     for named in gap.named:  # wherever its consequences are
         share[layout.joint_of(named.target)] += 1.0
     return sorted(share, key=lambda j: -share[j])[:_JOINTS]
+
+
+def _kind(gap: Gap) -> str:
+    """Which recordings the models are compared on."""
+    return "held-out" if gap.held_out else "fitted"
 
 
 def _units(plant: Plant) -> dict[str, str]:

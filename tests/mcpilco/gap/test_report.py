@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import envs
-from mcpilco.gap import investigate
+from mcpilco.gap import Gap, cautions, investigate, summary, to_json
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
 
@@ -37,3 +39,20 @@ def test_what_small_motion_cannot_show_is_listed() -> None:
     found = [s for s in investigate(plant, small).experiments if "hardly show" in s]
     assert len(found) == 1
     assert "quadratic_drag" in found[0] or "hardening_spring" in found[0]
+
+
+def test_errors_of_fitted_recordings_are_not_called_held_out(found: Gap) -> None:
+    alone = replace(found, train=(*found.train, *found.held_out), held_out=())
+    assert "on held-out recordings" in " ".join(summary(found))
+    told = " ".join([*summary(alone), *cautions(alone)])
+    assert "in-sample: nothing was held out" in told
+    assert "on held-out recordings" not in told
+    assert to_json(alone)["recordings"]["held_out"] == []
+    assert to_json(alone)["recordings"]["errors_are"] == "in-sample: nothing was held out"
+
+
+def test_a_suspicion_leads_the_verdict(found: Gap) -> None:
+    doubted = replace(found, suspicions=("negate torque?",))
+    assert summary(doubted)[0].startswith(f"{found.plant.name}: this looks wrong: negate torque?")
+    assert to_json(doubted)["suspicions"] == ["negate torque?"]
+    assert cautions(doubted)[0] == "negate torque?"

@@ -97,7 +97,7 @@ def test_errors_of_recordings_that_were_fitted_are_called_that(
     found: Gap,
     tmp_path: Path,
 ) -> None:
-    page = read(replace(found, held_out=found.train), tmp_path)
+    page = read(replace(found, held_out=()), tmp_path)
     assert "which were fitted too" in page.text
     assert "record three or more" in page.text
 

@@ -1,0 +1,300 @@
+"""Suspicions: a column in another unit, of another sign or in another's place; another machine.
+
+What the plant foretells of short spans of the recordings is compared with what was recorded. Where
+it misses much of the motion, the columns are read otherwise, one change after the other. An effect
+that a plant lacks is never explained far better by another unit or sign, and nothing is learned
+from recordings in which nothing moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mcpilco.gap.thresholds import SUSPICION
+from mcpilco.plant import Plant
+from mcpilco.recordings import Recording
+
+DEGREE = math.pi / 180.0
+"""[rad]"""
+
+
+def suspicions(
+    plant: Plant, recordings: Sequence[Recording], limits: Sequence[float] = ()
+) -> tuple[str, ...]:
+    """Sentences on what is probably wrong with recordings of a plant; none where they are sound.
+
+    Args:
+        plant: nominal.
+        recordings: of one sampling time, in the plant's states and inputs.
+        limits: largest command that each actuator takes, where it is known [its unit].
+    """
+    told = tuple(_stuck(recordings))
+    spans = Spans.of(recordings)
+    if not told and len(spans.held):
+        told = tuple(_misread(plant, spans))
+    return told or tuple(_beyond_limits(plant, recordings, limits))
+
+
+def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
+    """The recordings without those of the same content, and a sentence on each of these."""
+    kept: list[Recording] = []
+    remarks = []
+    for one in recordings:
+        same = next((other for other in kept if _same(one, other)), None)
+        if same is None:
+            kept.append(one)
+        else:
+            remarks.append(f"{one.name} holds the same as {same.name}: it is counted once.")
+    return kept, tuple(remarks)
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    pairs = [(one.time, other.time), (one.states, other.states), (one.inputs, other.inputs)]
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+def at_rest(recordings: Sequence[Recording], std: Float[np.ndarray, " X"]) -> bool:
+    """Whether no position moves by more than its noise, of std in its unit."""
+    ranges = [np.ptp(_percentiles(one.states[:, 0::2]), axis=0) for one in recordings]
+    return not (np.array(ranges) > SUSPICION.at_rest * std[0::2]).any()
+
+
+def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence where no command ever changes; what then moves, moves by itself."""
+    commands = np.concatenate([one.inputs for one in recordings])
+    if (np.ptp(commands, axis=0) > 0.0).any():
+        return ()
+    named = zip(recordings[0].input_names, commands[0], strict=True)
+    held = " and ".join(f"{name} is {value:g}" for name, value in named)
+    return (f"{held} throughout, which excites nothing: is it the right column?",)
+
+
+def _percentiles(y: Float[np.ndarray, "T J"]) -> Float[np.ndarray, "2 J"]:
+    """The ends of the range of most values of each column; 0 of one that is not measured."""
+    known = np.where(np.isfinite(y).any(axis=0), y, 0.0)
+    return np.nanpercentile(known, [2.5, 97.5], axis=0)
+
+
+def _beyond_limits(
+    plant: Plant, recordings: Sequence[Recording], limits: Sequence[float]
+) -> Iterator[str]:
+    """Inputs whose commands no actuator of the plant takes, with the unit that they suggest."""
+    layout = plant.layout
+    for u, limit in enumerate(limits):
+        largest = max(float(np.abs(one.inputs[:, u]).max()) for one in recordings)
+        if not largest > SUSPICION.beyond_limit * limit:
+            continue
+        unit = layout.unit_of(layout.actuator(u))[1]
+        yield (
+            f"{layout.inputs[u]} is up to {largest:.4g} {unit}, and the actuator takes "
+            f"{limit:g} {unit}: is it in m{unit} or c{unit}?"
+        )
+
+
+def _stuck(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Columns of states that keep one value throughout while others move."""
+    first = recordings[0]
+    measured = [x for x in range(len(first.state_names)) if first.measured[x]]
+    table = np.concatenate([one.states for one in recordings])[:, measured]
+    still = np.nanmax(table, axis=0) == np.nanmin(table, axis=0)
+    for x in np.flatnonzero(still & (not still.all())).tolist():
+        stands = f"{first.state_names[measured[x]]} is {table[0, x] + 0.0:g} throughout"
+        yield f"{stands} while others move: is it the right column?"
+
+
+def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
+    """Questions on columns that explain the motion far better if they are read otherwise."""
+    start = now = missed(plant, spans)
+    questions = []
+    for _ in range(SUSPICION.changes):
+        if now < SUSPICION.missed:
+            break
+        others = [(missed(plant, other), says, other) for says, other in readings(plant, spans)]
+        least = min(error for error, _, _ in others)
+        if not least < now / SUSPICION.better:
+            break
+        alike = [each for each in others if each[0] <= SUSPICION.alike * least]
+        questions.append(" or ".join(says for _, says, _ in alike[:2]))
+        now, _, spans = alike[0]
+    if questions and now < SUSPICION.explained:
+        yield (
+            f"{' '.join(questions)} So the plant misses {_percent(now)} of the motion over "
+            f"{SUSPICION.span_s:g} s, and {_percent(start)} of it as recorded."
+        )
+        return
+    yield from _inconsistent(plant, spans)
+    first, last = len(plant.layout.states), len(spans.noise)
+    without = missed(plant, spans.times(dict.fromkeys(range(first, last), 0.0)))
+    if start > min(SUSPICION.foreign, max(SUSPICION.missed, SUSPICION.idle * without)):
+        yield (
+            f"the plant misses {_percent(start)} of the motion over {SUSPICION.span_s:g} s, and "
+            f"without the commands {_percent(without)}: is it the log of another machine, or time "
+            "in another unit?"
+        )
+
+
+def _percent(part: float) -> str:
+    return f"{100.0 * part:.2g} %" if part < 1.0 else f"{100.0 * part:.0f} %"
+
+
+def _inconsistent(plant: Plant, spans: Spans) -> Iterator[str]:
+    """Velocities that are not the derivatives of their positions."""
+    begin, end = spans.states(plant)
+    for q in range(0, begin.shape[1], 2):
+        moved = end[:, q] - begin[:, q]
+        claimed = 0.5 * spans.held.shape[1] * spans.dt * (begin + end)[:, q + 1]
+        wrong = float(np.sum((moved - claimed) ** 2) / max(np.sum(moved**2), 1e-300))
+        if spans.moving(plant)[q] and wrong > SUSPICION.inconsistent:
+            position, velocity = plant.layout.states[q : q + 2]
+            yield f"{velocity} is not the derivative of {position}: is it the right column?"
+
+
+@dataclass(frozen=True)
+class Spans:
+    """S short spans of the recordings; columns are states, then inputs."""
+
+    ends: Float[np.ndarray, "2 S C"]
+    """smoothed columns where a span begins and where it ends"""
+    slopes: Float[np.ndarray, "2 S C"]
+    """their time derivatives there"""
+    held: Float[np.ndarray, "S n C"]
+    """columns as recorded, in between"""
+    noise: Float[np.ndarray, " C"]
+    """std of what the smoothing left over"""
+    measured: Bool[np.ndarray, " C"]
+    """which columns there are"""
+    dt: float
+    """sampling time [s]"""
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording]) -> Spans:
+        """Spans of all recordings alike; cubics smooth their ends."""
+        dt = recordings[0].dt
+        n, r = (max(k, round(s / dt)) for k, s in ((1, SUSPICION.span_s), (3, SUSPICION.smooth_s)))
+        tables = [np.hstack([one.states, one.inputs]) for one in recordings]
+        measured = np.any([np.isfinite(table).any(axis=0) for table in tables], axis=0)
+        whole = [
+            table[first - r : first + n + r + 1]
+            for one, table in zip(recordings, tables, strict=True)
+            for part in one.segments()
+            for first in range(part.start + r, part.stop - n - r)
+            if np.isfinite(table[first - r : first + n + r + 1, measured]).all()
+        ]
+        some = np.linspace(0, len(whole) - 1, min(len(whole), SUSPICION.spans)).astype(int)
+        spans = np.array([whole[k] for k in some]).reshape(len(some), n + 2 * r + 1, len(measured))
+        spans = np.nan_to_num(spans)
+        powers = np.vander(np.arange(-r, r + 1.0), 4, increasing=True)
+        around = np.stack([spans[:, : 2 * r + 1], spans[:, n:]])
+        cubic = np.einsum("pk,eskc->pesc", np.linalg.pinv(powers), around)
+        left = around - np.einsum("kp,pesc->eskc", powers, cubic)
+        noise = np.sqrt((left**2).sum(axis=(0, 2)) / (4 * r - 6))
+        usual = np.median(noise, axis=0) if len(some) else noise.sum(axis=0)
+        return cls(cubic[0], cubic[1] / dt, spans[:, r : r + n], usual, measured, dt)
+
+    def times(self, factors: Mapping[int, float], shift: float = 0.0) -> Spans:
+        """The spans with some columns times a factor, by number, plus a shift."""
+        f, o = np.ones(len(self.noise)), np.zeros(len(self.noise))
+        f[list(factors)], o[list(factors)] = list(factors.values()), shift
+        return replace(
+            self,
+            ends=f * self.ends + o,
+            slopes=f * self.slopes,
+            held=f * self.held + o,
+            noise=np.abs(f) * self.noise,
+        )
+
+    def swapped(self, one: Sequence[int], other: Sequence[int]) -> Spans:
+        """The spans with some columns in the place of others."""
+        place = np.arange(len(self.noise))
+        place[[*one, *other]] = [*other, *one]
+        return replace(
+            self,
+            ends=self.ends[..., place],
+            slopes=self.slopes[..., place],
+            held=self.held[..., place],
+            noise=self.noise[place],
+            measured=self.measured[place],
+        )
+
+    def states(self, plant: Plant) -> Float[np.ndarray, "2 S X"]:
+        """States at both ends; a velocity without a column is the slope of its position."""
+        X = len(plant.layout.states)
+        y = self.ends[..., :X].copy()
+        for v in range(1, X, 2):
+            if not self.measured[v]:
+                y[..., v] = self.slopes[..., v - 1]
+        return y
+
+    def moving(self, plant: Plant) -> Bool[np.ndarray, " X"]:
+        """Which states change by more than their noise."""
+        begin, end = self.states(plant)
+        X = begin.shape[1]
+        noise = np.where(self.measured[:X], self.noise[:X], 0.0)
+        change = np.sqrt(np.mean((end - begin) ** 2, axis=0))
+        return change > np.maximum(SUSPICION.moving * noise, 1e-9)
+
+
+def missed(plant: Plant, spans: Spans) -> float:
+    """Part of the squared change of the states over a span that the plant misses, their mean [-].
+
+    1 is what is missed of a machine that is said to stay as it is. States that hardly move do not
+    count, nor do the spans that are missed most: they may hold a push or a contact.
+    """
+    begin, end = spans.states(plant)
+    moving = spans.moving(plant)
+    if not moving.any():
+        return 0.0
+    there = plant.simulate(begin, spans.held[..., begin.shape[1] :], spans.dt)[:, -1]
+    size = np.mean((end - begin)[:, moving] ** 2, axis=0)
+    wrong = np.mean((there - end)[:, moving] ** 2 / size, axis=1)
+    wrong = np.minimum(np.nan_to_num(wrong, nan=np.inf), SUSPICION.farthest)
+    return float(np.sort(wrong)[: math.ceil(SUSPICION.counted * len(wrong))].mean())
+
+
+def readings(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
+    """Other meanings of columns, as questions, and the spans so read; the simplest first.
+
+    None in which less moves: it would be easy to explain.
+    """
+    moving = int(spans.moving(plant).sum())
+    yield from (
+        each for each in _every_reading(plant, spans) if each[1].moving(plant).sum() >= moving
+    )
+
+
+def _every_reading(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
+    layout = plant.layout
+    names, X = (*layout.states, *layout.inputs), len(layout.states)
+    units = [*layout.units, *(layout.unit_of(layout.actuator(u))[1] for u in range(len(names) - X))]
+    joints = [(q, q + 1) for q in range(0, X, 2)]
+    known = np.flatnonzero(spans.measured).tolist()
+    groups = [(c,) for c in known] + [pair for pair in joints if spans.measured[list(pair)].all()]
+    for group in groups:
+        named = " and ".join(names[c] for c in group)
+        verb = "is" if len(group) == 1 else "are"
+        for question, factor in _factors(units[group[0]]):
+            says = question.format(named=named, verb=verb)
+            yield says, spans.times(dict.fromkeys(group, factor))
+    for c in plant.angles:
+        yield f"is the zero of {names[c]} half a turn away?", spans.times({c: 1.0}, math.pi)
+    for a, b in combinations(known, 2):
+        yield f"are {names[a]} and {names[b]} swapped?", spans.swapped([a], [b])
+    for one, other in combinations(joints, 2):
+        said = f"are the joints of {names[one[0]]} and {names[other[0]]} swapped?"
+        yield said, spans.swapped(one, other)
+
+
+def _factors(unit: str) -> Iterator[tuple[str, float]]:
+    """Questions on a column in a unit, and what makes this unit of it."""
+    yield "negate {named}?", -1.0
+    if unit.startswith("rad"):
+        yield "{verb} {named} in degrees?", DEGREE
+        yield "{verb} {named} divided by 57.3 once too often?", 1.0 / DEGREE
+    for prefix, factor in (("m", 1e-3), ("c", 1e-2), ("h", 1e2), ("k", 1e3)):
+        yield "{verb} {named} in " + prefix + unit + "?", factor

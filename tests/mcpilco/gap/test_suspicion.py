@@ -1,0 +1,295 @@
+"""Wrong recordings are doubted, and sound ones with strong effects are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import envs
+from mcpilco.cli import main
+from mcpilco.gap import Gap, investigate, suspicions, verdict_sentence
+from mcpilco.gap.suspicion import at_rest, distinct, unchanging
+from mcpilco.recordings import Recording, noise_std, write_recording
+from mcpilco.typing import InputError
+from tests.mcpilco.gap import pendulum as rods
+from tests.mcpilco.gap.machines import (
+    LIMIT,
+    as_cart_pole,
+    as_pendulum,
+    columns,
+    recorded,
+    swapped,
+)
+
+PLANTS = {
+    "pendulum": envs.PLANTS["mcpilco/Pendulum-v0"](),
+    "cart_pole": envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](),
+}
+DEGREES = 180.0 / math.pi
+recorded = cache(recorded)
+
+
+def without_velocities(recordings: Sequence[Recording]) -> list[Recording]:
+    names = recordings[0].state_names[1::2]
+    return columns(recordings, **{name: lambda column: np.nan * column for name in names})
+
+
+def rolled(column: np.ndarray) -> np.ndarray:
+    return np.roll(column, 60)
+
+
+def up(column: np.ndarray) -> np.ndarray:
+    return column + np.pi
+
+
+PENDULUM = {
+    "is torque in mN m?": {"torque": 1e3},
+    "is torque in cN m?": {"torque": 1e2},
+    "negate torque?": {"torque": -1},
+    "negate velocity?": {"velocity": -1},
+    "is angle in degrees?": {"angle": DEGREES},
+    "is velocity in degrees?": {"velocity": DEGREES},
+    "are angle and velocity in degrees?": {"angle": DEGREES, "velocity": DEGREES},
+    "is the zero of angle half a turn away?": {"angle": up},
+    "velocity is not the derivative of angle": {"velocity": rolled},
+    "velocity is 0 throughout while others move": {"velocity": 0},
+}
+CART_POLE = {
+    "is force in mN?": {"force": 1e3},
+    "is force in cN?": {"force": 1e2},
+    "negate force?": {"force": -1},
+    "negate pole_velocity?": {"pole_velocity": -1},
+    "negate cart_velocity?": {"cart_velocity": -1},
+    "is pole_angle in degrees?": {"pole_angle": DEGREES},
+    "is pole_velocity in degrees?": {"pole_velocity": DEGREES},
+    "is cart_position in mm?": {"cart_position": 1e3},
+    "are cart_position and cart_velocity in mm?": {"cart_position": 1e3, "cart_velocity": 1e3},
+    "is the zero of pole_angle half a turn away?": {"pole_angle": up},
+    "pole_angle is 0 throughout while others move": {"pole_angle": 0, "pole_velocity": 0},
+}
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("machine", "question", "changed"),
+    [
+        *(("pendulum", question, changed) for question, changed in PENDULUM.items()),
+        *(("cart_pole", question, changed) for question, changed in CART_POLE.items()),
+    ],
+)
+def test_a_wrong_column_is_asked_for(
+    machine: str, question: str, changed: dict[str, float], seed: int
+) -> None:
+    told = suspicions(PLANTS[machine], columns(recorded(machine, seed), **changed))
+    assert told
+    assert question in told[0]
+
+
+@pytest.mark.parametrize(
+    ("machine", "one", "other"),
+    [
+        ("pendulum", "angle", "velocity"),
+        ("pendulum", "angle", "torque"),
+        ("pendulum", "velocity", "torque"),
+        ("cart_pole", "cart_position", "pole_angle"),
+        ("cart_pole", "cart_velocity", "pole_velocity"),
+        ("cart_pole", "pole_angle", "pole_velocity"),
+    ],
+)
+def test_swapped_columns_are_asked_for(machine: str, one: str, other: str) -> None:
+    told = suspicions(PLANTS[machine], swapped(recorded(machine, 0), one, other))
+    assert f"are {one} and {other} swapped?" in told[0]
+
+
+@pytest.mark.parametrize(
+    ("machine", "question", "changed"),
+    [
+        ("pendulum", "is torque in mN m?", {"torque": 1e3}),
+        ("pendulum", "negate torque?", {"torque": -1}),
+        ("pendulum", "is angle in degrees?", {"angle": DEGREES}),
+        ("cart_pole", "negate force?", {"force": -1}),
+        ("cart_pole", "is pole_angle in degrees?", {"pole_angle": DEGREES}),
+        ("cart_pole", "is cart_position in mm?", {"cart_position": 1e3}),
+    ],
+)
+def test_positions_alone_tell_it_as_well(
+    machine: str, question: str, changed: dict[str, float]
+) -> None:
+    measured = columns(without_velocities(recorded(machine, 1)), **changed)
+    assert question in suspicions(PLANTS[machine], measured)[0]
+
+
+def test_two_wrong_columns_are_both_asked_for() -> None:
+    wrong = columns(recorded("pendulum", 0), torque=1e3, angle=DEGREES, velocity=DEGREES)
+    (told,) = suspicions(PLANTS["pendulum"], wrong)
+    assert "torque in mN m?" in told
+    assert "are angle and velocity in degrees?" in told
+
+
+def test_the_joints_of_a_cart_pole_in_each_others_place_are_asked_for() -> None:
+    wrong = swapped(recorded("cart_pole", 0), "cart_position", "pole_angle")
+    wrong = swapped(wrong, "cart_velocity", "pole_velocity")
+    (told,) = suspicions(PLANTS["cart_pole"], wrong)
+    assert "are the joints of cart_position and pole_angle swapped?" in told
+
+
+def test_commands_beyond_the_actuator_suggest_a_unit() -> None:
+    """A torque that hardly moves this machine: the motion does not tell that it is wrong."""
+    weak = columns(recorded("pendulum", 0, command=0.02), torque=1e3)
+    sound = recorded("pendulum", 0)
+    assert not suspicions(PLANTS["pendulum"], sound, [LIMIT["pendulum"]])
+    heavy = PLANTS["pendulum"].where(torque_gain=1e-3)
+    assert not suspicions(heavy, weak)
+    (told,) = suspicions(heavy, weak, [LIMIT["pendulum"]])
+    assert "the actuator takes 1.2 N m: is it in mN m or cN m?" in told
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_cart_poles_log_is_no_pendulums(seed: int) -> None:
+    (told,) = suspicions(PLANTS["pendulum"], as_pendulum(recorded("cart_pole", seed)))
+    assert "the log of another machine" in told
+
+
+def test_time_that_runs_otherwise_is_doubted() -> None:
+    slow = [replace(one, time=25.0 * one.time) for one in recorded("cart_pole", 0)]
+    assert "time in another unit" in suspicions(PLANTS["cart_pole"], slow)[-1]
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("machine", list(PLANTS))
+def test_another_gain_is_no_suspicion(machine: str, gain: float) -> None:
+    measured = recorded(machine, 2, gain=gain)
+    assert not suspicions(PLANTS[machine], measured, [LIMIT[machine]])
+    assert not suspicions(PLANTS[machine], without_velocities(measured))
+
+
+MASSES = {"pendulum": ("mass", "friction"), "cart_pole": ("pole_mass", "cart_mass")}
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.4])
+@pytest.mark.parametrize("machine", list(PLANTS))
+def test_another_mass_is_no_suspicion(machine: str, factor: float) -> None:
+    plant = PLANTS[machine]
+    for name in MASSES[machine]:
+        other = plant.where(**{name: factor * plant.values[name]})
+        assert not suspicions(other, recorded(machine, 2))
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.2])
+def test_a_sensor_that_reads_too_much_is_no_suspicion(scale: float) -> None:
+    for machine, name in (("pendulum", "angle"), ("cart_pole", "pole_angle")):
+        wrong = columns(recorded(machine, 2), **{name: lambda column: scale * column + 0.1})
+        assert not suspicions(PLANTS[machine], wrong)
+
+
+@pytest.mark.parametrize(
+    ("force", "how"),
+    [
+        (rods.dry_friction(0.4), {}),
+        (lambda q, v: -2.0 * q, {}),
+        (lambda q, v: 0.5, {}),
+        (lambda q, v: 0.0, {"delay": 0.2}),
+    ],
+    ids=["friction", "spring", "offset", "delay"],
+)
+def test_strong_effects_are_no_suspicion(force: rods.Force, how: dict[str, float]) -> None:
+    rng = np.random.default_rng(6)
+    measured = [rods.record(rng, force, number, **how) for number in range(3)]
+    assert not suspicions(PLANTS["pendulum"], measured)
+
+
+def test_suspicious_recordings_are_refused_until_they_are_accepted() -> None:
+    wrong = columns(recorded("pendulum", 0), torque=-1)
+    with pytest.raises(InputError, match="look wrong: negate torque?"):
+        investigate(PLANTS["pendulum"], wrong)
+    short = [one_part(one) for one in wrong[:1]]
+    gap = investigate(PLANTS["pendulum"], short, accepted=("negate torque?",))
+    assert gap.verdict == "too_poor"
+    assert verdict_sentence(gap).startswith("this looks wrong: negate torque?")
+
+
+def one_part(recording: Recording) -> Recording:
+    """Its first two seconds."""
+    part = slice(0, 100)
+    return replace(
+        recording,
+        time=recording.time[part],
+        states=recording.states[part],
+        inputs=recording.inputs[part],
+    )
+
+
+def test_what_does_not_move_is_at_rest_and_what_moves_is_not() -> None:
+    sound = recorded("pendulum", 0)
+    std = noise_std(sound[0])
+    still = columns(sound, angle=rolled_noise, velocity=rolled_noise)
+    assert at_rest(still, noise_std(still[0]))
+    assert at_rest(columns(sound, angle=0, velocity=0), std)
+    assert not at_rest(sound, std)
+
+
+def rolled_noise(column: np.ndarray) -> np.ndarray:
+    return 1e-3 * np.random.default_rng(0).standard_normal(len(column))
+
+
+@pytest.mark.parametrize("changed", [{}, {"torque": 0}])
+def test_a_machine_at_rest_is_too_poor(changed: dict[str, float]) -> None:
+    still = columns(recorded("pendulum", 0), angle=rolled_noise, velocity=rolled_noise, **changed)
+    gap = investigate(PLANTS["pendulum"], still)
+    assert gap.verdict == "too_poor"
+    assert "Nothing moves" in gap.experiments[0]
+
+
+def test_commands_that_never_change_are_told() -> None:
+    constant = columns(recorded("pendulum", 0), torque=lambda column: 0.0 * column + 0.3)
+    assert "torque is 0.3 throughout" in unchanging(constant)[0]
+    assert unchanging(recorded("pendulum", 0)) == ()
+
+
+def test_the_same_recording_under_other_names_is_counted_once() -> None:
+    first, second, _ = recorded("pendulum", 0)
+    kept, remarks = distinct([first, replace(first, name="copy"), second])
+    assert kept == [first, second]
+    assert remarks == ("copy holds the same as recording_0: it is counted once.",)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("value", [0.0, 0.3])
+def test_a_dead_column_of_commands_names_nothing_without_saying_so(value: float) -> None:
+    dead = columns(recorded("pendulum", 0), torque=lambda column: 0.0 * column + value)
+    gap = investigate(PLANTS["pendulum"], dead)
+    assert verdict_sentence(gap).startswith(f"this looks wrong: torque is {value:g} throughout")
+
+
+@pytest.mark.slow
+def test_a_pendulums_log_as_a_cart_poles_names_nothing_without_saying_so() -> None:
+    gap: Gap = investigate(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)), accepted=())
+    assert gap.verdict == "unknown"
+    assert "is the plant the right one?" in verdict_sentence(gap)
+
+
+@pytest.mark.slow
+def test_columns_that_are_accepted_lead_the_verdict() -> None:
+    wrong = columns(recorded("pendulum", 0), torque=100)
+    gap = investigate(PLANTS["pendulum"], wrong, accepted=suspicions(PLANTS["pendulum"], wrong))
+    assert "is torque in cN m?" in verdict_sentence(gap)
+
+
+@pytest.mark.parametrize("changed", [{"torque": 1e3}, {"torque": -1}, {"angle": DEGREES}])
+def test_the_command_stops_and_writes_nothing(
+    changed: dict[str, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for one in columns(recorded("pendulum", 0), **changed):
+        write_recording(tmp_path / f"{one.name}.csv", one)
+    files, out = sorted(map(str, tmp_path.glob("*.csv"))), tmp_path / "gap"
+    assert main(["gap", *files, "--plant", "mcpilco/Pendulum-v0", "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "the recordings look wrong:" in told
+    assert "--accept" in told
+    assert not out.exists()
