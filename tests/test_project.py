@@ -377,6 +377,7 @@ ACROSS = {
     "envs/test_swing_up_vector": "swing_up_env, in batches",
     "mcpilco/agent/test_own_kernel": "a kernel of a user's own, in an agent",
     "mcpilco/cli/test_cli": "the commands of learning",
+    "mcpilco/cli/test_gap_command": "the command",
     "mcpilco/cli/test_inverse_dynamics_command": "the command",
     "mcpilco/cli/test_kinematics_command": "the command",
     "mcpilco/cli/test_volterra_command": "the command",

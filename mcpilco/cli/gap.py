@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+import logging
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -19,16 +23,25 @@ from mcpilco.cli.options import (
     named_numbers,
     optional,
     register,
+    require_new,
     separated,
     uncertainty,
     use_one_thread,
     without,
 )
 from mcpilco.config import CART_POLE
+from mcpilco.files import write_bytes
+from mcpilco.typing import McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
     from mcpilco.plant import Plant
+
+INTERRUPTED = "interrupted.json"
+FILES = ("gap.json", "corrected.json", "corrected.xml", "gap.rrd", "report.html", INTERRUPTED)
+"""that the command writes"""
+REMEDY = "name another folder, or pass --overwrite"
+"""where one is there already"""
 
 
 @dataclass(frozen=True)
@@ -57,21 +70,46 @@ class Gap(Command):
     """Python files with effects of your own, which are executed: they are searched for as well"""
     dt: Annotated[float | None, optional("FLOAT", "the longest of theirs")] = None
     """sampling time to which all are brought [s]"""
+    accept: bool = False
+    """go on with recordings that look wrong, such as a torque in mN m; the verdict says so first"""
+    overwrite: bool = False
+    """replace what an earlier run has left in the folder"""
+    quiet: bool = False
+    """show no progress"""
 
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
         use_one_thread()
         register("" if self.plant.endswith(".xml") else self.plant)
-        from mcpilco.gap import investigate, write_json
+        stages = Stages()
+        try:
+            with stages.shown(self.quiet):
+                return self._investigate(stages)
+        except KeyboardInterrupt:
+            print(f"mcpilco: interrupted; {self._kept(stages)}", file=sys.stderr)
+            return 130
+
+    def _investigate(self, stages: Stages) -> int:
+        from mcpilco.gap import investigate, require_plausible, suspicions, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
         plant = self._plant()
+        if not self.overwrite:
+            for name in FILES:
+                require_new(self.out / name, REMEDY)
         recordings, notes = read_for_plant(
             plant, self.recordings, column_names(self.columns), self.dt
         )
         for note in notes:
             print(note, file=sys.stderr)
+        stages.begin("check of the recordings")
+        doubts = suspicions(plant, recordings, self._limits(plant))
+        if not self.accept:
+            require_plausible(doubts)
+        make_folder(self.out)
+        for name in FILES:
+            (self.out / name).unlink(missing_ok=True)
         gap = investigate(
             plant,
             recordings,
@@ -80,8 +118,8 @@ class Gap(Command):
             noise=named_numbers("--noise", self.noise),
             held_out=tuple(separated(self.held_out)),
             effects=self.effects,
+            accepted=doubts,
         )
-        make_folder(self.out)
         write_json(gap, self.out / "gap.json")
         written = ["gap.json"]
         if gap.verdict != "too_poor":
@@ -90,8 +128,7 @@ class Gap(Command):
             written.append("corrected.json")
             if Path(self.plant).suffix == ".xml":
                 written += self._write_mjcf(gap)
-        show_gap(gap, self.out, written)
-        return 0
+        return show_gap(gap, self.out, written, stages.begin)
 
     def _write_mjcf(self, gap: Investigated) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
@@ -105,6 +142,31 @@ class Gap(Command):
             return [path.name]
         return []
 
+    def _kept(self, stages: Stages) -> str:
+        """Write what an interrupted run knows; returns a sentence on what is there."""
+        there = [name for name in FILES if (self.out / name).exists()]
+        if stages.stage.startswith("drawing"):
+            return f"{self.out} holds {', '.join(there)}, and nothing was drawn after them."
+        if not self.out.is_dir() or not stages.done:
+            return "nothing was found yet, and nothing is written."
+        known = {"format": 1, "ended": stages.done, "interrupted_in": stages.stage}
+        write_bytes(self.out / INTERRUPTED, json.dumps(known, indent=2).encode())
+        effects = ", ".join(stages.done[-1]["effects"]) or "none"
+        return (
+            f"{len(stages.done)} stages had ended, which {self.out / INTERRUPTED} lists; effects "
+            f"known by then: {effects}. There is no verdict."
+        )
+
+    def _limits(self, plant: Plant) -> list[float]:
+        """The largest command that each actuator of the plant's env takes; none without an env."""
+        import gymnasium
+
+        if plant.name not in gymnasium.registry:
+            return []
+        with contextlib.closing(gymnasium.make(plant.name, disable_env_checker=True)) as env:
+            actions: Any = env.action_space
+            return [float(high) for high in actions.high]
+
     def _plant(self) -> Plant:
         from envs import plant_named
 
@@ -112,13 +174,19 @@ class Gap(Command):
         return plant.where(**named_numbers("--set", self.set))
 
 
-def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
-    """Print the summary of an investigation, and draw its page and film.
+def show_gap(
+    gap: Investigated,
+    out: Path,
+    written: Sequence[str],
+    begin: Callable[[str], None] = lambda stage: None,
+) -> int:
+    """Print the summary of an investigation, draw its page and film, and return the exit code.
 
     Args:
         gap: the investigation.
         out: folder of its files.
         written: which are there already. What cannot be drawn loses nothing else.
+        begin: is called with the name of each stage.
     """
     from mcpilco.gap import summary
     from mcpilco.show import write_gap_film
@@ -126,11 +194,74 @@ def show_gap(gap: Investigated, out: Path, written: Sequence[str]) -> None:
 
     for line in summary(gap):
         print(line)
-    written = list(written)
-    with without("all pictures"):
-        if gap.comparison is not None:
-            written.append(write_gap_film(gap, out / "gap.rrd").name)
-        written.append(write_gap_report(gap, out / "report.html").name)
+    written, code = list(written), 0
+    drawn = {"gap.rrd": write_gap_film} if gap.comparison is not None else {}
+    for name, write in {**drawn, "report.html": write_gap_report}.items():
+        begin(f"drawing of {name}")
+        try:
+            written.append(write(gap, out / name).name)
+        except McPilcoError as error:
+            print(f"mcpilco: without {name}: {error}", file=sys.stderr)
+            code = max(code, int(isinstance(error, RunFolderError)))  # not where an extra lacks
+    begin("")
     print(f"In {out}: {', '.join(written)}.")
     if "gap.rrd" in written:
         print(f"Look at it with: mcpilco view {out}")
+    return code
+
+
+class Stages(logging.Handler):
+    """The stages of an investigation, as it logs them, with the time that each has taken."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.done: list[dict[str, Any]] = []
+        """name, seconds [s] and the effects that were known when it ended"""
+        self.stage = ""
+        """the present one"""
+        self._since = 0.0
+        self._show: Callable[[str, float | None], None] = lambda name, seconds: None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.begin(record.getMessage(), getattr(record, "found", ()))
+
+    def begin(self, name: str, found: Sequence[str] = ()) -> None:
+        """End the present stage, and begin another; the empty name begins none."""
+        now = time.monotonic()
+        if self.stage:
+            seconds = round(now - self._since, 1)
+            self.done.append({"stage": self.stage, "seconds": seconds, "effects": list(found)})
+            self._show(self.stage, seconds)
+        self.stage, self._since = name, now
+        if name:
+            self._show(name, None)
+
+    @contextlib.contextmanager
+    def shown(self, quiet: bool) -> Iterator[None]:
+        """Listen to an investigation, and show its stages: on a terminal with a running clock."""
+        from rich.console import Console
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        console = Console(stderr=True, quiet=quiet)
+        moving = console.is_terminal and not quiet
+        columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+        log = logging.getLogger("mcpilco.gap")
+        level = log.level
+        with Progress(*columns, console=console, disable=not moving, transient=True) as bar:
+
+            def show(name: str, seconds: float | None) -> None:
+                for task in bar.task_ids:
+                    bar.remove_task(task)
+                if seconds is None:
+                    bar.add_task(name)
+                else:
+                    console.print(f"{name}: {seconds:.1f} s", highlight=False, soft_wrap=True)
+
+            self._show = show
+            log.addHandler(self)
+            log.setLevel(logging.INFO)
+            try:
+                yield
+            finally:
+                log.removeHandler(self)
+                log.setLevel(level)

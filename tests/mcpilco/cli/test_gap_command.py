@@ -1,0 +1,129 @@
+"""`mcpilco gap`: what it keeps, shows and refuses; what it finds is tested in the room."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mcpilco.gap
+import mcpilco.show.report.gap_page
+from mcpilco.cli import main
+from mcpilco.gap import Gap
+from mcpilco.recordings import write_recording
+from mcpilco.typing import RunFolderError
+from tests.mcpilco.gap.machines import recorded
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sound recording of a pendulum."""
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    write_recording(path, recorded("pendulum", 0)[0])
+    return path
+
+
+@pytest.fixture
+def prompt(found: Gap, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An investigation that knows its result, and a page and a film that are drawn at once."""
+    monkeypatch.setattr(mcpilco.gap, "investigate", lambda plant, recordings, **how: found)
+    for module, name in (
+        (mcpilco.show, "write_gap_film"),
+        (mcpilco.show.report.gap_page, "write_gap_report"),
+    ):
+        monkeypatch.setattr(module, name, lambda gap, path: path)
+
+
+def found_in(out: Path, *files: Path, more: tuple[str, ...] = ()) -> int:
+    plant = ["--plant", "mcpilco/Pendulum-v0"]
+    return main(["gap", *map(str, files), *plant, "--out", str(out), *more])
+
+
+@pytest.mark.usefixtures("prompt")
+def test_an_earlier_result_is_overwritten_only_if_told(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("gap.json", "corrected.xml"):
+        (tmp_path / name).write_text("earlier")
+    assert found_in(tmp_path, log) == 2
+    assert "gap.json exists already; nothing is overwritten" in capsys.readouterr().err
+    assert (tmp_path / "gap.json").read_text() == "earlier"
+    assert found_in(tmp_path, log, more=("--overwrite",)) == 0
+    assert json.loads((tmp_path / "gap.json").read_text())["verdict"] == "named"
+    assert not (tmp_path / "corrected.xml").exists()
+
+
+@pytest.mark.usefixtures("prompt")
+def test_stages_are_shown_with_their_times(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert found_in(tmp_path / "a", log) == 0
+    told = capsys.readouterr().err
+    assert re.search(r"check of the recordings: \d+\.\d s", told)
+    assert re.search(r"drawing of report.html: \d+\.\d s", told)
+    assert found_in(tmp_path / "b", log, more=("--quiet",)) == 0
+    assert "check of the recordings" not in capsys.readouterr().err
+
+
+def test_an_interrupted_run_keeps_the_stages_that_have_ended(
+    log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def interrupted(*told: Any, **how: Any) -> None:
+        stages = logging.getLogger("mcpilco.gap.investigation")
+        stages.info("search for effects", extra={"found": []})
+        stages.info("verdict", extra={"found": ["coulomb_friction (pendulum)"]})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mcpilco.gap, "investigate", interrupted)
+    out = tmp_path / "gap"
+    assert found_in(out, log) == 130
+    told = capsys.readouterr().err
+    assert "2 stages had ended" in told
+    assert "effects known by then: coulomb_friction (pendulum)" in told
+    assert [path.name for path in out.iterdir()] == ["interrupted.json"]
+    kept = json.loads((out / "interrupted.json").read_text())
+    assert kept["ended"][-1]["stage"] == "search for effects"
+    assert kept["ended"][-1]["effects"] == ["coulomb_friction (pendulum)"]
+    assert kept["interrupted_in"] == "verdict"
+
+
+@pytest.mark.usefixtures("prompt")
+def test_a_page_that_finds_no_room_is_an_error(
+    log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(gap: Gap, path: Path) -> Path:
+        raise RunFolderError(f"Cannot write {path}: No space left on device.")
+
+    monkeypatch.setattr(mcpilco.show.report.gap_page, "write_gap_report", full)
+    assert found_in(tmp_path, log) == 1
+    told = capsys.readouterr()
+    assert "without report.html: Cannot write" in told.err
+    assert "gap.json, corrected.json, gap.rrd." in told.out
+
+
+def test_a_file_that_is_given_three_times_holds_nothing_out(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(log.read_bytes())
+    assert found_in(tmp_path / "gap", log, log, copy) == 0
+    told = capsys.readouterr().out
+    assert "copy holds the same as log: it is counted once." in told
+    assert "in-sample: nothing was held out" in told
+    assert "held-out" not in told
+    used = json.loads((tmp_path / "gap" / "gap.json").read_text())["recordings"]
+    assert used["train"] == ["log"]
+    assert used["held_out"] == []
+    page = (tmp_path / "gap" / "report.html").read_text()
+    assert "in-sample: nothing was held out" in page
+    assert "eld-out" not in page
