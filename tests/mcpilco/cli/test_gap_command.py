@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 import mcpilco.gap
-import mcpilco.show.report.gap_page
+import mcpilco.show
+import mcpilco.show.report
 from mcpilco.cli import main
 from mcpilco.gap import Gap
 from mcpilco.recordings import write_recording
@@ -33,7 +34,7 @@ def prompt(found: Gap, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mcpilco.gap, "investigate", lambda plant, recordings, **how: found)
     for module, name in (
         (mcpilco.show, "write_gap_film"),
-        (mcpilco.show.report.gap_page, "write_gap_report"),
+        (mcpilco.show.report, "write_gap_report"),
     ):
         monkeypatch.setattr(module, name, lambda gap, path: path)
 
@@ -104,7 +105,7 @@ def test_a_page_that_finds_no_room_is_an_error(
     def full(gap: Gap, path: Path) -> Path:
         raise RunFolderError(f"Cannot write {path}: No space left on device.")
 
-    monkeypatch.setattr(mcpilco.show.report.gap_page, "write_gap_report", full)
+    monkeypatch.setattr(mcpilco.show.report, "write_gap_report", full)
     assert found_in(tmp_path, log) == 1
     told = capsys.readouterr()
     assert "without report.html: Cannot write" in told.err

@@ -293,3 +293,14 @@ def test_the_command_stops_and_writes_nothing(
     assert "the recordings look wrong:" in told
     assert "--accept" in told
     assert not out.exists()
+
+
+def test_time_in_milliseconds_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (one, *_) = recorded("cart_pole", 0)
+    write_recording(tmp_path / "log.csv", replace(one, time=1e3 * one.time))
+    out = tmp_path / "gap"
+    assert main(["gap", str(tmp_path / "log.csv"), "--out", str(out)]) == 2
+    assert "looks like milliseconds" in capsys.readouterr().err
+    assert not out.exists()
