@@ -417,7 +417,7 @@ def missing_force(
     lacking = (there - end)[:, 1::2] / (steps * dt)
     q, v = (0.5 * (here + there)[:, part::2] for part in (0, 1))
     force = np.einsum("nij,nj->ni", mass_matrix(model.plant.chain, q), lacking)
-    u = spans.commands[:, spans.lead : spans.lead + steps].mean(axis=1)
+    u = spans.driven[:, :steps].mean(axis=1)
     sound = np.isfinite(force).all(axis=1)
     return MissingForce(q[sound], v[sound], u[sound], force[sound])
 

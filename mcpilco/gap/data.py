@@ -31,9 +31,9 @@ class Windows:
     y: Float[np.ndarray, "W X T"]
     """measured states; NaN where there is no measurement"""
     commands: Float[np.ndarray, "W T_all U"]
-    """held for dt each; `lead` samples of the past come first"""
+    """`every` of them a sample, each held as long; `lead` of the past come first"""
     lead: int
-    """samples before the start"""
+    """commands before the start"""
     dt: float
     """sampling time [s]"""
     std: Float[np.ndarray, " X"]
@@ -46,6 +46,8 @@ class Windows:
     """when each starts in its recording [s]"""
     overlap: float = 1.0
     """how many windows a sample is in"""
+    every: int = 1
+    """commands a sample: what drives a machine keeps its rate, however few samples are compared"""
 
     def __len__(self) -> int:
         return len(self.y)
@@ -72,8 +74,15 @@ class Windows:
 
     def beginning(self, samples: int) -> Windows:
         """The first samples of each window."""
-        commands = np.ascontiguousarray(self.commands[:, : self.lead + samples])
+        last = self.lead + samples * self.every
+        commands = np.ascontiguousarray(self.commands[:, :last])
         return replace(self, y=self.y[:, :, :samples], commands=commands)
+
+    @property
+    def driven(self) -> Float[np.ndarray, "W T U"]:
+        """The mean of the commands from each sample to the next."""
+        W, _, T = self.y.shape
+        return self.commands[:, self.lead :].reshape(W, T, self.every, -1).mean(axis=2)
 
     @property
     def measured(self) -> Bool[np.ndarray, "W X T"]:
@@ -110,7 +119,13 @@ def cut(
         )
     dt = recordings[0].dt
     length, past = max(8, round(seconds / dt)), max(1, round(DATA.past_s / dt))
-    lead, stride = round(DATA.memory_s / dt), length if every is None else max(1, round(every / dt))
+    stride = length if every is None else max(1, round(every / dt))
+    holds = min(
+        max(recording.every for recording in recordings),
+        max(1, round(dt / DATA.shortest_hold_s)),
+    )
+    lead = round(DATA.memory_s / dt) * holds
+    driven = [recording.driven(holds) for recording in recordings]
     parts = [
         (number, part.start, first)
         for number, recording in enumerate(recordings)
@@ -127,7 +142,9 @@ def cut(
     guess = np.stack([_start(window, dt, std) for window in y])
     y[:, :, : math.ceil(DATA.latency_s / dt)] = np.nan
     commands = [
-        recordings[n].inputs[np.maximum(np.arange(first - lead, first + length), begin)]
+        driven[n][
+            np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds)
+        ]
         for n, begin, first in parts
     ]
     return Windows(
@@ -140,6 +157,7 @@ def cut(
         recording=np.array([n for n, _, _ in parts]),
         start_s=np.array([first * dt for _, _, first in parts]),
         overlap=max(1.0, length / stride),
+        every=holds,
     )
 
 

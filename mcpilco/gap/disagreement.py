@@ -99,7 +99,7 @@ def _condition(fit: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
         traits[f"|{layout.states[2 * j]}|"] = mean_of_known(np.abs(q))
         traits[f"speed of {joint}"] = mean_of_known(np.abs(np.gradient(q, axis=1)))
     for u, name in enumerate(layout.inputs):
-        used = windows.commands[:, windows.lead :, u]
+        used = windows.driven[:, :, u]
         traits[f"|{name}|"] = np.abs(used).mean(axis=1)
         traits[f"changes of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -352,8 +352,7 @@ def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ..
     stamped = tuple(recordings)
     if all(recording.by_clock is None for recording in stamped):
         return [stamped]
-    clocked = (r if r.by_clock is None else replace(r, inputs=r.by_clock) for r in stamped)
-    return [stamped, tuple(clocked)]
+    return [stamped, tuple(recording.clocked for recording in stamped)]
 
 
 def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:

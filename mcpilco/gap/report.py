@@ -317,7 +317,7 @@ def _simulated(best: Fit, part: Part, windows: Windows) -> Recording:
     whole = replace(
         windows[:1],
         y=np.zeros((1, 2 * len(layout.joints), T)),
-        commands=np.concatenate([np.zeros((1, windows.lead, inputs.shape[1])), inputs[None]], 1),
+        commands=np.pad(inputs.repeat(windows.every, axis=0), ((windows.lead, 0), (0, 0)))[None],
     )
     rest = np.zeros((1, 1, 2 * len(layout.joints)))
     y = run(best.model, whole, best.theta[None], rest)[0, 0]

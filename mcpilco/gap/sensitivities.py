@@ -39,8 +39,9 @@ def run(
         window,
         np.ascontiguousarray(windows.commands),  # compiled for these alone
         windows.lead,
-        windows.dt,
+        windows.dt / windows.every,
         model.budget.used,
+        every=windows.every,
     )
     return y.reshape(S, W, *y.shape[1:])
 
@@ -151,8 +152,7 @@ def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
         v = np.gradient(q, windows.dt, axis=1)
         kernel = np.ones(3) / 3.0
         columns += [q, np.apply_along_axis(np.convolve, 1, v, kernel, mode="same")]
-    used = windows.commands[:, windows.lead :]
-    return np.concatenate([np.stack(columns, axis=2), used], axis=2)
+    return np.concatenate([np.stack(columns, axis=2), windows.driven], axis=2)
 
 
 def motion_midway(model: PlantModel, theta: Theta, windows: Windows) -> Float[np.ndarray, "W m D"]:
@@ -204,9 +204,9 @@ def impulse_responses(
     for w in range(W):
         commands = np.zeros((2 * K, T_all, U + 1))
         commands[:, :, :U] = windows.commands[w]
-        for k, start in enumerate(windows.lead + first):
-            commands[2 * k, start : start + hold, U] = size
-            commands[2 * k + 1, start : start + hold, U] = -size
+        for k, start in enumerate(windows.lead + first * windows.every):
+            pulse = slice(start, start + hold * windows.every)
+            commands[2 * k, pulse, U], commands[2 * k + 1, pulse, U] = size, -size
         y = simulate(
             tables,
             each,
@@ -214,8 +214,9 @@ def impulse_responses(
             np.arange(2 * K),
             commands,
             windows.lead,
-            windows.dt,
+            windows.dt / windows.every,
             model.budget.used,
+            every=windows.every,
         )
         change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
         change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)

@@ -280,7 +280,10 @@ def read_recording(
         remarks.append(about_resampling(log, step))
     recording = _recorded(log, blank, step)
     if len(read) > 1:
-        recording = replace(recording, by_clock=_recorded(read[1], blank, step).inputs)
+        clocked = _recorded(read[1], blank, step)
+        every = max(recording.every, clocked.every)
+        held = recording.driven(every) if every > 1 else None
+        recording = replace(recording, held=held, by_clock=clocked.driven(every))
     _require_positions(rows.table, recording)
     remarks += [*about_gaps(recording.gaps), *suspicions(recording)]
     return replace(recording, remarks=tuple(remarks))
@@ -288,11 +291,15 @@ def read_recording(
 
 def _recorded(log: Log, blank: Recording, dt: float) -> Recording:
     """A log on a grid; `blank` has all else."""
-    states, inputs = resampled(log, dt)
+    states, inputs, held = resampled(log, dt)
     gaps = find_gaps(log, states, _positions(blank), dt)
-    _mask(states, inputs, gaps, dt)
+    for commands in (inputs, held):
+        _hold(commands, gaps, dt * len(inputs) / len(commands))
+    for start, end in gaps:
+        states[round(start / dt) + 1 : round(end / dt)] = np.nan
     time = dt * np.arange(len(states))
-    return replace(blank, time=time, states=states, inputs=inputs, gaps=gaps)
+    came = held if len(held) > len(inputs) else None
+    return replace(blank, time=time, states=states, inputs=inputs, held=came, gaps=gaps)
 
 
 def _positions(recording: Recording) -> tuple[int, ...]:
@@ -369,13 +376,10 @@ def _clean(log: Log, names: Sequence[str], angles: Sequence[int]) -> Iterator[st
             )
 
 
-def _mask(
-    states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"], gaps: Gaps, dt: float
-) -> None:
-    """Forget the states within gaps, and hold the last input before each, in place."""
+def _hold(inputs: Float[np.ndarray, "T U"], gaps: Gaps, dt: float) -> None:
+    """Hold the last input before each gap, in place."""
     for start, end in gaps:
         first, last = round(start / dt), round(end / dt)
-        states[first + 1 : last] = np.nan
         inputs[first:last] = inputs[first - 1] if first else inputs[last]
 
 

@@ -74,7 +74,10 @@ class Recording:
     """pairs (position, velocity) of states: the second is the time derivative of the first"""
     resolution: tuple[float, ...] = ()
     """step in which each state's log came, in its unit; 0 for none that was seen"""
-    by_clock: Float[np.ndarray, "T U"] | None = None
+    held: Float[np.ndarray, "M U"] | None = None
+    """the inputs at the rate at which they came, M / T of them a sample; None where none changes
+    between two samples: then `inputs` has all, else their means"""
+    by_clock: Float[np.ndarray, "M U"] | None = None
     """inputs as they were if they went out by an even clock from which the stamps stray; None where
     there is no doubt"""
 
@@ -102,6 +105,26 @@ class Recording:
         """Sampling time [s]."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
+    def driven(self, every: int) -> Float[np.ndarray, "M U"]:
+        """The inputs, `every` of them a sample: as they came, or their means over as long."""
+        came = self.inputs if self.held is None else self.held
+        ends = self.dt * len(self) * np.linspace(0.0, 1.0, len(came) + 1)
+        grid = self.dt / every * np.arange(len(self) * every)
+        return came if len(came) == len(grid) else mean_held(ends, came, grid, self.dt / every)
+
+    @property
+    def every(self) -> int:
+        """Inputs a sample, as they came."""
+        return 1 if self.held is None else len(self.held) // len(self)
+
+    @property
+    def clocked(self) -> Recording:
+        """With the inputs of an even clock, where there is doubt."""
+        if self.by_clock is None:
+            return self
+        means = self.by_clock.reshape(len(self), -1, self.inputs.shape[1]).mean(axis=1)
+        return replace(self, inputs=means, held=None if self.held is None else self.by_clock)
+
     @property
     def measured(self) -> Bool[np.ndarray, " X"]:
         """Which states have any measured value."""
@@ -113,6 +136,28 @@ class Recording:
         for start, end in self.gaps:
             steps[round(start / self.dt) : round(end / self.dt)] = False
         return tuple(slice(a, b + 1) for a, b in runs(steps))
+
+
+def mean_held(
+    ends: Float[np.ndarray, " n_plus_1"],
+    held: Float[np.ndarray, "n U"],
+    grid: Float[np.ndarray, " T"],
+    dt: float,
+) -> Float[np.ndarray, "T U"]:
+    """1/dt times the integral over each step of the grid of a command that is held.
+
+    Args:
+        ends: when each command begins, and the last one ends [s].
+        held: the commands.
+        grid: beginnings of the steps [s].
+        dt: their length [s].
+    """
+    edges = np.append(grid, grid[-1] + dt)
+    integral = np.concatenate(
+        [np.zeros_like(held[:1]), np.cumsum(held * np.diff(ends)[:, None], 0)]
+    )
+    columns = [np.diff(np.interp(edges, ends, column)) / dt for column in integral.T]
+    return np.column_stack(columns)
 
 
 def runs(flags: Bool[np.ndarray, " T"]) -> list[tuple[int, int]]:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.recordings.recording import Gaps, Recording, runs
+from mcpilco.recordings.recording import Gaps, Recording, mean_held, runs
 from mcpilco.recordings.smoothing import local_fit, noise_std
-from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid
+from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid, sampling_time
 
 Channel = Float[np.ndarray, " N"]
 """a number a row of the log"""
@@ -63,17 +63,26 @@ class Log:
         return int(np.floor(self.time[-1] / dt + ON_GRID)) + 1
 
 
-def resampled(log: Log, dt: float) -> tuple[Float[np.ndarray, "T X"], Float[np.ndarray, "T U"]]:
-    """States and inputs at the times 0, dt, 2 dt, ...
+def resampled(
+    log: Log, dt: float
+) -> tuple[Float[np.ndarray, "T X"], Float[np.ndarray, "T U"], Float[np.ndarray, "M U"]]:
+    """States and inputs at the times 0, dt, 2 dt, ..., and the inputs as often as they changed.
 
     On the grid already: as they are. Else a state is interpolated by the cubic through four
     neighbours, which keeps its noise nearly white, or by a local quadratic where the log has many
     rows a step; and an input is the mean over the step of the command that was held, which keeps
     its impulse and adds no delay. The input where it is missing is the last one known.
     """
-    held, grid = _filled(log.inputs), dt * np.arange(log.length(dt))
+    held, length = _filled(log.inputs), log.length(dt)
     switched = log.time if log.switched is None else log.switched
-    return _sampled(log, grid, dt), _held(switched, held, grid, dt)
+    every = max(1, round(dt / sampling_time(log.time)))
+    fine = _held(switched, held, dt / every * np.arange(length * every), dt / every)
+    blocks = fine.reshape(length, every, -1)
+    changes = np.ptp(blocks, axis=1).max()
+    if changes <= 1e-9 * np.abs(blocks).max():  # a slow controller, logged fast
+        fine = blocks[:, 0]
+    inputs = _held(switched, held, dt * np.arange(length), dt)
+    return _sampled(log, dt * np.arange(length), dt), inputs, fine
 
 
 def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:
@@ -88,7 +97,9 @@ def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:
 def _held(switched: Channel, held: Held, grid: Grid, dt: float) -> Float[np.ndarray, "T U"]:
     """Commands on the grid."""
     if not on_grid(switched, dt):
-        return _mean_held(switched, held, grid, dt)
+        ends = np.append(switched, max(switched[-1], grid[-1]) + 2 * dt)
+        ends[0] = min(ends[0], grid[0])
+        return mean_held(ends, held, grid, dt)
     places = np.rint(switched / dt).astype(int)
     return held[np.maximum(np.searchsorted(places, np.arange(len(grid)), side="right") - 1, 0)]
 
@@ -131,18 +142,6 @@ def _filled(inputs: Held) -> Held:
         latest = np.searchsorted(known, np.arange(len(column)), side="right") - 1
         column[:] = column[known[np.maximum(latest, 0)]]
     return filled
-
-
-def _mean_held(time: Channel, held: Held, grid: Grid, dt: float) -> Float[np.ndarray, "T U"]:
-    """1/dt times the integral over each step of the grid of a command that is held."""
-    ends = np.append(time, max(time[-1], grid[-1]) + 2 * dt)
-    ends[0] = min(ends[0], grid[0])
-    edges = np.append(grid, grid[-1] + dt)
-    integral = np.concatenate(
-        [np.zeros_like(held[:1]), np.cumsum(held * np.diff(ends)[:, None], 0)]
-    )
-    columns = [np.diff(np.interp(edges, ends, column)) / dt for column in integral.T]
-    return np.column_stack(columns)
 
 
 def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:

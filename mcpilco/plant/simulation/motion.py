@@ -188,20 +188,23 @@ def next_event(tables, s, now, dt):
 
 
 @njit(**INLINED)
-def look(tables, s, q, v, k, now, dt, y):
-    """Enters what the sensors see `now` seconds after sample k, for those that look now."""
+def look(tables, s, q, v, k, now, dt, every, y):
+    """Enters what the sensors see `now` seconds after command k, for those that look now.
+
+    Each `every`-th command comes with a sample.
+    """
     for x in range(y.shape[0]):
         latency = tables.sensors[s, x, LATENCY]
         if -latency % dt == now:
-            row = k + round((now + latency) / dt)
-            if row < y.shape[1]:
+            row, between = divmod(k + round((now + latency) / dt), every)
+            if between == 0 and row < y.shape[1]:
                 truth = v[x // 2] if x % 2 else q[x // 2]
                 y[x, row] = tables.sensors[s, x, OFFSET] + tables.sensors[s, x, SCALE] * truth
 
 
 @njit(**INLINED)
 def prepare(tables, s, commands, n, lead, dt, forces, actuated):
-    """The shaped commands of window n, and where the actuators are at sample `lead`."""
+    """The shaped commands of window n, and where the actuators are at command `lead`."""
     for u in range(len(tables.drives)):
         last = tables.actuators[s, u, GAIN] * commands[n, 0, u]
         for i in range(commands.shape[1]):
@@ -219,7 +222,7 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
 
 @njit(**INLINED)
 def switch(tables, s, forces, i, now, dt, actuated):
-    """Sets the forces that the actuators are driven to, `now` seconds after sample i."""
+    """Sets the forces that the actuators are driven to, `now` seconds after command i."""
     for u in range(len(tables.drives)):
         delay = tables.actuators[s, u, DELAY]
         late = int(delay // dt)
@@ -243,18 +246,19 @@ def _compiled(source: str):
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def follow(tables, system, start, window, commands, lead, dt, accuracy, y, w, taken):
+    def follow(tables, system, start, window, commands, lead, dt, every, accuracy, y, w, taken):
         """Fills y (B, X, T) with what is measured of B motions, NaN from where one is lost.
 
         Args:
             tables: of S systems.
             system: (B,), which of them moves.
-            start: (B, X), state at sample `lead` of its window.
+            start: (B, X), state at command `lead` of its window.
             window: (B,), whose commands it gets.
-            commands: (W, lead + T, U), held for dt each; the first `lead` are only the past of the
-                actuators.
-            lead: samples before the start.
-            dt: sampling time [s].
+            commands: (W, lead + T every, U), held for dt each; the first `lead` are only the past
+                of the actuators.
+            lead: commands before the start.
+            dt: time for which a command is held [s].
+            every: commands a sample.
             accuracy: error allowed in a step, in units of the tolerances [-].
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
@@ -274,14 +278,15 @@ def _compiled(source: str):
             y[b] = np.nan
             for x in range(2 * J):  # before the first look of a sensor that lags behind
                 offset, scale = tables.sensors[s, x, OFFSET], tables.sensors[s, x, SCALE]
-                for k in range(min(T, math.ceil(tables.sensors[s, x, LATENCY] / dt) + 1)):
+                late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))
+                for k in range(min(T, late + 1)):
                     y[b, x, k] = offset + scale * start[b, x]
             step = dt
-            for k in range(T):
+            for k in range((T - 1) * every + 1):
                 now = 0.0
                 switch(tables, s, forces, lead + k, now, dt, actuated)
-                look(tables, s, q, v, k, now, dt, y[b])
-                if k == T - 1:
+                look(tables, s, q, v, k, now, dt, every, y[b])
+                if k == (T - 1) * every:
                     break
                 while now < dt and step > 0.0:
                     event = next_event(tables, s, now, dt)
@@ -293,7 +298,7 @@ def _compiled(source: str):
                     now = event
                     if now < dt and step > 0.0:
                         switch(tables, s, forces, lead + k, now, dt, actuated)
-                        look(tables, s, q, v, k, now, dt, y[b])
+                        look(tables, s, q, v, k, now, dt, every, y[b])
                 if step < 0.0:
                     break
 
@@ -313,28 +318,30 @@ def simulate(
     dt: float,
     taken: Int[np.ndarray, " 1"] | None = None,
     accuracy: float = 1.0,
+    every: int = 1,
 ) -> Float[np.ndarray, "B X T"]:
     """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
     Args:
         tables: of S systems.
         system: which of them moves.
-        start: [q1, q1', q2, q2', ...] at sample `lead` of the motion's window.
+        start: [q1, q1', q2, q2', ...] at command `lead` of the motion's window.
         window: whose commands it gets.
-        commands: of W windows, each held for dt; the first `lead` samples are only the past of the
-            actuators, and T = T_all - lead.
+        commands: of W windows, each held for dt; the first `lead` are only the past of the
+            actuators, and T = (T_all - lead) / every.
         lead: how many these are.
-        dt: sampling time [s].
+        dt: time for which a command is held [s].
         taken: the steps of the integrator are added to it.
         accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
+        every: commands a sample; a machine may be driven faster than its motion is compared.
 
     Raises:
         InputError: a law that no effect has.
     """
     for law in tables.law:
         force_of(law)
-    y = np.empty((*start.shape, commands.shape[1] - lead))
+    y = np.empty((*start.shape, (commands.shape[1] - lead) // every))
     w = scratch(start.shape[1] // 2)
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
-    _follow(tables, system, start, window, commands, lead, dt, accuracy, y, w, taken)
+    _follow(tables, system, start, window, commands, lead, dt, every, accuracy, y, w, taken)
     return y

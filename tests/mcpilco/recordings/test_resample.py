@@ -43,3 +43,33 @@ def test_commands_by_a_clock_are_told_beside_those_by_the_stamps(tmp_path: Path)
     assert recording.by_clock is not None
     assert np.abs(recording.by_clock - rows[:, 5:])[1:].max() < 0.2
     assert np.abs(recording.inputs - rows[:, 5:]).max() > 0.5
+
+
+def fast_log(held: int) -> np.ndarray:
+    """2 s at 1 kHz, a command a `held` rows."""
+    rows = log(1e-3 * np.arange(2000))
+    rows[:, 5] = np.repeat(np.random.default_rng(3).uniform(-5, 5, 2000 // held), held)
+    return rows
+
+
+def test_a_thinned_recording_keeps_every_command(tmp_path: Path) -> None:
+    rows = fast_log(held=1)
+    recording = read(write(tmp_path / "a.csv", rows), dt=DT)
+    assert recording.held is not None
+    np.testing.assert_allclose(recording.held[: len(rows)], rows[:, 5:])
+    np.testing.assert_allclose(recording.inputs[:99, 0], rows[:1980, 5].reshape(99, 20).mean(1))
+
+
+def test_commands_that_hold_as_long_as_a_sample_are_kept_once(tmp_path: Path) -> None:
+    rows = fast_log(held=20)
+    recording = read(write(tmp_path / "a.csv", rows), dt=DT)
+    assert recording.held is None
+    np.testing.assert_allclose(recording.inputs[:, 0], rows[::20, 5])
+
+
+def test_commands_are_averaged_to_any_rate(tmp_path: Path) -> None:
+    recording = read(write(tmp_path / "a.csv", fast_log(held=1)), dt=DT)
+    assert recording.held is not None
+    coarse = recording.driven(4)
+    np.testing.assert_allclose(coarse[:, 0], recording.held.reshape(-1, 5).mean(axis=1))
+    np.testing.assert_allclose(coarse.reshape(-1, 4).mean(axis=1), recording.inputs[:, 0])

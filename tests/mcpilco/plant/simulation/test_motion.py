@@ -51,6 +51,22 @@ def test_a_joint_law_moves_a_pendulum_as_scipy_says(name):
     np.testing.assert_allclose(followed(having((name, "pendulum", values))), expected, **CLOSE)
 
 
+@pytest.mark.parametrize(
+    "effect", [None, ("sensor_delay", "angle", [0.013]), ("actuator_delay", "actuator", [0.0137])]
+)
+def test_commands_keep_their_rate_where_few_samples_are_compared(effect):
+    """Also where a sensor looks back, or an actuator waits, by a part of a command's time."""
+    plant = having(effect) if effect else pendulum()
+    fast = np.random.default_rng(0).uniform(-2, 2, (1, 8 * T, 1))
+    tables, each = plant.tables(plant.nominal[None]), np.zeros(1, dtype=int)
+    start, past = START[None], np.zeros((1, 24, 1))
+    commands = np.concatenate([past, fast], axis=1)
+    every_one = simulate(tables, each, start, each, commands, 24, DT / 8)
+    every_eighth = simulate(tables, each, start, each, commands, 24, DT / 8, every=8)
+    assert every_eighth.shape == (1, 2, T)
+    np.testing.assert_allclose(every_eighth, every_one[:, :, ::8], atol=1e-12)
+
+
 def play(commands: np.ndarray, width: float) -> np.ndarray:
     """The nearest force to the last one that is within `width` of the command."""
     forces = [commands[0]]
