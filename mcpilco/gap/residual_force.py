@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 from mcpilco.gap.data import Windows
 from mcpilco.gap.fit import Fit, Robust
 from mcpilco.gap.plant_model import PerWindow
-from mcpilco.gap.sensitivities import LOST, impulse_responses, linearise, motion
+from mcpilco.gap.sensitivities import impulse_responses, linearise, motion
 from mcpilco.gap.thresholds import FORCE
 
 
@@ -85,7 +85,7 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
     each = [usual[j] * impulse_responses(model, windows, theta, x0, j, hold) for j in range(J)]
     columns = np.stack(each, 2)
     G = columns.reshape(*columns.shape[:2], -1)
-    G[(np.abs(lin.r) >= LOST).any(axis=1)] = 0.0
+    G[lin.lost.any(axis=1)] = 0.0
     x, turns = _coordinates(windows, first, hold, layout.slides)
     return ForceResponse(
         r=lin.cleaned(lin.r[:, :, None])[:, :, 0],

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
@@ -54,6 +54,16 @@ def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.nd
     return r.reshape(*r.shape[:-2], -1)
 
 
+def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
+    """Samples that one of some simulations did not reach.
+
+    A large residual alone is none of them: behind a fine encoder a wrong model is thousands of
+    noise std off.
+    """
+    lost = (~np.isfinite(y) & windows.measured).any(axis=0)
+    return lost.reshape(len(lost), -1)
+
+
 @dataclass(frozen=True)
 class Linearised:
     """A model at theta and initial states: its residuals and how they change.
@@ -67,10 +77,12 @@ class Linearised:
     """change of the simulation with the initial state, over the noise std"""
     Jp: Float[np.ndarray, "W n p"]
     """with theta"""
+    lost: Bool[np.ndarray, "W n"]
+    """where a simulation ran away before; the columns are 0 there"""
 
     def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linearised:
         """Some of the windows."""
-        return Linearised(self.r[chosen], self.Jx[chosen], self.Jp[chosen])
+        return Linearised(self.r[chosen], self.Jx[chosen], self.Jp[chosen], self.lost[chosen])
 
     @cached_property
     def basis(self) -> Float[np.ndarray, "W n X"]:
@@ -119,14 +131,14 @@ def linearise(
     spans[spans == 0.0] = np.inf  # so large that no step changes them
     Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
     Jp = (r[1 + 2 * X + p :] - r[1 + 2 * X : 1 + 2 * X + p]) / spans[:, None, None]
-    lost = (np.abs(r) >= LOST).any(axis=0)
+    lost = _lost(windows, y)
     Jx[:, lost], Jp[:, lost] = 0.0, 0.0
     columns = Jp.transpose(1, 2, 0)
     if over_theta and model.learned:
         learned = learned_force_columns(model, windows, theta, x0, y[0])
         learned[lost] = 0.0
         columns = np.concatenate([columns, learned], axis=2)
-    return Linearised(r[0], Jx.transpose(1, 2, 0), columns)
+    return Linearised(r[0], Jx.transpose(1, 2, 0), columns, lost)
 
 
 def _leaning(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
@@ -138,10 +150,12 @@ def _leaning(model: PlantModel, windows: Windows, theta: Theta, x0: InitialState
     nudges = np.tile(START_STEPS, X // 2)
     moved = np.tile(x0, (1 + X, 1, 1))
     moved[1:] += np.diag(nudges)[:, None]
-    r = residual(windows, run(model, windows, np.tile(theta, (1 + X, 1)), moved))
+    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved)
+    r = residual(windows, y)
     Jx = (r[0] - r[1:]) / nudges[:, None, None]
-    Jx[:, (np.abs(r) >= LOST).any(axis=0)] = 0.0
-    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)))
+    lost = _lost(windows, y)
+    Jx[:, lost] = 0.0
+    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)), lost)
 
 
 def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:

@@ -102,6 +102,9 @@ class FitThresholds:
     """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
     free_std: float = 1.0
     """relative prior std of a freed parameter [-]: its order of magnitude is meant"""
+    turn_over: float = 0.05
+    """most of a joint's usual speed within which its dry friction turns over [-]: beyond, it
+    would be told from viscous friction by its name alone"""
     farthest: float = 2.5
     """factor by which one step may change a mass, or what enters as a logarithm [-]"""
     least_scale: float = 0.1
