@@ -120,10 +120,7 @@ def cut(
     dt = recordings[0].dt
     length, past = max(8, round(seconds / dt)), max(1, round(DATA.past_s / dt))
     stride = length if every is None else max(1, round(every / dt))
-    holds = min(
-        max(recording.every for recording in recordings),
-        max(1, round(dt / DATA.shortest_hold_s)),
-    )
+    holds = _holds(recordings)
     lead = round(DATA.memory_s / dt) * holds
     driven = [recording.driven(holds) for recording in recordings]
     parts = [
@@ -159,6 +156,12 @@ def cut(
         overlap=max(1.0, length / stride),
         every=holds,
     )
+
+
+def _holds(recordings: Sequence[Recording]) -> int:
+    """Commands a sample that a simulation of recordings takes."""
+    most = max(1, round(recordings[0].dt / DATA.shortest_hold_s))
+    return min(most, max(recording.every for recording in recordings))
 
 
 def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
@@ -243,7 +246,7 @@ class GapProblem:
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
-        budget = ComputeBudget.at(recordings[0].dt)
+        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings))
         return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
 
     @property

@@ -131,7 +131,8 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     yield from _inconsistent(plant, spans)
     first, last = len(plant.layout.states), len(spans.noise)
     without = missed(plant, spans.times(dict.fromkeys(range(first, last), 0.0)))
-    if start > min(SUSPICION.foreign, max(SUSPICION.missed, SUSPICION.idle * without)):
+    foreign = start > min(SUSPICION.foreign, max(SUSPICION.missed, SUSPICION.idle * without))
+    if foreign and missed(plant, spans, friction=True) > SUSPICION.explained:
         yield (
             f"the plant misses {_percent(start)} of the motion over {SUSPICION.span_s:g} s, and "
             f"without the commands {_percent(without)}: is it the log of another machine, or time "
@@ -240,11 +241,17 @@ class Spans:
         return change > np.maximum(SUSPICION.moving * noise, 1e-9)
 
 
-def missed(plant: Plant, spans: Spans) -> float:
+def missed(plant: Plant, spans: Spans, friction: bool = False) -> float:
     """Part of the squared change of the states over a span that the plant misses, their mean [-].
 
     1 is what is missed of a machine that is said to stay as it is. States that hardly move do not
     count, nor do the spans that are missed most: they may hold a push or a contact.
+
+    Args:
+        plant: nominal.
+        spans: of the recordings.
+        friction: whether viscous and dry friction and an offset of each joint may be missing, as
+            least squares find them. A heavy drive spends most of its force on friction.
     """
     begin, end = spans.states(plant)
     moving = spans.moving(plant)
@@ -252,7 +259,14 @@ def missed(plant: Plant, spans: Spans) -> float:
         return 0.0
     there = plant.simulate(begin, spans.held[..., begin.shape[1] :], spans.dt)[:, -1]
     size = np.mean((end - begin)[:, moving] ** 2, axis=0)
-    wrong = np.mean((there - end)[:, moving] ** 2 / size, axis=1)
+    rest = there - end
+    if friction:
+        rest = np.nan_to_num(rest, posinf=0.0, neginf=0.0)
+        for x in range(begin.shape[1]):
+            v = 0.5 * (begin + end)[:, x - x % 2 + 1]
+            D = np.column_stack([np.ones(len(v)), v, np.sign(v)])
+            rest[:, x] -= D @ np.linalg.lstsq(D, rest[:, x], rcond=None)[0]
+    wrong = np.mean(rest[:, moving] ** 2 / size, axis=1)
     wrong = np.minimum(np.nan_to_num(wrong, nan=np.inf), SUSPICION.farthest)
     return float(np.sort(wrong)[: math.ceil(SUSPICION.counted * len(wrong))].mean())
 
