@@ -23,7 +23,7 @@ class DataThresholds:
     memory_s: float = 3.0
     """of commands before a window where a recording has them [s]: backlash remembers the last
     turn"""
-    shortest_hold_s: float = 2.5e-3
+    shortest_hold_s: float = 5e-3
     """for which a command is held in a simulation, where the log has shorter ones [s]: of those,
     their mean, which keeps the impulse; what a joint moves meanwhile is far below any encoder"""
     latency_s: float = 0.06

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from mcpilco.gap import investigate
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.fit import fit_model
 from mcpilco.gap.suspicion import suspicions
@@ -78,11 +76,3 @@ def test_a_model_that_is_far_off_a_fine_encoder_is_fitted_all_the_same(tmp_path:
 
 def test_a_drive_that_spends_its_force_on_friction_is_no_other_machine(tmp_path: Path) -> None:
     assert suspicions(*problem(tmp_path, 0.005)) == ()
-
-
-@pytest.mark.parametrize("dt", [0.005, 0.02])
-def test_the_drive_is_read_alike_at_every_thinning(tmp_path: Path, dt: float) -> None:
-    """Friction, by direction or with an offset, at the sizes that were hidden."""
-    gap = investigate(*problem(tmp_path, dt))
-    found = {effect.name: effect.parameters for effect in gap.named}
-    assert found["viscous_friction"]["d"].value == pytest.approx(VISCOUS, rel=0.1)
