@@ -67,13 +67,13 @@ def _compiled(source: str):
                     now = event
                     if now < dt and step > 0.0:
                         switch(tables, 0, forces[b], newest, now, dt, actuated[b])
-                        look(tables, 0, q, v, 0, now, dt, seen[b])
+                        look(tables, 0, q, v, 0, now, dt, 1, seen[b])
                 for j in range(J):
                     path[k, b, 2 * j] = q[j] if step > 0.0 else np.nan
                     path[k, b, 2 * j + 1] = v[j] if step > 0.0 else np.nan
             states[b] = path[T - 1, b]
             seen[b, :, :-1] = seen[b, :, 1:].copy()
-            look(tables, 0, q, v, 0, 0.0, dt, seen[b])
+            look(tables, 0, q, v, 0, 0.0, dt, 1, seen[b])
 
     return advance
 
