@@ -125,6 +125,13 @@ def test_every_other_page_has_nothing_to_do() -> None:
     assert {page.name for page in PAGES if not list(newcomer.steps(page))} == NOTHING_TO_DO
 
 
+def test_every_page_to_follow_says_how_long_it_takes() -> None:
+    time = r"\b(about|some|within|takes?|after) (\w+ ){0,3}?(\d+ s|seconds?|minutes?)\b"
+    pages = [page for page in PAGES if page.parent.name == "docs" or page.name == "README.md"]
+    silent = {page.name for page in pages if not re.search(time, " ".join(text(page).split()))}
+    assert silent == NOTHING_TO_DO
+
+
 @pytest.mark.parametrize(
     ("steps", "reason"),
     [
