@@ -65,6 +65,7 @@ NOT_RUN = {
     r"(^|/)python runs/": "measures for minutes or hours, in a clone",
     r"^chromium |^python -c .*PIL": "needs a browser, and reduces its pictures",
     r"^mcpilco view |--live": "needs a screen or a graphics driver",
+    r"^mcpilco doctor": "judges the machine, by how fast it answers too",
     r"^ray |--engine ray": "needs a cluster",
     r"\b(FIRST|LOG|MODULE|POSES)\b": "words in capitals are the reader's own files",
 }
