@@ -1,14 +1,13 @@
 """The documentation tells the truth: its Python runs, its commands parse, its tables agree.
 
-Python blocks and commands run as they stand, page by page, with a small agent in place of the
-presets' so that they take seconds.
+A newcomer follows each page in a folder outside the clone (`tests/newcomer.py`): commands and
+Python run as they stand, with a small agent in place of the presets' so that they take seconds.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
-import json
 import re
 import shlex
 import sys
@@ -24,16 +23,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 import mcpilco.cli
-from baselines import pilco
-from baselines.pilco import PilcoConfig
-from baselines.sb3 import PPOAgent, SACAgent, TQCAgent, WarmStart, from_model
-from envs import PLANTS
-from mcpilco.agent import algorithms
-from mcpilco.config import PRESETS, Config, Phase, PolicyConfig, SearchConfig
-from tests.baselines.sb3.small import TINY
+from mcpilco.config import PRESETS
+from tests import newcomer
 
 ROOT = Path(__file__).parent.parent
 
@@ -52,31 +45,22 @@ count_trips = script("count_trips")
 write_tables = script("write_tables")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
-SMALL = Config(
-    policy=PolicyConfig(bases=4),
-    search=SearchConfig(
-        particles=4,
-        steps=(2,),
-        phases=(Phase(0.01),),
-        restarts=(0,),
-        evaluation_particles=4,
-    ),
-    engine="eager",  # nothing to compile
-)
-SMALL_PILCO = PilcoConfig(centres=3, line_searches=1, evaluations=3, engine="eager")
 NAMES = "|".join(
     re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower() for kind in mcpilco.cli.COMMANDS
 )
 """of all commands, as one pattern"""
-RUNNABLE = ("train", "evaluate", "export", "record")
-"""commands that need no screen and no other process"""
-ELSEWHERE = re.compile(
-    r"pendulum|balance|reaction_wheel|my_algorithm|random|RUN|--help|CartPole-v9"
-)
-"""in commands with a test of their own, in patterns, and in the one that shows an error"""
-
-WITH_MY_ENV = ("my_env.py", "check.py", "reaction_wheel.py", "wheel.py", "my_algorithm.py")
-"""titles of the blocks that have tests of their own"""
+SLOW = {
+    "collisions.md",
+    "compare.md",
+    "crossing.md",
+    "gap.md",
+    "getting-started.md",
+    "identification.md",
+    "kinematics.md",
+}
+"""pages that take more than about 20 s of one core"""
+NOTHING_TO_DO = {"map.md"}
+"""pages without commands and without files and Python to run"""
 
 
 def text(page: Path) -> str:
@@ -111,20 +95,6 @@ def pages_with(what: Any) -> list[Any]:
 
 
 @pytest.fixture
-def small_presets(monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None) -> None:
-    """Presets that learn nothing in no time; shapes are not checked, as in use."""
-    for name, preset in PRESETS.items():
-        monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, config=SMALL))
-    for name, preset in pilco.PRESETS.items():
-        config = dataclasses.replace(SMALL_PILCO, cost=preset.config.cost)
-        monkeypatch.setitem(pilco.PRESETS, name, dataclasses.replace(preset, config=config))
-    for kind in (SACAgent, TQCAgent, PPOAgent):
-        small = dataclasses.replace(kind.presets["default"], config=TINY[kind.algo], by_env={})
-        monkeypatch.setitem(kind.presets, "default", small)
-    monkeypatch.setattr(from_model, "DEFAULT", WarmStart(2, first_steps=1, rounds=0))
-
-
-@pytest.fixture
 def my_env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The page's `my_env.py`, imported from a folder of its own, which is the present one."""
     blocks = dict(python_blocks(ROOT / "docs" / "your-own-env.md"))
@@ -136,25 +106,57 @@ def my_env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     gymnasium.registry.pop("My/Pendulum-v0")
 
 
-# --- Python ---------------------------------------------------------------------------------------
+# --- a newcomer -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("page", pages_with(python_blocks))
-def test_commands_and_then_python_run_from_top_to_bottom(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.name, marks=[pytest.mark.slow] * (page.name in SLOW))
+        for page in PAGES
+        if page.name not in NOTHING_TO_DO
+    ],
+)
+def test_a_newcomer_can_follow_the_page_word_by_word(page: Path, tmp_path: Path) -> None:
+    newcomer.follow(page, tmp_path)
+
+
+def test_every_other_page_has_nothing_to_do() -> None:
+    assert {page.name for page in PAGES if not list(newcomer.steps(page))} == NOTHING_TO_DO
+
+
+def test_every_page_to_follow_says_how_long_it_takes() -> None:
+    time = r"\b(about|some|within|takes?|after) (\w+ ){0,3}?(\d+ s|seconds?|minutes?)\b"
+    pages = [page for page in PAGES if page.parent.name == "docs" or page.name == "README.md"]
+    silent = {page.name for page in pages if not re.search(time, " ".join(text(page).split()))}
+    assert silent == NOTHING_TO_DO
+
+
+@pytest.mark.parametrize(
+    ("steps", "reason"),
+    [
+        ("```python\nimport tests\n```\n", "No module named 'tests'"),
+        ("    python runs.py\n", "runs.py"),
+        ('```python title="a.py"\nb = 1\n```\n\n```python\nb\n```\n', "'b' is not defined"),
+        ("    mcpilco gap log.csv --out gap\n", "log.csv"),
+        ("    mcpilco identify a.csv --model envs/arms/scara.xml --out b\n", "envs/arms/scara.xml"),
+    ],
+)
+def test_a_newcomer_stops_where_a_page_needs_what_it_did_not_give(
+    steps: str, reason: str, tmp_path: Path
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    for arguments in commands(page):
-        if arguments[0] in RUNNABLE and not any(map(ELSEWHERE.search, arguments)):
-            assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
-    namespace: dict[str, Any] = {"__name__": "__main__"}
-    for title, block in python_blocks(page):
-        if "InvertedPendulum" in block and find_spec("imageio") is None:
-            continue  # Gymnasium's own extra, which nothing else here needs
-        if title.endswith(".py"):
-            Path(title).write_text(block, encoding="utf-8")
-        if title not in WITH_MY_ENV:
-            exec(compile(block, f"{page.name}: {block.splitlines()[0]}", "exec"), namespace)
+    (tmp_path / "page.md").write_text(f"# A page\n\n{steps}", encoding="utf-8")
+    with pytest.raises(AssertionError, match=rf"^page\.md:\d: (.|\n)*{reason}"):
+        newcomer.follow(tmp_path / "page.md", tmp_path)
+
+
+def test_every_exception_for_a_command_is_made_somewhere() -> None:
+    said = [step.text for page in PAGES for step in newcomer.steps(page) if step.kind == "command"]
+    for pattern in (*newcomer.QUICKER, *newcomer.NOT_RUN, *newcomer.EXIT_CODES):
+        assert any(re.search(pattern, command) for command in said), pattern
+
+
+# --- Python ---------------------------------------------------------------------------------------
 
 
 def test_the_page_on_own_envs_makes_an_env_that_gymnasium_accepts(my_env: Any) -> None:
@@ -164,75 +166,7 @@ def test_the_page_on_own_envs_makes_an_env_that_gymnasium_accepts(my_env: Any) -
         exec(dict(python_blocks(ROOT / "docs" / "your-own-env.md"))["check.py"], {})
 
 
-def test_the_page_on_own_envs_trains_and_evaluates(my_env: Any, small_presets: None) -> None:
-    page = ROOT / "docs" / "your-own-env.md"
-    own = [arguments for arguments in commands(page) if arguments[0] in RUNNABLE]
-    assert [arguments[0] for arguments in own] == ["train", "evaluate"]
-    for arguments in own:
-        assert mcpilco.cli.main(arguments) == 0
-    assert Path("pendulum/summary.json").exists()
-
-
-def test_the_page_on_own_algorithms_trains_and_evaluates(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
-) -> None:
-    page = ROOT / "docs" / "extend-algorithm.md"
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(algorithms, "_HOMES", dict(algorithms._HOMES))
-    blocks = dict(python_blocks(page))
-    Path("my_algorithm.py").write_text(blocks["my_algorithm.py"], encoding="utf-8")
-    own = commands(page)
-    assert [arguments[0] for arguments in own] == ["train", "evaluate"]
-    for arguments in own:
-        assert mcpilco.cli.main(arguments) == 0
-    assert Path("random/summary.json").exists()
-    del sys.modules["my_algorithm"]
-
-
-def test_the_page_on_others_envs_is_followed_word_by_word(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
-) -> None:
-    page = ROOT / "docs" / "other-envs.md"
-    blocks = re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```$', text(page), re.M | re.S)
-    for title, block in blocks:
-        (tmp_path / title).write_text(block, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    without_mujoco = find_spec("imageio") is None  # Gymnasium's own extra
-    for arguments in commands(page):
-        if without_mujoco and re.search("Inverted|balance", " ".join(arguments)):
-            continue
-        assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
-
-
-def test_the_page_on_own_plants_is_followed_word_by_word(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
-) -> None:
-    page = ROOT / "docs" / "extend-plant.md"
-    blocks = dict(python_blocks(page))
-    (tmp_path / "reaction_wheel.py").write_text(blocks["reaction_wheel.py"], encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    try:
-        for arguments in commands(page):
-            if "logs/*.csv" in arguments:
-                at = arguments.index("logs/*.csv")
-                arguments[at : at + 1] = sorted(map(str, Path("logs").glob("*.csv")))
-            assert mcpilco.cli.main(arguments) == 0, shlex.join(arguments)
-        plant = "my/ReactionWheel-v0"
-        assert json.loads(Path("gap/corrected.json").read_text())["plant"] == plant
-        assert Path("wheel/summary.json").exists()
-        exec(blocks["wheel.py"], {})
-        env = gymnasium.make(plant, effects="gap/corrected.json", render_mode="rgb_array")
-        check_env(env.unwrapped)
-        assert env.unwrapped.swing_up.plant.name == plant
-    finally:
-        sys.modules.pop("reaction_wheel", None)
-        gymnasium.registry.pop("my/ReactionWheel-v0", None)
-        PLANTS.pop("my/ReactionWheel-v0", None)
-
-
-def test_the_files_of_that_page_are_those_that_were_measured() -> None:
+def test_the_files_of_the_page_on_others_envs_are_those_that_were_measured() -> None:
     page, cases = ROOT / "docs" / "other-envs.md", ROOT / "runs" / "other_envs"
     blocks = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```$', text(page), re.M | re.S))
     assert blocks["balance.py"] == text(cases / "balance.py")
@@ -432,9 +366,11 @@ def test_the_hops_of_a_trip_are_functions_of_its_files(trip: Any) -> None:
 
 
 def test_the_run_folder_is_explained_file_by_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    small = dataclasses.replace(PRESETS["default"], config=newcomer.SMALL)
+    monkeypatch.setitem(PRESETS, "default", small)
     assert mcpilco.cli.main(["train", "--trials", "1", "--out", "run", "--quiet"]) == 0
     files = {path.relative_to("run") for path in Path("run").rglob("*") if path.is_file()}
     written = {re.sub(r"\d\d", "NN", path.as_posix()) for path in files}

@@ -361,6 +361,51 @@ def test_names_are_executed_in_few_modules() -> None:
     assert not {m for m in words if any(word in words[m] for word in readers)}
 
 
+# --- sentences ------------------------------------------------------------------------------------
+
+UNCLEAR = {
+    r"could be [^.]* as well\b|\bor as well\b": "cannot be distinguished from",
+    r"hardly (show|reveal)|would not show": "have little power to detect",
+    r"noise std off": "a residual of so many noise std",
+    r"Missed most is": "the residual is largest in",
+    r"\bat (small|large) (speed|change)s? of": "where the speed of ... is small",
+    r"everywhere alike|stay alike": "at all speeds and amplitudes; cannot be distinguished",
+    r"\bstate is (not )?whole\b|\bwhole state tells": "the state is Markov",
+    r"Read of it:": "report",
+    r"(parameters|sums of them|effects) can(not)? be told\b": "are identifiable",
+    r"left over is no noise": "the residual is not noise",
+}
+"""phrases that had to be read twice, and what the field says"""
+
+
+def unclear(text: str) -> list[str]:
+    """The phrases of a text, or of the strings of a module, that `UNCLEAR` lists."""
+    said = " ".join(re.sub(r'"\s*\n\s*f?"', "", text).split())
+    return [found[0] for phrase in UNCLEAR for found in re.finditer(phrase, said)]
+
+
+def test_no_sentence_has_to_be_read_twice() -> None:
+    paths = [*sources(*TOPS), ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    found = {
+        str(path.relative_to(ROOT)): phrases
+        for path in paths
+        if (phrases := unclear(path.read_text(encoding="utf-8")))
+    }
+    assert not found
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'f"it could be {others} as "\n    f"well"',
+        "These recordings would\nhardly show it.",
+        "The state is not whole: ...",
+    ],
+)
+def test_an_unclear_sentence_would_be_found(text: str) -> None:
+    assert unclear(text)
+
+
 # --- tests mirror the tree ------------------------------------------------------------------------
 
 ACROSS = {

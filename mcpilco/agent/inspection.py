@@ -239,7 +239,7 @@ def _circles(episodes: Sequence[Rollout], task: TaskSpec | None) -> Iterator[Fin
                 "...), and name the state in angles.",
             )
         elif round_:
-            yield Finding("fits", f"Observations {pair[0]} and {pair[1]} are made an angle.")
+            yield Finding("fits", f"Observations {pair[0]} and {pair[1]} are read as one angle.")
     yield from _jumps(episodes, task)
 
 
@@ -267,8 +267,8 @@ def _hidden(task: TaskSpec) -> Finding:
     names = [name for i, name in enumerate(task.state_names) if i not in task.measured_states]
     return Finding(
         "note",
-        f"Not measured, and estimated by the agent: {', '.join(names) or 'nothing'}. Start, scales "
-        "and whether the state is whole are looked at only where all of it is measured.",
+        f"Not measured, and estimated by the agent: {', '.join(names) or 'nothing'}. The start, "
+        "the scales and whether the state is Markov are checked only where all are measured.",
     )
 
 
@@ -345,9 +345,9 @@ def _velocities(task: TaskSpec, episodes: Sequence[Rollout]) -> Iterator[Finding
 
 
 def _memory(task: TaskSpec, gains: Sequence[Gain]) -> Finding:
-    """Does one observation tell what comes next?"""
+    """Is the state Markov?"""
     if not gains:
-        return Finding("note", "Episodes are too short to tell whether the state is whole.")
+        return Finding("note", "Episodes are too short to test whether the state is Markov.")
     worst = max(
         range(len(gains)), key=lambda i: gains[i].low if gains[i].unexplained > SHARE else 0
     )
@@ -355,17 +355,18 @@ def _memory(task: TaskSpec, gains: Sequence[Gain]) -> Finding:
     if gain.unexplained > SHARE and gain.low > SURE:
         return Finding(
             "fault",
-            f"The state is not whole: the change of {name} is predicted {gain.factor:.1f} times "
-            f"better (95 % interval {gain.low:.1f} to {gain.high:.1f}) when the observation before "
-            "is known too. What moves it is not observed, such as a velocity, or acts with "
-            "delay: observe it, or name what is measured in measured, so that velocities are "
-            "estimated; for an actuator that is late, train with --delay or --memory.",
+            f"The state is not Markov: the one-step prediction error of {name} is "
+            f"{gain.factor:.1f} times smaller (95 % interval {gain.low:.1f} to {gain.high:.1f}) if "
+            "the previous observation is known too. A velocity or another state is not observed, "
+            "or the action acts with delay: observe all states, or list the measured ones in "
+            "`measured`, so that velocities are estimated; for a late actuator train with --delay "
+            "or --memory.",
         )
     return Finding(
         "fits",
-        "The state is whole: to know the observation before makes no prediction more than "
-        f"{SURE:g} times better (most {name}: {gain.factor:.1f}, 95 % interval {gain.low:.1f} to "
-        f"{gain.high:.1f}).",
+        "The state looks Markov: the previous observation makes no one-step prediction error more "
+        f"than {SURE:g} times smaller (most that of {name}: {gain.factor:.1f} times, 95 % interval "
+        f"{gain.low:.1f} to {gain.high:.1f}).",
     )
 
 
@@ -377,9 +378,10 @@ def _rewards(share: float) -> Finding:
     if share < LEARNABLE:
         return Finding(
             "fault",
-            f"The task has no cost, and state and input tell only {max(share, 0):.0%} of the "
+            f"The task has no cost, and state and input explain only {max(share, 0):.0%} of the "
             "rewards' variance: give a cost.",
         )
     return Finding(
-        "fits", f"The cost is learned: state and input tell {share:.1%} of the rewards' variance."
+        "fits",
+        f"The cost is learned: state and input explain {share:.1%} of the rewards' variance.",
     )

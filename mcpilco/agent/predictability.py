@@ -40,11 +40,11 @@ class Gain:
 def state_gains(
     task: TaskSpec, episodes: Sequence[Rollout], rng: np.random.Generator
 ) -> tuple[Gain, ...]:
-    """For each state, what memory would gain; empty where episodes are too short to tell.
+    """How much the previous observation improves each state's prediction; empty for short episodes.
 
     Two Gaussian processes predict the change of each state, one from (x_t, u_t), one from
-    (x_t, u_t, x_{t-1}, u_{t-1}), and are judged on samples of their own. Where the state is whole
-    the second gains nothing but what averages noise.
+    (x_t, u_t, x_{t-1}, u_{t-1}), and are judged on held-out samples. Where the state is
+    Markov the second is better only by averaging noise.
 
     Args:
         task: says which states are angles.

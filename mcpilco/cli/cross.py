@@ -150,7 +150,7 @@ class Cross(Command):
                 write_crossing_film(self.out / "crossing.rrd", legs, scene, self.env)
                 print(f"Look at it: mcpilco view {self.out}")
             page = write_crossing_report(self.out / "report.html", legs, gap, about)
-            print(f"Read of it: {page}")
+            print(f"Report: {page}")
 
     # Settings -------------------------------------------------------------------------------------
 

@@ -136,7 +136,7 @@ def lines(found: Identified) -> Iterator[str]:
     base, body = found.base, found.body
     fitted, tested = found.rows
     yield f"{fitted} rows a joint fitted, {tested} held out; cutoff {found.cutoff:.3g} Hz."
-    yield f"{len(base)} of {len(body.names)} parameters and sums of them can be told:"
+    yield f"{len(base)} base parameters are identifiable, of {len(body.names)} parameters:"
     table = [
         (f"{value:.5g}", f"+- {half:.2g}", body.units[at], formula)
         for value, half, at, formula in zip(
@@ -156,7 +156,7 @@ def lines(found: Identified) -> Iterator[str]:
         ]
     )
     held = "held-out rows" if tested else "the rows fitted to"
-    yield f"Forces in {held}, root mean square, and what is left of them:"
+    yield f"RMS of the forces in {held}, and of the residuals of both models:"
     yield from _aligned(
         [
             ("joint", "force", "identified", "model as it was"),

@@ -147,7 +147,7 @@ class Train(Learning):
         where = shlex.join(_named(run))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
-        print(f"Read of it: {_command()} report {where}")
+        print(f"Report it:  {_command()} report {where}")
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 

@@ -98,9 +98,9 @@ def surely_better(fit: Fit, others: tuple[Fit, ...], clear: Windows) -> bool:
 
 
 def most_predictive(ranked: Sequence[Fit], windows: Windows) -> Fit:
-    """The model of the fewest numbers that predicts recordings from the others as well as any.
+    """The model of the fewest parameters that predicts held-out recordings as the best one does.
 
-    As well is within one standard error of the difference, which the windows tell.
+    That is within one standard error of the difference, by the windows.
 
     Args:
         ranked: fits of models, the best first.
@@ -209,7 +209,7 @@ class NamedEffect:
     probability: float
     """that it belongs to the set of missing effects [-]"""
     family: tuple[str, ...]
-    """effects, itself first, that these recordings cannot tell from it"""
+    """effects, itself first, that these recordings cannot distinguish from it"""
 
 
 @dataclass(frozen=True)

@@ -97,17 +97,17 @@ def _condition(fit: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
     for j, joint in enumerate(layout.joints):
         q = windows.y[:, 2 * j]
         traits[f"|{layout.states[2 * j]}|"] = mean_of_known(np.abs(q))
-        traits[f"speed of {joint}"] = mean_of_known(np.abs(np.gradient(q, axis=1)))
+        traits[f"the speed of {joint}"] = mean_of_known(np.abs(np.gradient(q, axis=1)))
     for u, name in enumerate(layout.inputs):
         used = windows.driven[:, :, u]
         traits[f"|{name}|"] = np.abs(used).mean(axis=1)
-        traits[f"changes of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
+        traits[f"the change of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         ranks = {name: _rank_correlation(missed, trait) for name, trait in traits.items()}
     name = max(ranks, key=lambda n: abs(ranks[n]))
     if abs(ranks[name]) < 0.3:
-        return "everywhere alike"
-    return f"at {'large' if ranks[name] > 0.0 else 'small'} {name}"
+        return "at all speeds and amplitudes"
+    return f"where {name} is {'large' if ranks[name] > 0.0 else 'small'}"
 
 
 def mean_of_known(y: Float[np.ndarray, "W T"]) -> PerWindow:

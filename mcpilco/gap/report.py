@@ -138,14 +138,15 @@ def summary(gap: Gap) -> list[str]:
             for symbol, e in named.parameters.items()
         )
         others = named.family[1:]
-        instead = f"; it could be {' or '.join(others)} as well" if others else ""
+        instead = f"; cannot be distinguished from {' or '.join(others)}" if others else ""
         sure = f"{100 * named.probability:.0f} %"
         lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
-    lines += [f"  At {part.joint} {part.condition} is missing." for part in gap.where if part.joint]
+    lines += [f"  Missing at {part.joint}: {part.condition}." for part in gap.where if part.joint]
     missed = [part for part in gap.where if not part.joint]
     if missed:
         share = f"{100 * missed[0].share:.0f} % of the misfit"
-        lines.append(f"Missed most is {missed[0].channel} ({share}), {missed[0].condition}.")
+        part = missed[0]
+        lines.append(f"The residual is largest in {part.channel} ({share}), {part.condition}.")
     if gap.comparison is not None:
         errors, closed = gap.comparison, gap.comparison.closed
         where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
@@ -161,7 +162,9 @@ def summary(gap: Gap) -> list[str]:
             )
             lines.append(HIDDEN if errors.hidden else closing)
     if gap.corrected.learned:
-        lines.append("What is missing was learned as a force, which corrected.json holds.")
+        lines.append(
+            "The missing force was learned from the recordings; corrected.json contains it."
+        )
     lines += [
         f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
         "which no model explains."
@@ -174,20 +177,19 @@ def cautions(gap: Gap) -> list[str]:
     """Sentences that a reader of the numbers must not miss."""
     said = list(gap.suspicions) + list(gap.remarks)
     said += [
-        f"Instead of {named.name} at {named.target} it could be {' or '.join(named.family[1:])}: "
-        "these recordings cannot tell."
+        f"{named.name} at {named.target} cannot be distinguished from "
+        f"{' or '.join(named.family[1:])} in these recordings."
         for named in gap.named
         if named.family[1:]
     ]
     if gap.verdict == "unknown":
         said.append(
-            "What is left over is no noise, and no effect of the catalogue explains it: "
+            "The best model's residual is not noise, and no effect of the catalogue explains it"
             + (
-                "a force without a name was learned in its place. Away from what was recorded it "
-                "is 0."
+                ": a force was learned in its place, which is 0 outside the recorded range."
                 if gap.corrected.learned
-                else "no force of state and command that predicts held-out recordings better was "
-                "found either; the times of the misfit tell where to look."
+                else ", nor does a learned force of state and command predict held-out recordings "
+                "better. “When they disagree” shows when the residual is large."
             )
         )
     said += [
@@ -250,7 +252,7 @@ def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
 
 
 def _unexcited(result: SearchResult) -> list[str]:
-    """The effects that these recordings would not show, of those that the best model lacks."""
+    """A sentence on the effects that these recordings have little power to detect, if any."""
     sensitivity: dict[EffectInstance, float] = {}
     for score in result.scores:
         sensitivity[score.instance] = max(score.sensitivity, sensitivity.get(score.instance, 0.0))
@@ -259,7 +261,7 @@ def _unexcited(result: SearchResult) -> list[str]:
         return []
     more = f" and {len(unseen) - LISTED} more" if len(unseen) > LISTED else ""
     return [
-        f"These recordings would hardly show {', '.join(unseen[:LISTED])}{more}: "
+        f"These recordings have little power to detect {', '.join(unseen[:LISTED])}{more}: "
         "record larger, faster and slower motion (`mcpilco record --policy excitation`)."
     ]
 
@@ -270,12 +272,13 @@ def _told_apart(effect: EffectInstance, rival: Rival, best: Fit, windows: Window
     kind = max(by_kind, key=lambda name: by_kind[name])
     if by_kind[kind] < CHOICE.tied:
         return (
-            f"{effect} and {rival.instance} stay alike under every kind of input that "
-            "was simulated: only another sensor tells them apart."
+            f"{effect} and {rival.instance} cannot be distinguished by any kind of input that was "
+            "simulated: measure another quantity."
         )
     return (
-        f"To tell {effect} from {rival.instance}, record {_WORDS[kind]}: in simulation, "
-        f"{LENGTH_S:g} s of it leave the other {math.sqrt(by_kind[kind]):.0f} noise std off."
+        f"To distinguish {effect} from {rival.instance}, record {_WORDS[kind]}: if the first acts, "
+        f"the second leaves a residual of norm {math.sqrt(by_kind[kind]):.0f} noise std in "
+        f"{LENGTH_S:g} s of it, by simulation."
     )
 
 

@@ -259,7 +259,7 @@ class ForceThresholds:
 
 @dataclass(frozen=True)
 class ChoiceThresholds:
-    """Which of the models that fit alike is chosen, and which cannot be told apart."""
+    """Which of the models that fit alike is chosen, and which cannot be distinguished."""
 
     rough: float = 4.0
     """median misfit of a sample from which on a model does not fit to the noise [noise variances]:
@@ -273,11 +273,11 @@ class ChoiceThresholds:
     worth: float = 0.1
     """least mean fall of the log misfit of an unseen recording for an effect more [-]"""
     tied: float = 20.0
-    """difference in BIC below which sets of effects cannot be told apart; somewhat above
+    """difference in BIC below which sets of effects cannot be distinguished; somewhat above
     `SearchThresholds.bic_gain`"""
     unseen: float = 1.0
-    """signature of an effect of usual size below which recordings would hardly show one five times
-    as large [noise std]"""
+    """sensitivity to an effect of usual size below which recordings have little power to detect one
+    five times as large [noise std]"""
 
 
 @dataclass(frozen=True)

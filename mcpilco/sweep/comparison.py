@@ -257,7 +257,9 @@ class LineUp:
         tasks = {run.name: run.task for run in self.runs}
         if len(set(tasks.values())) > 1:
             told = ", ".join(f"{name}: {task or 'by the env'}" for name, task in tasks.items())
-            found.append(f"The agents were told different tasks, judged all by the env's: {told}.")
+            found.append(
+                f"The agents were given different tasks; all are judged by the env's: {told}."
+            )
         machines = sorted(set().union(*(run.machines for run in self.runs)))
         if len(machines) > 1:
             found.append(f"CPU seconds are of different machines: {', '.join(machines)}.")

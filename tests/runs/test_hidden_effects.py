@@ -203,7 +203,7 @@ def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
 ) -> None:
     in_joint = modules["verdicts"].in_joint
     hidden = [{"name": "outside", "kind": "patch", "target": "elbow"}]
-    channel = {"channel": "elbow_angle", "share": 1.0, "condition": "everywhere alike"}
+    channel = {"channel": "elbow_angle", "share": 1.0, "condition": "at all speeds and amplitudes"}
     assert in_joint({"truth": hidden, "where": [channel]}) is None
     assert in_joint({"truth": hidden, "where": [{**channel, "joint": "elbow"}, channel]})
     assert not in_joint({"truth": hidden, "where": [{**channel, "joint": "shoulder"}, channel]})

@@ -2,9 +2,10 @@
 
 What the data cannot determine. The t_m of the model are independent and each is seen by one x_m
 alone, so the reliability of an input, r_m = w_xm^2 / (w_xm^2 + psi_xm), is not in the likelihood:
-any r_m that explains no more of y than there is to explain fits as well, with b_true,m = b_noise,m
-/ r_m. Where the search starts decides it, and the priors, which know nothing of the noise. So it is
-chosen afterwards, in the middle of what the data allow: `NoisyInputConfig.reliability`.
+each r_m that explains at most all of y's variance fits equally well, with b_true,m = b_noise,m /
+r_m. It is not identifiable: the start of the search and the priors, which know nothing of the
+noise, decide it. So it is chosen afterwards, in the middle of what the data allow:
+`NoisyInputConfig.reliability`.
 `NoisyInputFit.least_reliability` says how far one of them could be off, and `UnidentifiedWarning`
 that it is. Where the noise of the inputs is known, use `errors_in_variables`.
 
@@ -77,7 +78,7 @@ class NoisyInputFit:
     active: Bool[np.ndarray, " D"]
     """which inputs were not pruned"""
     least_reliability: Float[np.ndarray, " D"]
-    """the r_m down to which the data would be explained as well, had no other input noise"""
+    """the least r_m that fits the data equally well, if no other input is noisy"""
     bounds: Float[np.ndarray, " K"]
     """lower bound on the evidence, after each iteration; it never falls"""
     converged: bool

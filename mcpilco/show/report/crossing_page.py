@@ -76,7 +76,7 @@ def _lacked(gap: Mapping[str, Any]) -> Section:
             "gap/report.html.",
         )
     header = ("effect", "at", "size (95 % interval)")
-    text = "Found in the recordings of the system; more is told in gap/report.html."
+    text = "Found in the recordings of the system; see gap/report.html."
     return Section("What the simulation lacked", text, (), [Table(header, rows)])
 
 

@@ -83,7 +83,7 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
     tiles.append((f"nominal error {after}", three_digits(found.nominal)))
     name = "corrected" if gap.mended else "refitted"
     tiles.append((f"{name} error {after}", three_digits(found.corrected)))
-    tiles.append(("what noise alone does", three_digits(found.noise_floor)))
+    tiles.append(("error of noise alone", three_digits(found.noise_floor)))
     return tiles
 
 
@@ -127,11 +127,18 @@ def effects(gap: Gap) -> Section:
         others = ", ".join(named.family[1:]) or "–"
         sure = f"{100 * named.probability:.0f} %"
         rows.append((named.name, named.target, sizes, sure, others, formula))
-    header = ("effect", "at", "size (95 % interval)", "probability", "or as well", "what it does")
+    header = (
+        "effect",
+        "at",
+        "size (95 % interval)",
+        "probability",
+        "not distinguishable from",
+        "what it does",
+    )
     return Section(
         "What is missing",
-        "The smallest set of effects that explains the recordings. Those under “or as well” "
-        "explain them about equally: these recordings cannot tell which of them it is.",
+        "The smallest set of effects that explains the recordings. Those under “not "
+        "distinguishable from” leave residuals of about the same size in these recordings.",
         (),
         [Table(header, rows)],
     )
@@ -146,9 +153,9 @@ def learned(gap: Gap) -> Section:
     ]
     return Section(
         "What was learned",
-        "No effect of the catalogue explains what is left over. A force of state and command was "
-        "learned in its place; it is in corrected.json, and 0 away from what was recorded. An MJCF "
-        "file cannot hold it. Told is the shortest range with most of the force.",
+        "No effect of the catalogue explains the residual. A force of state and command was "
+        "learned in its place; it is in corrected.json, and 0 outside the recorded range. An MJCF "
+        "file cannot contain it. The range given is the shortest that holds most of the force.",
         (),
         [Table(("joint", "missing there", "share of the force"), rows)],
     )
@@ -191,7 +198,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
         "bands are 95 % intervals, by a bootstrap over blocks of neighbouring windows.",
         [
             draw("Error over the time since the start, by plant", growth),
-            draw("Error at the end as more is mended", shrink, left=0.05),
+            draw("Error at the end of a window, by model", shrink, left=0.05),
         ],
         [
             Table(
@@ -210,11 +217,11 @@ def force(gap: Gap, models: ComparedModels) -> Section:
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
         "The force that is missing" if gap.mended else "The force that is left over",
-        f"What the {models.shown[0]} plant would need at a joint to move as the recordings do, as "
-        f"a mean over {COMPARISON.force_span_s:g} s. A curve over the velocity is friction, one "
-        "over the position a spring or the weight, one over the command the actuator; the lines "
-        "are medians, half of all values lie within the bands."
-        + (" What the corrected plant leaves over should be flat." if gap.mended else ""),
+        f"The force that the {models.shown[0]} plant would need at a joint to reproduce the "
+        f"recorded motion, averaged over {COMPARISON.force_span_s:g} s. A curve over the velocity "
+        "is friction, one over the position a spring or the weight, one over the command the "
+        "actuator; the lines are medians, half of all values lie within the bands."
+        + (" That of the corrected plant should be flat." if gap.mended else ""),
         pictures,
         columns=2,
     )
@@ -281,8 +288,8 @@ def when(gap: Gap, models: ComparedModels) -> Section:
     ]
     return Section(
         "When they disagree",
-        "The misfit of windows of a second, their starts fitted, by the "
-        f"{' and the '.join(models.shown)} plant. White is noise, grey is not covered."
+        "Root mean square residual of windows of one second, whose initial states are fitted, of "
+        f"the {' and the '.join(models.shown)} plant. White is noise, grey was not measured."
         + (" The black bars are the spans that were left out." if events else ""),
         pictures,
         [Table(("channel", "share of the misfit", "largest"), rows)] if rows else [],

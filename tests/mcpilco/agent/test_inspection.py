@@ -79,7 +79,7 @@ def spaces(**changed: gym.Space) -> Swinging:
                 start_mean=(0.5,),
                 start_std=(0.1,),
             ),
-            "not whole: the change of angle .* such as a velocity",
+            "not Markov: the one-step prediction error of angle .* A velocity or another state",
         ),
         (
             Swinging("circle"),

@@ -1,4 +1,4 @@
-"""Laws of the measure of a whole state: memory gains where something is hidden, and only there."""
+"""Laws of the test of the Markov property: memory gains only where something is hidden."""
 
 from __future__ import annotations
 

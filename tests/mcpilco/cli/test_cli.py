@@ -114,7 +114,7 @@ def test_train_ends_with_the_run_folder_and_the_next_commands(tmp_path, fake, ca
     assert lines[-4:] == [
         f"Run folder: {path}",
         f"Look at it: mcpilco view '{path}'",
-        f"Read of it: mcpilco report '{path}'",
+        f"Report it:  mcpilco report '{path}'",
         f"Judge it:   mcpilco evaluate '{path}'",
     ]
     assert RunFolder.open(path).finished_trials() == [1, 2]

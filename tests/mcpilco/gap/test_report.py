@@ -36,7 +36,7 @@ def test_what_small_motion_cannot_show_is_listed() -> None:
         states = np.stack([angle, np.full(len(torque), np.nan)], axis=1)
         names = recording.state_names, recording.input_names
         small.append(Recording(recording.name, recording.time, states, torque, *names))
-    found = [s for s in investigate(plant, small).experiments if "hardly show" in s]
+    found = [s for s in investigate(plant, small).experiments if "little power" in s]
     assert len(found) == 1
     assert "quadratic_drag" in found[0] or "hardening_spring" in found[0]
 

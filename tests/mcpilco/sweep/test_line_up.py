@@ -71,7 +71,8 @@ def test_an_agent_that_was_told_another_task_is_judged_alike_and_the_reader_is_t
     found = line_up(paths)
     assert len(found.runs) == 2
     assert found.cautions == [
-        "The agents were told different tasks, judged all by the env's: a: by the env, b: tip.py."
+        "The agents were given different tasks; all are judged by the env's: "
+        "a: by the env, b: tip.py."
     ]
 
 

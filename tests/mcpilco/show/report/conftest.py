@@ -11,7 +11,7 @@ import pytest
 import mcpilco.cli
 from mcpilco.config import PRESETS
 from mcpilco.logbook import History, RunFolder, read_history
-from tests.test_docs import SMALL
+from tests.newcomer import SMALL
 
 
 @pytest.fixture(scope="session")

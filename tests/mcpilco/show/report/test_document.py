@@ -65,7 +65,8 @@ WORDS = "a formula of many words that nobody can write in a few letters, and som
 @pytest.mark.skipif(browser.CHROMIUM is None, reason="no chromium; apt-get install chromium")
 def test_no_column_of_a_wide_table_is_cut_off(tmp_path: Path) -> None:
     """At a width of 1200 the last column was beyond the page."""
-    header = ("effect", "at", "size (95 % interval)", "probability", "or as well", "what it does")
+    names = "effect, at, size (95 % interval), probability, not distinguishable from, what it does"
+    header = tuple(names.split(", "))
     sizes = "f_c = 0.1234 N m (0.1111 to 0.1357); d = 0.01234 N m s/rad (0.011 to 0.0135)"
     others = "viscous_friction, stribeck_friction, asymmetric_friction, load_friction"
     row = ("coulomb_friction", "shoulder", sizes, "99 %", others, WORDS)

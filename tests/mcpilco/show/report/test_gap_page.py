@@ -89,7 +89,7 @@ def test_page_of_a_plant_that_lacks_nothing_speaks_of_no_correction(
 def test_page_of_something_unknown_says_where_to_look(found: Gap, tmp_path: Path) -> None:
     page = read(replace(found, verdict="unknown", named=()), tmp_path)
     assert page.headings[0] == "What to mind"
-    assert "tell where to look" in page.text
+    assert "when the residual is large" in page.text
 
 
 @pytest.mark.usefixtures("undrawn")
