@@ -44,7 +44,7 @@ _OPTIONAL = {
     "stable-baselines3": "mcpilco train --algo sac, tqc or ppo",
     "sb3-contrib": "mcpilco train --algo sac, tqc or ppo",
     "tensorboard": "mcpilco train --tensorboard",
-    "matplotlib": "mcpilco report",
+    "matplotlib": "mcpilco report and demo",
     "jinja2": "mcpilco report",
 }
 _MARKS = {"fits": "ok", "note": "--", "fault": "no"}
