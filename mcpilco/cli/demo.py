@@ -24,8 +24,8 @@ class Demo(Command):
     """run folder to make; the picture goes there too"""
     seed: int = 2
     """of everything random; 2 is one of the two in three whose second policy swings the pole up"""
-    view: bool = True
-    """open the viewer at the end, where there is a display"""
+    no_view: bool = False
+    """do not open the viewer at the end, which opens where there is a display"""
 
     def __call__(self) -> int:
         """Train, draw, show, and return the exit code."""
@@ -40,7 +40,7 @@ class Demo(Command):
         print(f"Recording:  {run.recording_path(_TRIALS)}")
         with without("the picture"):
             print(f"Picture:    {_draw(run)}")
-        return View(folder)() if self.view and has_display() else 0
+        return View(folder)() if has_display() and not self.no_view else 0
 
 
 def _draw(run: RunFolder) -> Path:
