@@ -301,6 +301,13 @@ def test_every_dotted_name_exists(page: Path) -> None:
         assert found, name
 
 
+def test_the_styles_of_the_site_exist() -> None:
+    listed = re.search(r"^extra_css:\n((?:  - .*\n)+)", text(ROOT / "mkdocs.yml"), re.MULTILINE)
+    named = re.findall(r"- (.*)", listed[1])
+    assert named
+    assert not [name for name in named if not (ROOT / "docs" / name).exists()]
+
+
 def test_pictures_are_small() -> None:
     sizes = {path.name: path.stat().st_size for path in (ROOT / "docs" / "images").glob("*.png")}
     assert sizes
