@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 
 import numpy as np
 from jaxtyping import Float
@@ -48,6 +49,21 @@ def title_of(measure: str) -> str:
     if suffix is None:
         return measure.replace("_", " ")
     return f"{measure.removesuffix('_' + suffix).replace('_', ' ')} [{UNITS[suffix]}]"
+
+
+def html_table(rows: Sequence[Mapping[str, str]]) -> str:
+    """A table in HTML, as notebooks show it, under the columns that any row has.
+
+    Args:
+        rows: cells by the titles of their columns.
+    """
+    titles = dict.fromkeys(title for row in rows for title in row)
+
+    def line(kind: str, cells: Iterable[str]) -> str:
+        return f"<tr>{''.join(f'<{kind}>{escape(cell)}</{kind}>' for cell in cells)}</tr>"
+
+    body = "".join(line("td", (row.get(title, "-") for title in titles)) for row in rows)
+    return f"<table><thead>{line('th', titles)}</thead><tbody>{body}</tbody></table>"
 
 
 def _unit_suffix(name: str) -> str | None:

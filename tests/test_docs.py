@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import itertools
+import json
+import os
 import re
 import shlex
 import sys
@@ -193,6 +196,56 @@ def test_the_pendulum_of_the_page_keeps_its_energy_without_friction(
     assert energy(my_env.advance(start, 0.0)) == pytest.approx(energy(start), abs=1e-6)
 
 
+NOTEBOOK = ROOT / "docs" / "learn-and-gap.ipynb"
+
+
+def cells(kind: str) -> list[str]:
+    """The texts of the notebook's cells: code or markdown."""
+    found = json.loads(text(NOTEBOOK))["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
+
+
+def test_the_notebook_runs_up_to_the_investigation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, Any] = {}
+    for cell in itertools.takewhile(lambda cell: "investigate" not in cell, cells("code")):
+        exec(cell, namespace)
+    assert Path("swing_up.rrd").stat().st_size > 0
+    assert len(namespace["recordings"]) == 3
+
+
+def test_the_notebook_is_stored_without_outputs_and_leads_somewhere() -> None:
+    code = [cell for cell in json.loads(text(NOTEBOOK))["cells"] if cell["cell_type"] == "code"]
+    assert not [cell["outputs"] for cell in code if cell["outputs"] or cell["execution_count"]]
+    targets = re.findall(r"\]\(([^)\s]+)\)", "\n".join(cells("markdown")))
+    local = [target for target in targets if "://" not in target]
+    assert local
+    assert not [target for target in local if not (NOTEBOOK.parent / target).exists()]
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nbclient = pytest.importorskip("nbclient", reason="runs notebooks; in the extra dev")
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("ipykernel")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    place = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=None, resources=place).execute()
+    shown = [
+        output.get("data", {}) for cell in notebook.cells for output in cell.get("outputs", ())
+    ]
+    tables = [data["text/html"] for data in shown if "text/html" in data]
+    assert len(tables) == 2
+    assert "<td>yes</td>" in tables[0]  # the second policy swings the pole up
+    assert "<td>coulomb_friction</td>" in tables[1]
+    assert any("image/png" in data for data in shown)
+
+
 # --- commands -------------------------------------------------------------------------------------
 
 
@@ -246,6 +299,13 @@ def test_every_dotted_name_exists(page: Path) -> None:
         module, _, last = name.rpartition(".")
         found = hasattr(importlib.import_module(module), last) or find_spec(name) is not None
         assert found, name
+
+
+def test_the_styles_of_the_site_exist() -> None:
+    listed = re.search(r"^extra_css:\n((?:  - .*\n)+)", text(ROOT / "mkdocs.yml"), re.MULTILINE)
+    named = re.findall(r"- (.*)", listed[1])
+    assert named
+    assert not [name for name in named if not (ROOT / "docs" / name).exists()]
 
 
 def test_pictures_are_small() -> None:

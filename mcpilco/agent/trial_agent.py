@@ -34,7 +34,7 @@ from mcpilco.agent.keywords import refuse_keywords
 from mcpilco.agent.model import Model
 from mcpilco.config import Preset
 from mcpilco.data import Rollout, Transitions, TrialResult
-from mcpilco.logbook import Callback, Logged, Progress, as_callback
+from mcpilco.logbook import Callback, Logged, Progress, Results, as_callback
 from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
@@ -131,7 +131,7 @@ class TrialAgent(ABC):
         self.streams = Streams(self.seed)
         self.trials = 0
         """trials done, in all calls of `learn` and before a `load`"""
-        self.results: list[TrialResult] = []
+        self.results: list[TrialResult] = Results()
         """of these trials; a `load` does not bring them back"""
         self._set_up()
 

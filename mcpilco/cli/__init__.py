@@ -18,6 +18,7 @@ import tyro
 from mcpilco.cli.collisions import Collisions
 from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
+from mcpilco.cli.demo import Demo
 from mcpilco.cli.doctor import CheckEnv, Doctor
 from mcpilco.cli.finished import Evaluate, Export, Report
 from mcpilco.cli.gap import Gap
@@ -34,6 +35,7 @@ from mcpilco.typing import McPilcoError
 __all__ = ["COMMANDS", "main"]
 
 COMMANDS = (
+    Demo,
     Train,
     Evaluate,
     Export,

@@ -44,8 +44,9 @@ _OPTIONAL = {
     "stable-baselines3": "mcpilco train --algo sac, tqc or ppo",
     "sb3-contrib": "mcpilco train --algo sac, tqc or ppo",
     "tensorboard": "mcpilco train --tensorboard",
-    "matplotlib": "mcpilco report",
+    "matplotlib": "mcpilco report and demo",
     "jinja2": "mcpilco report",
+    "imageio-ffmpeg": "mcpilco view --video FILE.mp4",
 }
 _MARKS = {"fits": "ok", "note": "--", "fault": "no"}
 _LEAST_FREE_GB = 1.0  # a run of ten trials takes about 10 MB; caches of compiled loops take more

@@ -83,7 +83,7 @@ class Train(Learning):
             files = {"task": self.task, "warm_start": self.warm_start}
             more = {name: str(path) for name, path in files.items() if path is not None}
             run = begin_run(
-                self._folder(),
+                self.folder(),
                 agent,
                 self.algo,
                 self.env,
@@ -151,7 +151,8 @@ class Train(Learning):
         print(f"Judge it:   {_command()} evaluate {where}")
         return 0
 
-    def _folder(self) -> Path:
+    def folder(self) -> Path:
+        """The run folder to make; without `--out` its name tells env, preset, seed and time."""
         if self.out is not None:
             return self.out
         name = re.sub(r"[^\w.-]", "_", re.split(r"[/:]", self.env)[-1])

@@ -46,6 +46,8 @@ class View(Command):
     """follow a run that is being trained"""
     screenshot: Annotated[Path | None, optional("FILE", "none")] = None
     """write a picture to this file instead; needs no display"""
+    video: Annotated[Path | None, optional("FILE", "none")] = None
+    """write the last trial's rollout, or that of `--trial`, to this .gif or .mp4 file instead"""
     at: Annotated[float | None, optional("FLOAT", "the end")] = None
     """instant of the picture [s]"""
     trust: Trust = ()
@@ -62,6 +64,11 @@ class View(Command):
                 self._show_film(film)
                 return 0
         runs = [RunFolder.open(path) for path in (self.run, self.other) if path is not None]
+        if self.video is not None:
+            if len(runs) > 1 or self.live or self.web or self.screenshot is not None:
+                raise InputError("--video takes one run, and no --live, --web or --screenshot.")
+            print(_write_video(self.video, runs[0], self.trial))
+            return 0
         if self.live:
             self._follow(runs)
             return 0
@@ -88,8 +95,8 @@ class View(Command):
 
     def _show_film(self, film: Path) -> None:
         """Show the film of another command; a picture is of the end of its first window."""
-        if self.other is not None or self.live or self.trial is not None:
-            raise InputError(f"{film} is no run: it takes no RUN_B, --trial or --live.")
+        if self.other or self.video or self.live or self.trial is not None:
+            raise InputError(f"{film} is no run: it takes no RUN_B, --trial, --video or --live.")
         self._show(film, lambda: _FIRST_WINDOW_S)
 
     def _follow(self, runs: list[Any]) -> None:
@@ -132,6 +139,31 @@ def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
         warn(*history.problems, about="mcpilco: left out")
         reels.append(Reel(history, _scene(run)))
     return write_run_film(path, reels, trial)
+
+
+def _write_video(path: Path, run: Any, asked: int | None) -> Path:
+    """The path of a video of a trial: its policy acts again, from the trial's seed of the env.
+
+    Raises:
+        InputError: the env draws no pictures, or the file is no video.
+    """
+    from gymnasium.wrappers import RenderCollection
+
+    from mcpilco.agent import Streams, agent_of, finished_trial, open_run_env, run_episode
+    from mcpilco.show import write_video
+
+    trial = finished_trial(run, asked)
+    with contextlib.closing(
+        open_run_env(run, {**run.config["env_kwargs"], "render_mode": "rgb_array"})
+    ) as env:
+        if env.render_mode != "rgb_array":
+            raise InputError(f"{run.config['env']} draws no pictures; use --screenshot.")
+        filmed = RenderCollection(env)
+        agent = agent_of(run, trial, filmed)
+        seed = Streams(run.config["seed"]).reset(trial)
+        run_episode(agent.env, agent.controller(), agent.horizon, agent.task.dt, seed)
+        frames: Any = filmed.render()
+        return write_video(path, frames, agent.task.dt)
 
 
 def _scene(run: Any) -> Any:

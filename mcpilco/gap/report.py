@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from mcpilco.data import html_table
 from mcpilco.files import write_bytes
 from mcpilco.gap.comparison import ComparedModels, Comparison
 from mcpilco.gap.data import Event, Windows, cut
@@ -69,6 +71,23 @@ class Gap:
     def mended(self) -> bool:
         """Whether the corrected plant has effects or learned forces that the nominal one lacks."""
         return bool(self.corrected.added[len(self.plant.added) :] or self.corrected.learned)
+
+    def _repr_html_(self) -> str:
+        """The verdict, a row for each parameter of a missing effect, and the errors."""
+        rows = [
+            {
+                "missing effect": named.name,
+                "at": named.target,
+                "sure [%]": f"{100 * named.probability:.0f}",
+                "parameter": f"{symbol} = {e.value:.4g} {e.unit}",
+                "95 %": f"{e.low:.4g} to {e.high:.4g}",
+            }
+            for named in self.named
+            for symbol, e in named.parameters.items()
+        ]
+        sentences = (summary(self)[0], *_errors(self))
+        about, *errors = (f"<p>{escape(sentence)}</p>" for sentence in sentences)
+        return "".join([about, html_table(rows) if rows else "", *errors])
 
 
 FORMAT = 1
@@ -147,20 +166,7 @@ def summary(gap: Gap) -> list[str]:
         share = f"{100 * missed[0].share:.0f} % of the misfit"
         part = missed[0]
         lines.append(f"The residual is largest in {part.channel} ({share}), {part.condition}.")
-    if gap.comparison is not None:
-        errors, closed = gap.comparison, gap.comparison.closed
-        where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
-        lines.append(
-            f"Error after {errors.horizon_s:g} s {where}, in noise std: nominal "
-            f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
-            f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
-        )
-        if gap.mended:
-            closing = (
-                f"The gap is closed by {100 * closed.value:.1f} % "
-                f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
-            )
-            lines.append(HIDDEN if errors.hidden else closing)
+    lines += _errors(gap)
     if gap.corrected.learned:
         lines.append(
             "The missing force was learned from the recordings; corrected.json contains it."
@@ -171,6 +177,26 @@ def summary(gap: Gap) -> list[str]:
         for event in gap.events
     ]
     return lines + list(gap.experiments)
+
+
+def _errors(gap: Gap) -> list[str]:
+    """Sentences on the errors of the plants."""
+    if gap.comparison is None:
+        return []
+    errors, closed = gap.comparison, gap.comparison.closed
+    where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
+    lines = [
+        f"Error after {errors.horizon_s:g} s {where}, in noise std: nominal "
+        f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
+        f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
+    ]
+    if gap.mended:
+        closing = (
+            f"The gap is closed by {100 * closed.value:.1f} % "
+            f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
+        )
+        lines.append(HIDDEN if errors.hidden else closing)
+    return lines
 
 
 def cautions(gap: Gap) -> list[str]:

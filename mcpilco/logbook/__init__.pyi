@@ -10,7 +10,7 @@ from .history import (
     read_trial,
 )
 from .metrics import measures_in, values_of
-from .progress import Progress
+from .progress import Progress, Results
 from .run_folder import READABLE, RunFolder, read_json, versions, write_json
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Logged",
     "PastTrial",
     "Progress",
+    "Results",
     "RunFolder",
     "TensorBoard",
     "as_callback",

@@ -14,7 +14,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from mcpilco.data import Rollout, TrialResult, title_of
+from mcpilco.data import Rollout, TrialResult, html_table, title_of
 from mcpilco.logbook.callbacks import Agent, Callback
 
 _REFRESH_HZ = 2.0  # drawing shares one core with the learning
@@ -52,6 +52,13 @@ def _predicted(result: TrialResult) -> str:
     if math.isnan(result.predicted_cost):
         return "-"
     return f"{_number(result.predicted_cost, 2)} ± {_number(result.predicted_cost_std, 2)}"
+
+
+class Results(list[TrialResult]):
+    """The trials of a training, in order; a notebook shows them as a table."""
+
+    def _repr_html_(self) -> str:
+        return html_table([_row(result) for result in self])
 
 
 class Progress(Callback):

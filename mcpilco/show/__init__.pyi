@@ -17,6 +17,7 @@ from .recording import write_recording
 from .report.gap_page import write_gap_report
 from .scene import Pose, Scene, Shape
 from .side_by_side import write_crossing_film, write_gap_film
+from .video import write_video
 from .viewer import ended_by_signals, has_display, live_viewer, open_viewer, screenshot
 
 __all__ = [
@@ -52,4 +53,5 @@ __all__ = [
     "write_gap_report",
     "write_recording",
     "write_run_film",
+    "write_video",
 ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
-from mcpilco.data import Rollout, Transitions, is_measure, title_of
+from mcpilco.data import Rollout, Transitions, html_table, is_measure, title_of
 from mcpilco.typing import InputError
 
 
@@ -94,3 +96,9 @@ def test_a_measure_is_named_with_its_unit(name, title):
 )
 def test_what_has_no_unit_or_is_no_envs_is_no_measure(name):
     assert not is_measure(name)
+
+
+def test_a_table_in_html_has_the_columns_of_all_rows_and_escapes_what_they_hold() -> None:
+    table = ElementTree.fromstring(html_table([{"a": "1", "b": "<i>&"}, {"a": "2", "c [m]": "3"}]))
+    lines = [[cell.text for cell in line] for line in table.iter("tr")]
+    assert lines == [["a", "b", "c [m]"], ["1", "<i>&", "-"], ["2", "-", "3"]]

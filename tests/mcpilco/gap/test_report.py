@@ -1,13 +1,23 @@
-"""The recordings that a gap asks for."""
+"""The recordings that a gap asks for, and how a notebook shows it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 
 import envs
-from mcpilco.gap import Gap, cautions, investigate, summary, to_json
+from mcpilco.gap import (
+    EstimatedParameter,
+    Gap,
+    NamedEffect,
+    cautions,
+    investigate,
+    summary,
+    to_json,
+)
+from mcpilco.gap.report import HIDDEN
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
 
@@ -21,6 +31,23 @@ def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -
     family = gap.named[0].family
     sentences = [s for s in gap.experiments if "actuator_gain" in s]
     assert bool(family[1:]) == bool(sentences)
+    shown = ElementTree.fromstring(f"<div>{gap._repr_html_()}</div>")
+    told = ("mcpilco/Pendulum-v0: ", "Error after ", "The gap is closed ", HIDDEN)
+    expected = [line for line in summary(gap) if line.startswith(told)]
+    assert [line.text for line in shown.iter("p")] == expected
+    assert len(expected) >= 2
+
+
+def test_a_notebook_shows_a_row_for_each_parameter_of_a_missing_effect() -> None:
+    found = EstimatedParameter(0.52, 0.5, 0.54, "N m")
+    missing = NamedEffect("coulomb", "hinge", {"c": found, "d": found}, 0.98, ("coulomb",))
+    nothing = Gap(PLANT(), "none", (), PLANT(), (), None, (), (), (), ())
+    gap = replace(nothing, verdict="named", named=(missing,))
+    shown = ElementTree.fromstring(f"<div>{gap._repr_html_()}</div>")
+    _, first, second = ([cell.text for cell in line] for line in shown.iter("tr"))
+    assert first == ["coulomb", "hinge", "98", "c = 0.52 N m", "0.5 to 0.54"]
+    assert second[3] == "d = 0.52 N m"
+    assert "<table>" not in nothing._repr_html_()
 
 
 def test_what_small_motion_cannot_show_is_listed() -> None:
@@ -56,3 +83,4 @@ def test_a_suspicion_leads_the_verdict(found: Gap) -> None:
     assert summary(doubted)[0].startswith(f"{found.plant.name}: this looks wrong: negate torque?")
     assert to_json(doubted)["suspicions"] == ["negate torque?"]
     assert cautions(doubted)[0] == "negate torque?"
+    assert doubted._repr_html_().startswith(f"<p>{summary(doubted)[0]}</p>")

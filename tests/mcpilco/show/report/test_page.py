@@ -214,6 +214,12 @@ def test_browser_shows_the_page_alone_and_within_its_width(run, tmp_path, width)
         page.open(f"file://{path}", width, 800)
         page.wait_for("document.readyState == 'complete'")
         assert page.ask("document.documentElement.scrollWidth") <= width
+        boxes = (
+            "[...document.querySelectorAll('.scroll')].map(box => [box.scrollWidth > "
+            "box.clientWidth, getComputedStyle(box, '::before').content.includes('scroll')])"
+        )
+        page.wait_for(f"{boxes}.every(([wide, said]) => wide == said)")
+        assert any(wide for wide, _ in page.ask(boxes)) == (width == 390)
         drawn = "[...document.images].every(i => i.complete && i.naturalWidth > 100)"
         assert page.ask(drawn)
         assert page.problems == []

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import mcpilco.agent.agent
+import mcpilco.show
+from mcpilco.cli import main
+from mcpilco.cli.view import View
+from mcpilco.logbook import RunFolder
+from tests.mcpilco.fakes import FakeAgent
+
+PNG = b"\x89PNG\r\n"
+
+
+@pytest.fixture
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The agent that learns nothing, in an empty folder, without a display."""
+    monkeypatch.setattr(mcpilco.agent.agent, "MCPILCO", FakeAgent)
+    monkeypatch.setattr(mcpilco.show, "has_display", lambda: False, raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def told(capsys: pytest.CaptureFixture[str], name: str) -> Path:
+    """The path that a line of what was printed names."""
+    lines = capsys.readouterr().out.splitlines()
+    return Path(next(line for line in lines if line.startswith(name)).split()[-1])
+
+
+@pytest.mark.usefixtures("fake")
+def test_the_demo_needs_no_argument_and_leaves_a_picture_of_two_trials(capsys) -> None:
+    pytest.importorskip("matplotlib")
+    assert main(["demo"]) == 0
+    picture = told(capsys, "Picture:")
+    assert picture.read_bytes().startswith(PNG)
+    assert RunFolder.open(picture.parent).finished_trials() == [1, 2]
+
+
+@pytest.mark.usefixtures("fake")
+def test_without_matplotlib_the_demo_says_so_and_leaves_the_recording(capsys, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    assert main(["demo", "--out", "here"]) == 0
+    out, err = capsys.readouterr()
+    assert "Recording:  here/rollouts/02.rrd" in out.splitlines()
+    assert Path("here/rollouts/02.rrd").stat().st_size > 0
+    assert "without the picture: Plots need matplotlib" in err
+
+
+@pytest.mark.usefixtures("fake")
+@pytest.mark.parametrize(("flags", "shown"), [((), [Path("here")]), (("--no-view",), [])])
+def test_the_demo_opens_the_viewer_where_there_is_a_display(monkeypatch, flags, shown) -> None:
+    seen = []
+    monkeypatch.setattr(mcpilco.show, "has_display", lambda: True, raising=False)
+    monkeypatch.setattr(View, "__call__", lambda view: seen.append(view.run) or 0)
+    assert main(["demo", "--out", "here", *flags]) == 0
+    assert seen == shown
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_second_policy_of_the_demo_swings_the_pole_up(tmp_path: Path) -> None:
+    assert main(["demo", "--no-view", "--out", str(tmp_path / "run")]) == 0
+    assert RunFolder.open(tmp_path / "run").metrics()[-1]["success"]
