@@ -30,6 +30,7 @@ import pytest
 import mcpilco.cli
 from mcpilco.config import PRESETS
 from tests import newcomer
+from tests.mcpilco.point import TINY
 
 ROOT = Path(__file__).parent.parent
 
@@ -206,8 +207,11 @@ def cells(kind: str) -> list[str]:
 
 
 def test_the_notebook_runs_up_to_the_investigation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_presets: None
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unchecked_shapes: None
 ) -> None:
+    small = dataclasses.replace(TINY, horizon=None)
+    preset = dataclasses.replace(PRESETS["default"], config=small)
+    monkeypatch.setitem(PRESETS, "default", preset)
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, Any] = {}
     for cell in itertools.takewhile(lambda cell: "investigate" not in cell, cells("code")):
