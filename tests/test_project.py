@@ -414,6 +414,7 @@ ACROSS = {
     "baselines/sb3/test_presets": "presets of all algorithms",
     "mcpilco/agent/test_streams": "random streams of an agent",
     "mcpilco/cli/test_hostile": "files that are not what they should be",
+    "mcpilco/gap/test_closed_loop": "a drive in a closed loop, behind a fine encoder",
     "mcpilco/gap/test_compute_budget": "the budget of an investigation",
     "mcpilco/plant/test_learned_mjcf": "learned forces in MJCF",
     "mcpilco/search/test_continuation": "search from an easier problem",

@@ -30,7 +30,6 @@ from mcpilco.cli.options import (
     without,
 )
 from mcpilco.config import CART_POLE
-from mcpilco.files import write_bytes
 from mcpilco.typing import McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
@@ -149,6 +148,8 @@ class Gap(Command):
             return f"{self.out} holds {', '.join(there)}, and nothing was drawn after them."
         if not self.out.is_dir() or not stages.done:
             return "nothing was found yet, and nothing is written."
+        from mcpilco.files import write_bytes
+
         known = {"format": 1, "ended": stages.done, "interrupted_in": stages.stage}
         write_bytes(self.out / INTERRUPTED, json.dumps(known, indent=2).encode())
         effects = ", ".join(stages.done[-1]["effects"]) or "none"

@@ -58,7 +58,7 @@ def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray,
     """Samples that one of some simulations did not reach.
 
     A large residual alone is none of them: behind a fine encoder a wrong model is thousands of
-    noise std off.
+    noise std away.
     """
     lost = (~np.isfinite(y) & windows.measured).any(axis=0)
     return lost.reshape(len(lost), -1)

@@ -114,7 +114,7 @@ def test_evaluate_judges_it(whole: Path, capsys) -> None:
 def test_its_policy_acts_with_numpy_alone(whole: Path, tmp_path: Path, monkeypatch) -> None:
     assert main(["export", str(whole), str(tmp_path / "policy.npz")]) == 0
     predict = predict_of_the_page(tmp_path, monkeypatch)
-    block = re.search(r'```python title="estimate.py"\n(.*?)^```', PAGE.read_text(), re.M | re.S)[1]
+    block = re.search(r"```python\n(def estimate.*?)^```", PAGE.read_text(), re.M | re.S)[1]
     namespace = {}
     exec(block, namespace)
     policy = dict(np.load("policy.npz"))

@@ -25,7 +25,7 @@ from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.files import read_groups, write_groups
 from mcpilco.logbook import read_json
 from mcpilco.typing import InputError
-from tests.test_docs import SMALL
+from tests.newcomer import SMALL
 
 ROLLOUT, MODEL = "run/trials/01/rollout.npz", "run/model.xml"
 READERS: dict[str, tuple[list[str], ...]] = {

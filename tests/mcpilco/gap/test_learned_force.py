@@ -135,7 +135,9 @@ def test_an_unknown_force_is_learned_and_closes_the_gap_on_held_out_recordings(f
 
 
 def test_the_summary_says_in_which_joint_and_where(fed: Gap) -> None:
-    assert any(line.startswith("  At pendulum a force of up to 0.") for line in summary(fed))
+    assert any(
+        line.startswith("  Missing at pendulum: a force of up to 0.") for line in summary(fed)
+    )
     (place, *others) = to_json(fed)["where"]
     assert place["joint"] == "pendulum"
     assert all("joint" not in other for other in others)
