@@ -66,6 +66,7 @@ READERS: dict[str, tuple[list[str], ...]] = {
 """calls of each command that reads a folder or file of somebody else's"""
 READ_NOTHING = {
     "CheckEnv": "an env, and the task that its user wrote",
+    "Demo": "nothing",
     "Doctor": "this machine",
     "Simulate": "nothing",
 }
