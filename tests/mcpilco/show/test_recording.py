@@ -189,6 +189,8 @@ def test_recording_replaces_the_old_one(path, rollout, task, scene) -> None:
 def test_unwritable_place_is_answered_with_a_sentence(tmp_path, place, rollout, task) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "folder").mkdir()
-    with pytest.raises(RunFolderError, match="Cannot write .*; (choose another folder|name another file)"):
+    with pytest.raises(
+        RunFolderError, match="Cannot write .*; (choose another folder|name another file)"
+    ):
         write_recording(tmp_path / place, rollout, None, task, None, NAME)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
