@@ -45,7 +45,7 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint in (int, float):
         number = isinstance(value, int) or (hint is float and isinstance(value, float))
         return number and not isinstance(value, bool) and math.isfinite(value)
-    return isinstance(value, hint)
+    return hint is Any or isinstance(value, get_origin(hint) or hint)
 
 
 class Checked:

@@ -84,7 +84,7 @@ _BLOCK = re.compile(
 
 
 class Step(NamedTuple):
-    """What a page asks for at a line."""
+    """A command or block of a page, at its line."""
 
     line: int
     kind: str

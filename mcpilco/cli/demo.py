@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +31,7 @@ class Demo(Command):
         """Train, draw, show, and return the exit code."""
         train = Train(seed=self.seed, trials=_TRIALS, out=self.out)
         folder = train.folder()
-        Train(seed=self.seed, trials=_TRIALS, out=folder)()
+        replace(train, out=folder)()
 
         from mcpilco.logbook import RunFolder
         from mcpilco.show import has_display

@@ -79,6 +79,11 @@ class Windows:
         return replace(self, y=self.y[:, :, :samples], commands=commands)
 
     @property
+    def held_s(self) -> float:
+        """For which a command is held [s]."""
+        return self.dt / self.every
+
+    @property
     def driven(self) -> Float[np.ndarray, "W T U"]:
         """The mean of the commands from each sample to the next."""
         W, _, T = self.y.shape

@@ -368,7 +368,7 @@ def _learn_force(
     None where it does not shrink the held-out error.
     """
     base = best if explains_most(best, null, windows) else null
-    budget = ComputeBudget.at(windows.dt / windows.every, BUDGET.learning_steps)
+    budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
     base = replace(base, model=replace(base.model, budget=budget))
 
     def usable(some: Windows) -> Windows:

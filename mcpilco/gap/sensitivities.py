@@ -39,7 +39,7 @@ def run(
         window,
         np.ascontiguousarray(windows.commands),  # compiled for these alone
         windows.lead,
-        windows.dt / windows.every,
+        windows.held_s,
         model.budget.used,
         every=windows.every,
     )
@@ -228,7 +228,7 @@ def impulse_responses(
             np.arange(2 * K),
             commands,
             windows.lead,
-            windows.dt / windows.every,
+            windows.held_s,
             model.budget.used,
             every=windows.every,
         )

@@ -293,13 +293,13 @@ def _recorded(log: Log, blank: Recording, dt: float) -> Recording:
     """A log on a grid; `blank` has all else."""
     states, inputs, held = resampled(log, dt)
     gaps = find_gaps(log, states, _positions(blank), dt)
-    for commands in (inputs, held):
-        _hold(commands, gaps, dt * len(inputs) / len(commands))
+    _hold(inputs, gaps, dt)
+    if held is not None:
+        _hold(held, gaps, dt * len(inputs) / len(held))
     for start, end in gaps:
         states[round(start / dt) + 1 : round(end / dt)] = np.nan
     time = dt * np.arange(len(states))
-    came = held if len(held) > len(inputs) else None
-    return replace(blank, time=time, states=states, inputs=inputs, held=came, gaps=gaps)
+    return replace(blank, time=time, states=states, inputs=inputs, held=held, gaps=gaps)
 
 
 def _positions(recording: Recording) -> tuple[int, ...]:

@@ -65,24 +65,30 @@ class Log:
 
 def resampled(
     log: Log, dt: float
-) -> tuple[Float[np.ndarray, "T X"], Float[np.ndarray, "T U"], Float[np.ndarray, "M U"]]:
-    """States and inputs at the times 0, dt, 2 dt, ..., and the inputs as often as they changed.
+) -> tuple[Float[np.ndarray, "T X"], Float[np.ndarray, "T U"], Float[np.ndarray, "M U"] | None]:
+    """States and inputs at the times 0, dt, 2 dt, ..., and the inputs at the rate of the log.
+
+    These are None where no input changes between two samples.
 
     On the grid already: as they are. Else a state is interpolated by the cubic through four
     neighbours, which keeps its noise nearly white, or by a local quadratic where the log has many
     rows a step; and an input is the mean over the step of the command that was held, which keeps
     its impulse and adds no delay. The input where it is missing is the last one known.
     """
-    held, length = _filled(log.inputs), log.length(dt)
+    held, grid = _filled(log.inputs), dt * np.arange(log.length(dt))
     switched = log.time if log.switched is None else log.switched
     every = max(1, round(dt / sampling_time(log.time)))
-    fine = _held(switched, held, dt / every * np.arange(length * every), dt / every)
-    blocks = fine.reshape(length, every, -1)
-    changes = np.ptp(blocks, axis=1).max()
-    if changes <= 1e-9 * np.abs(blocks).max():  # a slow controller, logged fast
-        fine = blocks[:, 0]
-    inputs = _held(switched, held, dt * np.arange(length), dt)
-    return _sampled(log, dt * np.arange(length), dt), inputs, fine
+    came = _between(switched, held, len(grid), every, dt) if every > 1 else None
+    return _sampled(log, grid, dt), _held(switched, held, grid, dt), came
+
+
+def _between(
+    switched: Channel, held: Held, length: int, every: int, dt: float
+) -> Float[np.ndarray, "M U"] | None:
+    """`every` commands for each sample of a grid; None where a slow controller holds them all."""
+    came = _held(switched, held, dt / every * np.arange(length * every), dt / every)
+    changes = np.ptp(came.reshape(length, every, -1), axis=1).max()
+    return came if changes > 1e-9 * np.abs(came).max() else None
 
 
 def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mcpilco.agent import find, import_named, load_task, make_env, task_of
-from mcpilco.config import LONGEST, Config
+from mcpilco.config import LONGEST, Checked, Config
 from mcpilco.data import TrialResult
 from mcpilco.logbook import Callback, versions
 from mcpilco.sweep.fresh import FreshEpisodes
@@ -25,7 +25,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(Checked):
     """Env, algorithm and numbers that all seeds of a sweep have in common."""
 
     env: str
@@ -49,6 +49,7 @@ class Settings:
     """the algorithm, see `mcpilco.agent.algorithms`; `package:name` imports the package first"""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.trials < 1:
             raise InputError(f"trials must be at least 1, got {self.trials}.")
         if self.fresh < 0:

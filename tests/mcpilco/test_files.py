@@ -312,7 +312,7 @@ def test_a_link_keeps_its_target_where_the_writing_fails(tmp_path: Path) -> None
 
 
 def special_files(folder: Path) -> dict[str, Path]:
-    """What is no file, by what messages call it."""
+    """Whatever is not a regular file, by the name that messages give it."""
     found = {kind: folder / kind for kind in ("pipe", "socket", "folder", "device")}
     os.mkfifo(found["pipe"])
     here = os.getcwd()

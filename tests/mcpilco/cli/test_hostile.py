@@ -122,13 +122,13 @@ def in_json(*names: str, **entries: Any) -> Change:
 
 
 def config(**entries: Any) -> Change:
-    """What a run, a sweep and the trainings of a crossing say of themselves."""
+    """The configuration in a run, a sweep and the trainings of a crossing."""
     heads = ("run/config.json", "sweep/sweep.json", "cross/nominal/config.json")
     return in_json(*heads, **entries)
 
 
 def agent(**entries: Any) -> Change:
-    """What the file of an agent says of it."""
+    """The description in the file of an agent."""
 
     def change(sent: Path) -> None:
         about, groups = read_groups(sent / "run/agent.npz")
@@ -213,7 +213,7 @@ HOSTILE: dict[str, Change] = {
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What is sent, before it is made hostile: runs, a sweep, a crossing; and a file of one's own.
+    """Sound folders, before they are made hostile: runs, a sweep, a crossing; and one's own file.
 
     Modules and their metadata lie beside the run, in it, and below it.
     """
