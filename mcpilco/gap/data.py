@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,6 +22,23 @@ from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
 
 _BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
+
+
+class Whitening(NamedTuple):
+    """What makes residuals white that random forces have coloured: I - U diag(c) U^T."""
+
+    U: Float[np.ndarray, "W n m"]
+    c: Float[np.ndarray, "W m"]
+
+    def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
+        """White residuals."""
+        flat = r.reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
+        coloured = self.U @ (self.c[:, :, None] * (self.U.transpose(0, 2, 1) @ flat))
+        return (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
+
+    def of(self, chosen: Any) -> Whitening:
+        """That of some windows."""
+        return Whitening(self.U[chosen], self.c[chosen])
 
 
 @dataclass(frozen=True)
@@ -48,6 +65,8 @@ class Windows:
     """how many windows a sample is in"""
     every: int = 1
     """commands a sample: what drives a machine keeps its rate, however few samples are compared"""
+    whitening: Whitening | None = None
+    """of their residuals; None: only the measurement noise counts, which is white"""
 
     def __len__(self) -> int:
         return len(self.y)
@@ -57,7 +76,13 @@ class Windows:
     ) -> Windows:
         """Some of the windows."""
         parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _BY_WINDOW}
-        return replace(self, **parts)
+        white = self.whitening and self.whitening.of(chosen)
+        return replace(self, **parts, whitening=white)
+
+    @property
+    def plain(self) -> Windows:
+        """The same, of which only the measurement noise counts."""
+        return replace(self, whitening=None)
 
     def of(self, recordings: Sequence[int]) -> Bool[np.ndarray, " W"]:
         """Which windows are from some recordings, by their numbers."""
@@ -76,7 +101,7 @@ class Windows:
         """The first samples of each window."""
         last = self.lead + samples * self.every
         commands = np.ascontiguousarray(self.commands[:, :last])
-        return replace(self, y=self.y[:, :, :samples], commands=commands)
+        return replace(self, y=self.y[:, :, :samples], commands=commands, whitening=None)
 
     @property
     def held_s(self) -> float:

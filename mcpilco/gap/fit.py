@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.gap.sensitivities import Linearised, _leaning, linearise, residual, run
+from mcpilco.gap.sensitivities import Linearised, lean, linearise, residual, run
 from mcpilco.gap.thresholds import BUDGET, DATA, FIT
 from mcpilco.recordings import Recording
 
@@ -125,7 +125,7 @@ def fit_model(
         if lost.any() and not lost.all():  # the step was too far for their initial states
             x0, by_window = _recovered(model, windows, theta, x0, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
-        crawling = hasty and temper > FIT.far and now - then < FIT.crawl * now
+        crawling = hasty and now - then < FIT.crawl * now
         if crawling or now - then < FIT.converged * now or share.used_up:
             break
     prior = float((model.precision * theta**2).sum())
@@ -201,25 +201,24 @@ def fit_initial_states(
 
     The fit begins at `x0`, by default where the model's sensors would measure what was measured.
     """
-    T = windows.y.shape[2]
     x0 = model.invert_sensors(theta, windows.guess) if x0 is None else x0
-    for part in (T // 3, T):
-        y = windows.y.copy()
-        y[:, :, part:] = np.nan
-        x0 = _fit_initial_states(model, replace(windows, y=y), theta, x0)
-    return x0
+    y = windows.y.copy()
+    y[:, :, y.shape[2] // 3 :] = np.nan
+    x0 = _fit_initial_states(model, replace(windows.plain, y=y), theta, x0)
+    return _fit_initial_states(model, windows, theta, x0)
 
 
 def _fit_initial_states(
     model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, iterations: int = 10
 ) -> np.ndarray:
-    measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
-    windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
+    if windows.whitening is None:
+        measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
+        windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
     x0, damping = x0.copy(), np.full(len(x0), 1e-3)
     moving = np.arange(len(x0))
     for _ in range(iterations):
         some = windows[moving]
-        lin = _leaning(model, some, theta, x0[moving])
+        lin = lean(model, some, theta, x0[moving])
         now = np.einsum("wn,wn->w", lin.r, lin.r)
         moved = x0[moving] + _initial_state_step(lin, lin.r, damping[moving])
         then = misfits(model, some, theta, moved)
@@ -251,14 +250,14 @@ def truncated(model: PlantModel, windows: Windows, theta: Theta) -> Windows:
     Beyond, an error of the initial state has grown so much that no fit can follow it.
     """
     x0 = model.invert_sensors(theta, windows.guess)
-    lin = linearise(model, windows, theta, x0, over_theta=False)
+    lin = linearise(model, windows.plain, theta, x0, over_theta=False)
     W, X, T = windows.y.shape
     sensitivity = lin.Jx.reshape(W, X, T, X) * (windows.std[:, None, None] / windows.std)
     growth = np.sqrt(np.einsum("wxtk,wxtk->wt", sensitivity, sensitivity) / X)
     first = growth[:, : max(3, round(0.1 / windows.dt))].mean(axis=1)
     diverged = np.maximum.accumulate(growth > FIT.divergence * first[:, None], axis=1)
     diverged |= first[:, None] == 0.0
-    return replace(windows, y=np.where(diverged[:, None], np.nan, windows.y))
+    return replace(windows.plain, y=np.where(diverged[:, None], np.nan, windows.y))
 
 
 def fit_nominal(model: PlantModel, windows: Windows) -> tuple[Fit, Windows]:
@@ -308,7 +307,7 @@ class ResidualStructure:
 def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
     """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
     y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
-    return residual(windows, y).reshape(windows.y.shape)
+    return residual(windows.plain, y).reshape(windows.y.shape)
 
 
 def structure(fit: Fit, windows: Windows) -> ResidualStructure:

@@ -11,13 +11,12 @@ import numpy as np
 from mcpilco.gap.comparison import ComparedModels, Comparison, compare
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.decide import (
-    certain,
-    explains_most,
-    explains_rough_fit,
+    leaves_a_force,
     mispredicts,
-    misses_something,
-    most_predictive,
+    named_effects,
     surely_better,
+    unweighed,
+    weighed,
 )
 from mcpilco.gap.disagreement import (
     Disagreement,
@@ -44,7 +43,7 @@ from mcpilco.gap.fit import (
 from mcpilco.gap.learned_force import learned_of, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments, three_digits
-from mcpilco.gap.search import SearchResult, exchanged, nested_fits, plainer, search
+from mcpilco.gap.search import SearchResult, nested_fits, search
 from mcpilco.gap.suspicion import at_rest, distinct, suspicions, unchanging
 from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE, SUSPICION
 from mcpilco.plant import Own, Plant, own_effects
@@ -109,33 +108,38 @@ def investigate(
     _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
     windows, masked = explained.windows, explained.masked
-    null = refit(explained.result.null, windows)
     _tell("verdict", explained.best)
-    result, best, named = certain(explained.result, explained.best, null, windows)
+    result, null = explained.result, refit(explained.result.null, windows)
+    judged = weighed(result, explained.best, null, windows)
+    best, null = (unweighed(fit, windows) for fit in (judged.best, judged.null))
+    named = named_effects(result, judged.best, judged.windows)
 
     missed = spans_of(masked, recordings)
     events, final = (*pushes, *missed), best
     clear = _held_out(problem, events, best)
     unknown = (
         place is not None
-        or misses_something(best, null, windows)
-        or (not explains_rough_fit(best, null, windows) and foreseen(missed, problem, best))
+        or leaves_a_force(judged.evidence)
+        or foreseen(missed, problem, best)
         or mispredicts(best, null, windows, clear)
     )
+    helps = bool(named) and surely_better(best, (null,), clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
-    if unknown and (learned := _learn_force(problem, best, null, windows, masked)) is not None:
+    base = best if helps else null
+    if unknown and (learned := _learn_force(problem, base, null, windows, masked)) is not None:
         final, unexplained = learned
-        named = named if final.model.effects else ()
         events = (*pushes, *unexplained)
         where = (*located_force(final, windows), *where)
-    elif unknown and not surely_better(best, (null,), clear):
-        named, final = (), null
+    elif unknown:
+        final = base
+    named = named if helps or not unknown else ()
     if final is not best:
         clear = _held_out(problem, events, final)
 
-    verdict = "unknown" if unknown else "named" if named else "none"
+    known = "named" if named else "none"
+    verdict = ("partly" if named else "unknown") if unknown else known
     if verdict == "none" and unchanging(recordings):
         return _too_poor(problem, MOVE, remarks, doubts)
     _tell("comparison of the models", final)
@@ -284,7 +288,7 @@ def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
 
 
 def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Explanation:
-    """The search for effects: added, exchanged, replaced by special cases, and chosen.
+    """The search for effects, and its best model on all windows that it can explain.
 
     Args:
         problem: plant and recordings.
@@ -295,10 +299,6 @@ def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Expl
     candidates = problem.candidates(windows)
     _tell("search for effects")
     result = search(problem.model(everything), _spread(windows), candidates)
-    _tell("exchange of effects for others", result.best)
-    result = plainer(exchanged(result, candidates), candidates)
-    _tell("prediction of recordings from one another", result.best)
-    result = result.choosing(most_predictive(result.fits, result.windows))
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 
@@ -347,7 +347,7 @@ def _leave_out_pushes(
     Pushes are sought by the closest model of the search: what it misses is no effect of the list.
     Where they recur whenever a joint comes by a place they are none, and nothing is left out.
     """
-    closest = min(explained.result.fits, key=lambda fit: fit.chi2)
+    closest, _ = min(explained.result.ranked, key=lambda pair: pair[1])
     quiet, pushes = without_bursts(problem, refit_truncated(closest, explained.windows)[0])
     place = recurring(pushes, problem)
     if place is not None or not pushes:
@@ -361,15 +361,15 @@ def _leave_out_pushes(
 
 
 def _learn_force(
-    problem: GapProblem, best: Fit, null: Fit, windows: Windows, masked: Windows
+    problem: GapProblem, base: Fit, null: Fit, windows: Windows, masked: Windows
 ) -> tuple[Fit, tuple[Event, ...]] | None:
     """A fit with the residual as a force, and the events that this does not explain either.
 
     None where it does not shrink the held-out error.
     """
-    base = best if explains_most(best, null, windows) else null
     budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
     base = replace(base, model=replace(base.model, budget=budget))
+    windows = windows.plain
 
     def usable(some: Windows) -> Windows:
         return _without_spikes(base, truncated(base.model, some, base.theta))
@@ -380,4 +380,4 @@ def _learn_force(
     missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _held_out(problem, events, fit)
-    return (fit, events) if surely_better(fit, (null, best), clear) else None
+    return (fit, events) if surely_better(fit, (null, base), clear) else None

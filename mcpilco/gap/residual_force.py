@@ -76,6 +76,7 @@ class ForceResponse:
 
 def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> ForceResponse:
     """The response of residuals to forces in the joints, each held for `hold_s` [s]."""
+    windows = windows.plain
     lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
     layout = fit.model.plant.layout
     J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))

@@ -1,9 +1,8 @@
-"""The search for missing effects: a beam search, then exchanges, then special cases.
+"""The search for missing effects: from model to model by single changes, the best evidence first.
 
-A search that only adds may hold on to an effect that looks like the true one. Alone a delay can
-explain more than the lag that is there, as long as friction is missing; once that is found the
-model still does not fit, and one effect must go for another. The search also comes first upon what
-bends most readily: friction that is alike in both directions is Coulomb's all the same.
+A change adds an effect, drops one, or puts another in the place of one: a special case or a general
+one of it, or whatever fits. A search that only adds may hold on to an effect that looks like the
+true one. Alone a delay can explain more than the lag that is there, as long as friction is missing.
 
 Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequential replacement.
 """
@@ -11,26 +10,18 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mcpilco.gap.data import Windows
-from mcpilco.gap.fit import (
-    Fit,
-    correlation_time,
-    fit_model,
-    fit_nominal,
-    misfits,
-    residuals,
-    structure,
-)
+from mcpilco.gap.disturbance import Disturbance, Evidence
+from mcpilco.gap.fit import Fit, fit_model, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, PlantModel
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import linearise
-from mcpilco.gap.thresholds import BUDGET, CHOICE, SEARCH
+from mcpilco.gap.thresholds import BUDGET, SEARCH
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
@@ -41,7 +32,7 @@ class SearchResult:
     """The models that a search has fitted, and the best of them."""
 
     best: Fit
-    """of the smallest BIC that its gains justify"""
+    """that the evidence justifies"""
     null: Fit
     """of no effect"""
     ranked: tuple[tuple[Fit, float], ...]
@@ -50,35 +41,186 @@ class SearchResult:
     """of the effects that the best does not have"""
     windows: Windows
     """on which it searched"""
+    evidence: Evidence
+    """for the best"""
 
     @property
     def fits(self) -> list[Fit]:
         """All of them, the best first."""
         return [fit for fit, _ in self.ranked]
 
-    def choosing(self, best: Fit) -> SearchResult:
-        """This search, with another of its fits as the best."""
-        rest = tuple(pair for pair in self.ranked if pair[0] is not best)
-        own = next(pair for pair in self.ranked if pair[0] is best)
-        return replace(self, best=best, ranked=(own, *rest))
 
-    def with_best(self, best: Fit, seen: Iterable[Fit]) -> SearchResult:
-        """This search with its best fit, and all that were seen, judged by its residual."""
-        criterion = Criterion.of(best, self.windows)
-        judged = [(fit, criterion.bic(fit)) for fit in seen if fit is not best]
-        finite = [pair for pair in judged if math.isfinite(pair[1])]
-        rest = sorted(finite, key=lambda pair: pair[1])
-        return replace(self, best=best, ranked=((best, criterion.bic(best)), *rest))
+@dataclass
+class Tried:
+    """The models that were fitted, by their effects, each judged with random forces of its own."""
+
+    null: Fit
+    """of no effect"""
+    candidates: Sequence[EffectInstance]
+    disturbance: Disturbance
+    windows: Windows
+    """in which what the random forces of the best model may do weighs little"""
+    fits: dict[Effects, Fit] = field(default_factory=dict)
+    evidence: dict[Effects, Evidence] = field(default_factory=dict)
+    """for the fits, as far as they were judged"""
+    grown: set[tuple[Effects, bool]] = field(default_factory=set)
+    """those whose neighbours were fitted, and whether effects were exchanged for them too"""
+
+    @classmethod
+    def begun(cls, null: Fit, windows: Windows, candidates: Sequence[EffectInstance]) -> Tried:
+        """The model of no effect alone, fitted anew with its random forces."""
+        disturbance = Disturbance.of(null, windows)
+        white = disturbance.whitened(disturbance.evidence(null))
+        null = fit_model(null.model, white, null.theta, null.x0, iterations=8)
+        tried = cls(null, candidates, disturbance, white)
+        tried.keep(null)
+        tried.weigh_by(null)
+        return tried
+
+    def weigh_by(self, best: Fit) -> None:
+        """Let the random forces of this model weigh what is fitted from now on."""
+        self.disturbance = Disturbance.of(best, self.windows)
+        self.evidence.clear()
+        self.windows = self.disturbance.whitened(self.judged(best))
+
+    def keep(self, fit: Fit) -> Fit:
+        """The better of a fit and the one of these effects that there was."""
+        key, evidence = frozenset(fit.model.effects), self.disturbance.evidence(fit)
+        there = self.fits.get(key)
+        if there is not None and self.bic(there) <= self._criterion(fit, evidence):
+            return there
+        self.fits[key], self.evidence[key] = fit, evidence
+        return fit
+
+    def judged(self, fit: Fit) -> Evidence:
+        """The evidence for one of the fits."""
+        key = frozenset(fit.model.effects)
+        if key not in self.evidence:
+            self.evidence[key] = self.disturbance.evidence(fit)
+        return self.evidence[key]
+
+    def bic(self, fit: Fit) -> float:
+        """Bayesian information criterion of one of the fits.
+
+        It is infinite where an effect is larger than what could be meant.
+
+        Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
+        """
+        return self._criterion(fit, self.judged(fit))
+
+    def _criterion(self, fit: Fit, evidence: Evidence) -> float:
+        if not fit.model.plausible(fit.theta):
+            return math.inf
+        prior = float((fit.model.precision * fit.theta**2).sum())
+        numbers = len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
+        return evidence.deviance + prior + numbers * math.log(evidence.samples)
+
+    def prefers(self, larger: Fit, smaller: Fit) -> bool:
+        """Whether a model with more effects is worth them.
+
+        An effect must explain a part of what the smaller model leaves, so that none is named for
+        what is far too small beside a machine's other forces. One that comes down to an uncertain
+        parameter need not: its prior says what is small.
+        """
+        gain, least = self.bic(smaller) - self.bic(larger), SEARCH.bic_gain
+        if len(larger.model.freed) <= len(smaller.model.freed):
+            evidence = self.judged(smaller)
+            left = evidence.deviance - evidence.samples
+            least = max(least, SEARCH.part_of_rest * left)
+        return gain >= least
+
+    @property
+    def ranked(self) -> list[Fit]:
+        """All fits by their BIC; of those that do the same, the first has the usual effect.
+
+        A delay of the only actuator and one of the only sensor differ by rounding. Which of them is
+        named should not depend on that.
+        """
+        usual = list(self.null.model.plant.catalogue)
+
+        def order(fit: Fit) -> tuple[float, list[int]]:
+            bic = self.bic(fit)
+            whole = round(bic / SEARCH.same_bic) if math.isfinite(bic) else math.inf
+            return whole, sorted(usual.index(each.effect.name) for each in fit.model.effects)
+
+        return sorted(self.fits.values(), key=order)
+
+    def best(self) -> Fit:
+        """The model whose effects are worth it, one more after the other."""
+        best, ranked = self.null, self.ranked
+        for size in range(1, 1 + max(len(key) for key in self.fits)):
+            first = next((fit for fit in ranked if len(fit.model.effects) == size), None)
+            if first is not None and self.prefers(first, best):
+                best = first
+        return self._without_superfluous(best)
+
+    def _without_superfluous(self, best: Fit) -> Fit:
+        """Without effects that are not worth it, or with special cases that do as well."""
+        ours = frozenset(best.model.effects)
+        for instance in best.model.effects:
+            for key in self._plainer(ours, instance):
+                fit = self.fits.get(key)
+                if fit is not None and not self.prefers(best, fit):
+                    return self._without_superfluous(fit)
+        return best
+
+    def _plainer(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
+        """The sets without an effect, and with a special case of it."""
+        special = [c for c in self.candidates if instance.holds(c)]
+        return [ours - {instance}, *(ours - {instance} | {c} for c in special)]
+
+    def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
+        """Fits the promising models that differ by one change; the scores of further effects.
+
+        Args:
+            fit: from which they differ.
+            share: of the steps that they may take.
+            exchange: whether effects may be dropped and exchanged too.
+        """
+        self.grown.add((frozenset(fit.model.effects), exchange))
+        scores = self._add(fit, self.candidates, SEARCH.shortlist, share)
+        for instance in fit.model.effects if exchange else ():
+            if share.used_up:
+                break
+            rest = self.keep(without(fit, instance, self.windows, self.null))
+            others = [c for c in self.candidates if c != instance]
+            related = [c for c in others if c.holds(instance) or instance.holds(c)]
+            self._add(rest, related, len(related), share)
+            self._add(rest, others, SEARCH.exchanges, share)
+        return scores
+
+    def _add(
+        self, fit: Fit, candidates: Sequence[EffectInstance], most: int, share: BudgetShare
+    ) -> list[Score]:
+        """Fits the most promising models of one effect more, where they were not tried already."""
+        ours = fit.model.effects
+        new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
+        if not new or len(ours) == SEARCH.most_effects:
+            return []
+        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
+        scores = screen(fit, lin, self.windows, new)
+        begun: dict[Effects, Fit] = {}
+        for score in scores:
+            key = frozenset({*ours, score.instance})
+            if score.gain < SEARCH.promising or (key not in begun and len(begun) == most):
+                continue
+            if share.used_up:
+                break
+            grown = grow(fit, score, self.windows)
+            if key not in begun or grown.chi2 < begun[key].chi2:
+                begun[key] = grown
+        closest = sorted(begun.values(), key=lambda grown: grown.chi2)
+        for number, grown in enumerate(closest):
+            self.keep(_refitted(grown, self) if number < SEARCH.refined else grown)
+        return scores
 
 
 def search(
     model: PlantModel, windows: Windows, candidates: Sequence[EffectInstance]
 ) -> SearchResult:
-    """Adds effects as long as they explain more: a beam search over sets of effects.
+    """Changes models as long as the evidence grows, the best ones first.
 
-    Each level scores all candidates on each of the best models, fits the most promising ones, and
-    goes on with the best of these. An effect that the others make superfluous is dropped again. A
-    search whose share of the steps is used up ends with what it has seen.
+    A search whose share of the steps is used up ends with what it has seen.
 
     Args:
         model: without effects.
@@ -87,131 +229,54 @@ def search(
     """
     share = model.budget.share(BUDGET.search)
     null, windows = fit_nominal(model, windows)
-    tried = Tried(windows, candidates, null, {frozenset(): null})
-    best, beam = null, [null]
-    scores: list[Score] = []
-    for _ in range(SEARCH.rounds):
-        if not beam or (level := len(beam[0].model.effects)) == SEARCH.most_effects:
-            break
-        grown: list[Fit] = []
-        for number, fit in enumerate(share.while_left(beam)):
-            promised = tried.scores(fit)
-            if number == 0:
-                scores = promised
-            grown += tried.grow_promising(fit, promised, SEARCH.shortlist[level], share)
-        if not grown:
-            break
-        closest = min(grown, key=_chi2)
-        criterion = Criterion.of(closest, windows)
-        grown = _in_order(grown, criterion)
-        worth = [fit for fit in grown if criterion.prefers(fit, best, null)]
-        if not worth:
-            if closest.chi2 >= SEARCH.hopeless * best.chi2:
-                break
-            beam = _followed(grown, SEARCH.beam[level])  # they bend for what else is missing
-            continue
-        before, best = best, without_superfluous(worth[0], tried, criterion)
-        same = {*best.model.effects} == {*before.model.effects}
-        stalled = same and before.chi2 - best.chi2 < SEARCH.bic_gain
-        if stalled or (level and closest.chi2 > SEARCH.hopeless * null.chi2):
-            break
-        beam = [best, *_followed([f for f in grown if f is not worth[0]], SEARCH.beam[level] - 1)]
-    return SearchResult(best, null, (), tuple(scores), windows).with_best(best, tried.fits.values())
+    tried = Tried.begun(null, windows, candidates)
+    best, scores, idle = tried.null, [], 0
+    while idle <= SEARCH.patience and not share.used_up:
+        before, known = best, tried.bic(best)
+        for fit in _next(tried, best):
+            told = tried.neighbours(fit, share, exchange=fit is best)
+            scores = told if fit is best and told else scores
+        best = tried.best()
+        if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
+            best = tried.keep(
+                fit_model(best.model, tried.windows, best.theta, best.x0, iterations=8)
+            )
+            tried.weigh_by(best)
+            best, idle = tried.best(), 0
+        else:
+            idle += 1
+    ranked = tuple((fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit)))
+    return SearchResult(
+        best, tried.null, _first(best, ranked), tuple(scores), tried.windows, tried.judged(best)
+    )
 
 
-@dataclass(frozen=True)
-class Tried:
-    """The models that were fitted, by their effects, and how further ones are made."""
-
-    windows: Windows
-    candidates: Sequence[EffectInstance]
-    null: Fit
-    """of no effect"""
-    fits: dict[Effects, Fit]
-
-    @classmethod
-    def by(cls, result: SearchResult, candidates: Sequence[EffectInstance]) -> Tried:
-        """Those of a search."""
-        fits = {frozenset(fit.model.effects): fit for fit in result.fits}
-        return cls(result.windows, candidates, result.null, fits)
-
-    def scores(self, fit: Fit) -> list[Score]:
-        """Those of the effects that a model lacks."""
-        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
-        new = [c for c in self.candidates if c not in fit.model.effects]
-        return screen(fit, lin, self.windows, new)
-
-    def grow_promising(
-        self, fit: Fit, scores: Sequence[Score], most: int, share: BudgetShare
-    ) -> list[Fit]:
-        """The most promising models of one effect more, where they fit better than what was tried.
-
-        A model that was tried, and that fits no worse than the smaller one, is not fitted again.
-        """
-        new: dict[Effects, Fit] = {}
-        for score in scores:
-            key = frozenset({*fit.model.effects, score.instance})
-            tried = key in self.fits and self.fits[key].chi2 <= fit.chi2
-            if score.gain < SEARCH.promising or (key not in new and (len(new) == most or tried)):
-                continue
-            if share.used_up:
-                break
-            grown = grow(fit, score, self.windows)
-            if key not in new or grown.chi2 < new[key].chi2:
-                new[key] = grown
-        better = {k: f for k, f in new.items() if k not in self.fits or f.chi2 < self.fits[k].chi2}
-        self.fits.update(better)
-        return list(better.values())
-
-    def instead(
-        self, fit: Fit, instance: EffectInstance, candidates: Sequence[EffectInstance]
-    ) -> dict[Effects, Fit]:
-        """The most promising models with one of some candidates in the place of an effect."""
-        if not candidates:
-            return {}
-        return self.further(without(fit, instance, self.windows, self.null), candidates)
-
-    def further(self, fit: Fit, candidates: Sequence[EffectInstance]) -> dict[Effects, Fit]:
-        """The most promising models with one of some candidates more."""
-        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
-        scores = screen(fit, lin, self.windows, candidates, per_effect=1)
-        grown = [grow(fit, score, self.windows) for score in scores[: SEARCH.exchange_tried]]
-        return {frozenset(each.model.effects): each for each in grown}
+def _refitted(fit: Fit, tried: Tried) -> Fit:
+    return fit_model(fit.model, tried.windows, fit.theta, fit.x0, iterations=8, hasty=True)
 
 
-_chi2 = attrgetter("chi2")
+def _first(best: Fit, ranked: Sequence[tuple[Fit, float]]) -> tuple[tuple[Fit, float], ...]:
+    own = [pair for pair in ranked if pair[0] is best]
+    return (*own, *(pair for pair in ranked if pair[0] is not best))
 
 
-def _in_order(grown: Sequence[Fit], criterion: Criterion) -> list[Fit]:
-    """Models by their BIC; of those that do the same, the first has the usual effect.
-
-    A delay of the only actuator and one of the only sensor differ by rounding. Which of them is
-    named should not depend on that.
-    """
-    judged = sorted(((criterion.bic(fit), fit) for fit in grown), key=lambda pair: pair[0])
-    least, usual = judged[0][0], list(grown[0].model.plant.catalogue)
-    same = [fit for bic, fit in judged if bic - least < SEARCH.same_bic]
-    same.sort(key=lambda f: [usual.index(each.effect.name) for each in f.model.effects])
-    return [*same, *(fit for _, fit in judged[len(same) :])]
-
-
-def _followed(grown: Sequence[Fit], count: int) -> list[Fit]:
-    """Models to carry on beside the best: those of the smallest BIC, and the one that fits best.
+def _next(tried: Tried, best: Fit) -> list[Fit]:
+    """The best model and the next ones by their evidence, whose neighbours are not known yet.
 
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
-    it. That costs it its rank, but it is one effect away from what is there. Of models that do the
-    same one is enough. Those that have as many effects as may be end here.
+    it. That costs it its rank, but it is one effect away from what is there.
     """
-    grown = [fit for fit in grown if len(fit.model.effects) < SEARCH.most_effects]
-    apart: list[Fit] = []
-    for k, fit in enumerate(grown):
-        if all(abs(fit.chi2 - other.chi2) >= SEARCH.same_bic for other in grown[:k]):
-            apart.append(fit)
-    followed = apart[:count]
-    closest = min(grown, key=_chi2, default=None)
-    if closest is not None and all(closest is not fit for fit in followed):
-        followed.append(closest)
-    return followed
+    most = tried.judged(best).deviance - SEARCH.bic_gain
+    open_ = [
+        fit
+        for fit in tried.ranked
+        if (frozenset(fit.model.effects), fit is best) not in tried.grown
+        and (fit is best or tried.judged(fit).deviance < most or tried.bic(fit) < tried.bic(best))
+    ]
+    rest = [fit for fit in open_ if fit is not best]
+    closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
+    chosen = [*(fit for fit in open_ if fit is best), *rest[: SEARCH.beam]]
+    return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
 
 
 def grow(fit: Fit, score: Score, windows: Windows) -> Fit:
@@ -230,7 +295,7 @@ def grow(fit: Fit, score: Score, windows: Windows) -> Fit:
     by_window = [misfits(model, windows, theta, fit.x0) for model, theta in begun]
     missed = [np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in by_window]
     model, theta = begun[int(np.argmin(missed))]
-    return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
+    return fit_model(model, windows, theta, fit.x0, iterations=4, hasty=True)
 
 
 def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:
@@ -239,180 +304,6 @@ def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> 
     prior = null.model.priors.get(parameter or "", np.inf)
     model, theta = fit.model.shrunk(fit.theta, instance, prior)
     return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
-
-
-def without_superfluous(best: Fit, tried: Tried, criterion: Criterion) -> Fit:
-    """The fit without those of its effects that explain nothing, now that the others are there."""
-    for instance in best.model.effects if len(best.model.effects) > 1 else ():
-        smaller = without(best, instance, tried.windows, tried.null)
-        key = frozenset(smaller.model.effects)
-        if key not in tried.fits or smaller.chi2 < tried.fits[key].chi2:
-            tried.fits[key] = smaller
-        if not criterion.prefers(best, tried.fits[key], tried.null):
-            return tried.fits[key]
-    return best
-
-
-@dataclass(frozen=True)
-class Criterion:
-    """The evidence for a model, on the scale of the noise or, where larger, of the best misfit.
-
-    A model of a real machine never fits to the noise of the sensors, and its residual is correlated
-    in time. Misfits are then measured in units of the best model's, and count as many samples as
-    are independent of one another.
-    """
-
-    windows: Windows
-    cap: float
-    """squared misfit of a sample beyond which a window counts no further"""
-    inflation: float
-    """misfit of an independent sample, at least 1"""
-    samples: float
-    """how many of these there are"""
-
-    @classmethod
-    def of(cls, best: Fit, windows: Windows) -> Criterion:
-        """The criterion on the scale of a model that fits well."""
-        samples = windows.samples
-        by_sample = best.by_window / samples
-        cap = SEARCH.cap * max(1.0, float(np.median(by_sample)))
-        misfit = float(np.minimum(best.by_window, cap * samples).sum() / samples.sum())
-        repeated = windows.overlap * correlation_time(residuals(best, windows))
-        return cls(windows, cap, max(1.0, misfit) * repeated, samples.sum() / repeated)
-
-    def bic(self, fit: Fit) -> float:
-        """Bayesian information criterion; no window weighs more than some times the median.
-
-        It is infinite where an effect is larger than what could be meant.
-
-        Reference: Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
-        """
-        if not fit.model.plausible(fit.theta):
-            return math.inf
-        prior = float((fit.model.precision * fit.theta**2).sum())
-        parameters = len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
-        return self.misfit(fit) / self.inflation + prior + parameters * math.log(self.samples)
-
-    def misfit(self, fit: Fit) -> float:
-        """Squared residuals; no window weighs more than some times the median."""
-        return float(np.minimum(fit.by_window, self.cap * self.windows.samples).sum())
-
-    def prefers(self, larger: Fit, smaller: Fit, null: Fit) -> bool:
-        """Whether a model with more effects is worth them; `null` has none.
-
-        An effect must explain a part of the whole gap, so that none is named for what two
-        integrators do differently, and a part of the smaller model's misfit, so that none is named
-        for what is far too small beside a noise larger than reported. One that comes down to an
-        uncertain parameter need not: its prior says what is small.
-        """
-        if len(larger.model.freed) > len(smaller.model.freed):
-            return self.bic(smaller) - self.bic(larger) >= SEARCH.bic_gain
-        noise = float(self.windows.measured.sum())
-        small = max(
-            SEARCH.part_of_gap * (null.chi2 - noise),
-            SEARCH.part_of_rest * (self.misfit(smaller) - noise),
-        )
-        return self.bic(smaller) - self.bic(larger) >= max(SEARCH.bic_gain, small / self.inflation)
-
-
-def exchanged(result: SearchResult, candidates: Sequence[EffectInstance]) -> SearchResult:
-    """The search, its best model's effects exchanged for others as long as these explain more.
-
-    Args:
-        result: of a search.
-        candidates: effects that may be missing.
-    """
-    windows, best, null = result.windows, result.best, result.null
-    share = best.model.budget.share(BUDGET.exchange)
-    tried = Tried.by(result, candidates)
-    for _ in range(SEARCH.exchange_rounds):
-        hopeless = best.chi2 > SEARCH.hopeless * null.chi2
-        if share.used_up or not best.model.effects or hopeless:
-            break
-        if structure(best, windows).whiteness < SEARCH.unfit:
-            break
-        others: dict[Effects, Fit] = {}
-        for instance in share.while_left(best.model.effects):
-            rest = {*best.model.effects} - {instance}
-            new = [c for c in candidates if frozenset({*rest, c}) not in tried.fits]
-            others |= tried.instead(best, instance, new)
-        tried.fits.update(others)
-        compared = [best, *others.values()]
-        criterion = Criterion.of(min(compared, key=_chi2), windows)
-        better = min(compared, key=criterion.bic)
-        if criterion.bic(best) - criterion.bic(better) < SEARCH.bic_gain:
-            break
-        best = better
-    if best is result.best:
-        return result
-    best = without_superfluous(best, tried, Criterion.of(best, windows))
-    return result.with_best(best, tried.fits.values())
-
-
-def plainer(result: SearchResult, candidates: Sequence[EffectInstance]) -> SearchResult:
-    """The search, its best model's effects replaced by special cases that explain as much.
-
-    The model of special cases alone is among those tried, even where it explains less. Where no
-    model fits to the noise, so are those of all that are promising, and this one with one effect
-    more.
-
-    Args:
-        result: of a search.
-        candidates: effects that may be missing.
-    """
-    windows, null = result.windows, result.null
-    tried = Tried.by(result, candidates)
-    best = plainest = result.best
-    for instance in result.best.model.effects:
-        simple = _special_case(best, instance, tried)
-        plainest = simple if plainest is best else _special_case(plainest, instance, tried)
-        if not Criterion.of(best, windows).prefers(best, simple, null):
-            best = simple
-    if fits_roughly(best, windows):
-        for fit in null.model.budget.share(BUDGET.exchange).while_left(promising(result.fits)):
-            simple = fit
-            for instance in fit.model.effects:
-                simple = _special_case(simple, instance, tried)
-        ours = plainest.model.effects
-        if plainest is not best and len(ours) < SEARCH.most_effects:
-            new = [c for c in candidates if c not in ours and not any(map(c.holds, ours))]
-            tried.fits.update(tried.further(plainest, new))
-    return result.with_best(tried.fits[frozenset(best.model.effects)], tried.fits.values())
-
-
-def _special_case(fit: Fit, instance: EffectInstance, tried: Tried) -> Fit:
-    """The model with the special case of an effect in its place; itself where there is none."""
-    rest = {*fit.model.effects} - {instance}
-    case = next((c for c in tried.candidates if instance.holds(c) and c not in rest), None)
-    if case is None:
-        return fit
-    for key, simple in tried.instead(fit, instance, [case]).items():
-        tried.fits[key] = min([simple, tried.fits.get(key, simple)], key=_chi2)
-    return tried.fits.get(frozenset({*rest, case}), fit)
-
-
-def fits_roughly(fit: Fit, windows: Windows) -> bool:
-    """Whether a model misses more than noise in most windows."""
-    return bool(np.median(fit.by_window / windows.samples) >= CHOICE.rough)
-
-
-def promising(ranked: Sequence[Fit]) -> list[Fit]:
-    """Models that fit nearly as well as the first.
-
-    These are the first ones of each number of effects, and such of special cases of theirs.
-    """
-    near = [fit for fit in ranked if fit.chi2 < CHOICE.near * ranked[0].chi2]
-    sizes = [len(fit.model.effects) for fit in near]
-    places = range(len(near))
-    first = [near[k] for k in places if sizes[:k].count(sizes[k]) < CHOICE.of_each_size]
-    return [fit for fit in near if any(_narrows(fit, other) for other in first)]
-
-
-def _narrows(fit: Fit, other: Fit) -> bool:
-    """Whether a model has the effects of another, or special cases of them."""
-    ours, theirs = {*fit.model.effects}, {*other.model.effects}
-    special = all(any(t.holds(o) for t in theirs - ours) for o in ours - theirs)
-    return len(ours) == len(theirs) and special
 
 
 def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
@@ -430,3 +321,4 @@ def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
                 chosen = theirs
                 break
     return tuple(steps)
+

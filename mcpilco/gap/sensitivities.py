@@ -47,11 +47,12 @@ def run(
 
 
 def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
-    """(measured - simulated) / noise std; 0 where nothing was measured."""
+    """(measured - simulated) / noise std, whitened; 0 where nothing was measured."""
     r = (windows.y - y) / windows.std[:, None]
     r = np.where(np.isfinite(y), r, LOST)
     r = np.where(windows.measured, r, 0.0)
-    return r.reshape(*r.shape[:-2], -1)
+    r = r.reshape(*r.shape[:-2], -1)
+    return r if windows.whitening is None else windows.whitening(r)
 
 
 def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
@@ -141,7 +142,7 @@ def linearise(
     return Linearised(r[0], Jx.transpose(1, 2, 0), columns, lost)
 
 
-def _leaning(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
+def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
     """The model's residuals, and one-sided differences over the initial states alone.
 
     They are enough for steps of the initial states, each judged by the misfit that follows.

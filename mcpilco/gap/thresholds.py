@@ -72,12 +72,8 @@ class BudgetThresholds:
     sample, and may take as many more"""
     fit: float = 0.2
     """part of the steps left beyond which a fit makes no further iteration [-]"""
-    search: float = 0.4
+    search: float = 0.7
     """part of the steps left for the search [-]"""
-    exchange: float = 0.15
-    """part of the steps left for exchanges, and again for special cases [-]"""
-    validation: float = 0.4
-    """part of the steps left to predict recordings from one another [-]"""
     bursts: float = 0.5
     """part of the steps left to find bursts of force [-]"""
     learning: float = 0.6
@@ -115,6 +111,15 @@ class FitThresholds:
 
 
 @dataclass(frozen=True)
+class DisturbanceThresholds:
+    """The random force in each joint."""
+
+    ratios: tuple[float, float] = (-25.0, 12.0)
+    """least and largest log of its variance over that of the noise, in usual forces over noise
+    std: none at all, and as much as makes a model worthless"""
+
+
+@dataclass(frozen=True)
 class ScreenThresholds:
     """How the effects are scored that a fit lacks."""
 
@@ -142,34 +147,24 @@ class SearchThresholds:
     Raftery, JASA 90, 1995)"""
     same_bic: float = 0.01
     """difference in BIC below which models do the same: rounding"""
-    part_of_gap: float = 3e-5
-    """least part of the nominal misfit that a further effect must explain [-]: two integrators
-    differ by less"""
     part_of_rest: float = 0.05
     """least part of the misfit beyond the noise that a further effect must explain [-]: so that
     none is named for what is small beside a noise that is larger than reported"""
-    cap: float = 9.0
-    """times the median misfit up to which a window weighs in a comparison [-]; as
-    `FitThresholds.tolerated`"""
-    shortlist: tuple[int, int, int] = (8, 5, 4)
-    """effects that are fitted on a model that has none, one, two, for the cost"""
-    beam: tuple[int, int, int] = (3, 4, 4)
-    """models that are carried on then, for the cost"""
+    shortlist: int = 6
+    """effects that are tried on a model, for the cost"""
+    refined: int = 3
+    """of these that are fitted in full, for the cost"""
+    exchanges: int = 3
+    """effects that are tried in the place of one, besides its special and general cases"""
+    beam: int = 3
+    """models beside the best whose neighbours are tried, for the cost"""
+    patience: int = 1
+    """rounds that a search goes on without a better model"""
     begun: tuple[float, float, float] = (1.0, 0.25, 0.0625)
     """parts of the size by the linear response, from the best of which an effect is fitted [-]: it
     overrates what moves a motion far"""
-    most_effects: int = 3
+    most_effects: int = 5
     """in a model, at most"""
-    rounds: int = 5
-    """of a search, at most; some only drop what became superfluous"""
-    hopeless: float = 0.5
-    """part of the misfit left over beyond which no further effect is sought [-]"""
-    unfit: float = 50.0
-    """whiteness of the residuals beyond which effects are exchanged [-], 1 for white noise"""
-    exchange_tried: int = 3
-    """effects that are tried in the place of one"""
-    exchange_rounds: int = 4
-    """exchanges, at most"""
 
 
 @dataclass(frozen=True)
@@ -259,19 +254,8 @@ class ForceThresholds:
 
 @dataclass(frozen=True)
 class ChoiceThresholds:
-    """Which of the models that fit alike is chosen, and which cannot be distinguished."""
+    """Which effects cannot be distinguished, and which are not seen."""
 
-    rough: float = 4.0
-    """median misfit of a sample from which on a model does not fit to the noise [noise variances]:
-    twice the noise std"""
-    near: float = 3.0
-    """times the misfit of the best model up to which a model is compared [-]"""
-    of_each_size: int = 5
-    """models of each number of effects that are compared, for the cost"""
-    parts: int = 3
-    """that are predicted from the others, at most, for the cost"""
-    worth: float = 0.1
-    """least mean fall of the log misfit of an unseen recording for an effect more [-]"""
     tied: float = 20.0
     """difference in BIC below which sets of effects cannot be distinguished; somewhat above
     `SearchThresholds.bic_gain`"""
@@ -308,27 +292,13 @@ class ComparisonThresholds:
 
 @dataclass(frozen=True)
 class VerdictThresholds:
-    """Between `named`, `none` and `unknown`."""
+    """Between `named`, `none`, `partly` and `unknown`."""
 
-    structured: float = 50.0
-    """whiteness of residuals beyond which something may still be missing [-], 1 for white noise"""
-    predicted: float = 0.3
-    """part of what is left over that forces of state and command predict, beyond which it is an
-    effect [-]"""
-    rest: float = 0.3
-    """part of the gap that may be left over in any case [-]"""
-    rest_usually: float = 0.5
-    """likewise, of the gap in a usual window [-]"""
-    rest_beside_force: float = 0.1
-    """part of the gap that effects may leave over and still stay where a force is learned too
-    [-]"""
-    large: float = 3.0
-    """misfit of a sample over the noise that no noise has [noise variances]"""
-    uneven: float = 3.0
-    """misfit of a badly fitted window over that of a usual one that no noise has [-], about 1.5 for
-    noise"""
-    alone: float = 2.5
-    """times the usual misfit that no noise has in a single window [-]"""
+    force: float = 0.02
+    """random force in a joint beyond which something is missing [usual forces]: masses that are
+    wrong by 1 to 3 % leave half of that"""
+    noise: float = 3.0
+    """noise std over the reported one beyond which something is missing [-]"""
     closed: float = 0.5
     """part of the held-out error that effects must take away [-]"""
     far: float = 2.0
@@ -388,6 +358,7 @@ class SuspicionThresholds:
 DATA = DataThresholds()
 BUDGET = BudgetThresholds()
 FIT = FitThresholds()
+DISTURBANCE = DisturbanceThresholds()
 SCREEN = ScreenThresholds()
 SEARCH = SearchThresholds()
 EVENT = EventThresholds()

@@ -50,6 +50,12 @@ class EffectInstance:
         """Whether the other is a special case of this."""
         return self.target == other.target and other.effect.name in self.effect.special
 
+    def repeats(self, other: EffectInstance) -> bool:
+        """Whether one of the two, beside the other, says a part of the same again."""
+        return self.target == other.target and (
+            other.effect.name in self.effect.repeats or self.effect.name in other.effect.repeats
+        )
+
 
 @dataclass(frozen=True)
 class Base:

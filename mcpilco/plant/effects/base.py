@@ -98,6 +98,8 @@ class Effect(ABC):
     """its parameters, in the order of their values"""
     special: ClassVar[tuple[str, ...]] = ()
     """effects that it becomes for some of its values"""
+    repeats: ClassVar[tuple[str, ...]] = ()
+    """effects beside which, at the same target, it says a part of the same again"""
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other)

@@ -138,6 +138,7 @@ class StribeckFriction(DryFriction):
 
     name = "stribeck_friction"
     special = ("coulomb_friction",)
+    repeats = ("coulomb_friction", "asymmetric_friction")
     symbols = (
         Symbol("f_c", "{f}", low=0.0),
         Symbol("f_d", "{f}", low=0.0),
@@ -171,6 +172,7 @@ class AsymmetricFriction(DryFriction):
 
     name = "asymmetric_friction"
     special = ("coulomb_friction",)
+    repeats = ("coulomb_friction", "constant_force")
     symbols = (Symbol("f_p", "{f}", low=0.0), Symbol("f_n", "{f}", low=0.0), TURN)
 
     @staticmethod
