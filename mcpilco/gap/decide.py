@@ -37,6 +37,12 @@ def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
     return error_over_noise(best, clear) > VERDICT.far * max(1.0, error_over_noise(best, windows))
 
 
+def closes_most(best: Fit, null: Fit, clear: Windows) -> bool:
+    """Whether effects surely take away most of the error on held-out windows without events."""
+    closed = error_reduction(null, best, clear)
+    return closed.low > 0.0 and closed.value >= VERDICT.closed
+
+
 def surely_better(fit: Fit, others: tuple[Fit, ...], clear: Windows) -> bool:
     """Whether a model's error on held-out windows without events is surely less than others'."""
     return all(error_reduction(other, fit, clear).low > 0.0 for other in others)
@@ -54,6 +60,14 @@ class Weighed:
     """for the best model"""
     nominal: Evidence
     """for the model of no effect"""
+    fewer: dict[EffectInstance, Fit]
+    """the fits without one of the best model's effects"""
+
+    def share(self, instance: EffectInstance) -> float:
+        """The part of the closed gap that an effect closes [-]: what opens again without it."""
+        ends = (self.fewer[instance], self.null, self.best)
+        without, nominal, best = (_missed(fit, self.windows) for fit in ends)
+        return float(np.clip((without - best) / max(nominal - best, 1e-12), 0.0, 1.0))
 
 
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
@@ -70,11 +84,20 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
     best, null = (tried.keep(_refitted(fit, tried.windows)) for fit in (best, null))
+    fewer = {}
     for instance in best.model.effects:
-        fewer = tried.keep(without(best, instance, tried.windows, result.null))
-        if not tried.prefers(best, fewer):
-            best = fewer
-    return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
+        rest = tried.keep(without(best, instance, tried.windows, result.null))
+        if tried.prefers(best, rest):
+            fewer[instance] = rest
+        else:
+            best = rest
+    return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null), fewer)
+
+
+def _missed(fit: Fit, windows: Windows) -> float:
+    """Root mean square of the misfit, in noise std, random forces or not."""
+    by_window = unweighed(fit, windows).by_window
+    return math.sqrt(float(by_window.sum() / windows.samples.sum()))
 
 
 def _refitted(fit: Fit, windows: Windows) -> Fit:
@@ -86,6 +109,87 @@ def unweighed(fit: Fit, windows: Windows) -> Fit:
     by_window = misfits(fit.model, windows.plain, fit.theta, fit.x0)
     prior = float((fit.model.precision * fit.theta**2).sum())
     return Fit(fit.model, fit.theta, fit.x0, float(by_window.sum()) + prior, by_window)
+
+
+@dataclass(frozen=True)
+class LeftForce:
+    """A random force in a joint that a model needs beside its equations."""
+
+    joint: str
+    std: float
+    """of its mean over 0.06 s, in its unit"""
+    unit: str
+    usual: float
+    """part of the joint's usual force [-]"""
+    nominal: float
+    """std of the one that the nominal plant needs, in its unit"""
+
+
+def left_forces(judged: Weighed) -> tuple[LeftForce, ...]:
+    """The random forces of the best model, one a joint."""
+    model = judged.best.model
+    layout = model.plant.layout
+    return tuple(
+        LeftForce(
+            joint,
+            float(std * model.scales[joint].force),
+            layout.unit_of(joint)[1],
+            float(std),
+            float(nominal * model.scales[joint].force),
+        )
+        for joint, std, nominal in zip(
+            layout.joints, judged.evidence.std, judged.nominal.std, strict=True
+        )
+    )
+
+
+@dataclass(frozen=True)
+class ShiftedParameter:
+    """A parameter that a fit takes far from its nominal value, where its prior did not mean it."""
+
+    name: str
+    nominal: float
+    """in its unit"""
+    value: float
+    """that the corrected plant has, in its unit"""
+    unit: str
+    stds: float
+    """how many prior standard deviations lie between [-]"""
+
+
+def shifted_parameters(fit: Fit) -> tuple[ShiftedParameter, ...]:
+    """The parameters that lie farther from their nominal values than a prior allows."""
+    plant = fit.model.plant
+    known = {parameter.name: parameter for parameter in plant.parameters}
+    return tuple(
+        ShiftedParameter(
+            name,
+            known[name].value,
+            float(known[name].value * (1.0 + change)),
+            known[name].unit,
+            float(abs(change) / std),
+        )
+        for (name, std), change in zip(fit.model.priors.items(), fit.theta, strict=False)
+        if np.isfinite(std) and abs(change) > VERDICT.shifted * std
+    )
+
+
+def on_bounds(fit: Fit) -> tuple[str, ...]:
+    """The symbols of effects that lie on a bound, as sentences."""
+    model, said = fit.model, []
+    low, high = model.bounds
+    for instance, span in zip(model.added, model.spans(), strict=True):
+        units = instance.effect.units(model.plant.layout, instance.target)
+        values = dict(model.effect_values(fit.theta[None]))[instance][0]
+        for n, symbol in enumerate(instance.effect.symbols):
+            at = fit.theta[span][n]
+            ends = {"lower": low[span][n], "upper": high[span][n]}
+            said += [
+                f"{symbol.name} of {instance} lies on its {end} bound, {values[n]:.3g} {units[n]}."
+                for end, bound in ends.items()
+                if abs(at - bound) < 1e-6
+            ]
+    return tuple(said)
 
 
 @dataclass(frozen=True)
@@ -107,7 +211,9 @@ class NamedEffect:
     parameters: dict[str, EstimatedParameter]
     """by symbol"""
     probability: float
-    """that it belongs to the set of missing effects [-]"""
+    """that it is missing: it belongs to the sets that the evidence favours, and it is not 0 [-]"""
+    share: float
+    """part of the closed gap that it closes: what opens again without it [-]"""
     family: tuple[str, ...]
     """effects, itself first, that these recordings cannot distinguish from it"""
 
@@ -138,14 +244,14 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
     return listed
 
 
-def named_effects(result: SearchResult, best: Fit, windows: Windows) -> tuple[NamedEffect, ...]:
-    """The effects of the best model with their intervals, probabilities and families.
+def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
+    """The effects of the best model with their intervals, probabilities, shares and families.
 
     Args:
         result: the search.
-        best: its best model, fitted to all windows.
-        windows: these.
+        judged: its best model on all windows.
     """
+    best, windows = judged.best, judged.windows
     layout = best.model.plant.layout
     low, high = (best.model.effect_values(end[None]) for end in intervals(best, windows))
     named = []
@@ -168,7 +274,8 @@ def named_effects(result: SearchResult, best: Fit, windows: Windows) -> tuple[Na
         ]
         sure = _probability(result, instance) * _present(instance, estimates)
         name, target = instance.effect.name, instance.target
-        named.append(NamedEffect(name, target, estimates, sure, tuple(dict.fromkeys(family))))
+        share, family = judged.share(instance), tuple(dict.fromkeys(family))
+        named.append(NamedEffect(name, target, estimates, sure, share, family))
     return tuple(named)
 
 

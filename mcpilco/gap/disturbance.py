@@ -82,7 +82,7 @@ class Disturbance:
 
     def whitened(self, evidence: Evidence) -> Windows:
         """The windows, what the random forces of a model may do weighing little in them."""
-        std = evidence.std / max(evidence.noise, 1e-12)
+        std = np.minimum(evidence.std, DISTURBANCE.most) / max(evidence.noise, 1e-12)
         measured = self.windows.measured.reshape(len(self.windows), -1, 1)
         U, d, _ = np.linalg.svd(
             np.where(measured, self.columns * std[self.joint], 0.0), full_matrices=False

@@ -11,9 +11,13 @@ import numpy as np
 from mcpilco.gap.comparison import ComparedModels, Comparison, compare
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.decide import (
+    closes_most,
     leaves_a_force,
+    left_forces,
     mispredicts,
     named_effects,
+    on_bounds,
+    shifted_parameters,
     surely_better,
     unweighed,
     weighed,
@@ -112,7 +116,7 @@ def investigate(
     result, null = explained.result, refit(explained.result.null, windows)
     judged = weighed(result, explained.best, null, windows)
     best, null = (unweighed(fit, windows) for fit in (judged.best, judged.null))
-    named = named_effects(result, judged.best, judged.windows)
+    named = named_effects(result, judged)
 
     missed = spans_of(masked, recordings)
     events, final = (*pushes, *missed), best
@@ -123,7 +127,7 @@ def investigate(
         or foreseen(missed, problem, best)
         or mispredicts(best, null, windows, clear)
     )
-    helps = bool(named) and surely_better(best, (null,), clear)
+    helps = bool(named) and closes_most(best, null, clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
@@ -163,6 +167,9 @@ def investigate(
         recordings=tuple(recordings),
         suspicions=(*doubts, *_far_from_noise(compared, unknown)),
         remarks=remarks,
+        left=left_forces(judged),
+        shifted=shifted_parameters(final),
+        on_bounds=on_bounds(final),
     )
 
 

@@ -16,12 +16,12 @@ from mcpilco.data import html_table
 from mcpilco.files import write_bytes
 from mcpilco.gap.comparison import ComparedModels, Comparison
 from mcpilco.gap.data import Event, Windows, cut
-from mcpilco.gap.decide import NamedEffect, Rival, rivals
+from mcpilco.gap.decide import LeftForce, NamedEffect, Rival, ShiftedParameter, rivals
 from mcpilco.gap.disagreement import Disagreement
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
-from mcpilco.gap.thresholds import CHOICE
+from mcpilco.gap.thresholds import CHOICE, VERDICT
 from mcpilco.plant import EffectInstance, Plant
 from mcpilco.recordings import PARTS, Part, Recording
 
@@ -33,7 +33,7 @@ class Gap:
     plant: Plant
     """nominal"""
     verdict: str
-    """named, none, unknown or too_poor"""
+    """named, none, partly (effects are named, and more is missing), unknown or too_poor"""
     named: tuple[NamedEffect, ...]
     """effects that are missing"""
     corrected: Plant
@@ -61,6 +61,12 @@ class Gap:
     """what looks wrong with them, which leads the verdict"""
     remarks: tuple[str, ...] = ()
     """which of them were left out, as they hold the same as others"""
+    left: tuple[LeftForce, ...] = ()
+    """the random forces that the effects leave over, one a joint"""
+    shifted: tuple[ShiftedParameter, ...] = ()
+    """parameters of the corrected plant that are farther from the nominal ones than was told"""
+    on_bounds: tuple[str, ...] = ()
+    """values of effects that lie on a bound"""
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -106,6 +112,9 @@ def to_json(gap: Gap) -> dict[str, Any]:
         # a joint only where the disagreement is in one
         "where": [{k: v for k, v in vars(part).items() if k != "joint" or v} for part in gap.where],
         "error": _error(gap),
+        "left": [vars(force) for force in gap.left],
+        "shifted": [vars(parameter) for parameter in gap.shifted],
+        "on_bounds": list(gap.on_bounds),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {
@@ -150,7 +159,7 @@ def _finite(value: Any) -> Any:
 
 def summary(gap: Gap) -> list[str]:
     """The result as some lines that an engineer can act on."""
-    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *gap.remarks]
+    lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *_shifts(gap), *gap.remarks]
     for named in gap.named:
         numbers = ", ".join(
             f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
@@ -158,8 +167,9 @@ def summary(gap: Gap) -> list[str]:
         )
         others = named.family[1:]
         instead = f"; cannot be distinguished from {' or '.join(others)}" if others else ""
-        sure = f"{100 * named.probability:.0f} %"
+        sure = f"{100 * named.probability:.0f} %, closes {100 * named.share:.0f} % of the gap"
         lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
+    lines += [*map("  {}".format, gap.on_bounds), *_left(gap)]
     lines += [f"  Missing at {part.joint}: {part.condition}." for part in gap.where if part.joint]
     missed = [part for part in gap.where if not part.joint]
     if missed:
@@ -177,6 +187,27 @@ def summary(gap: Gap) -> list[str]:
         for event in gap.events
     ]
     return lines + list(gap.experiments)
+
+
+def _shifts(gap: Gap) -> list[str]:
+    """Sentences on parameters far from their nominal values."""
+    return [
+        f"The correction takes {p.name} from {p.nominal:.4g} to {p.value:.4g} {p.unit}, "
+        f"{p.stds:.0f} standard deviations of what was told of it (`--uncertainty`)."
+        for p in gap.shifted
+    ]
+
+
+def _left(gap: Gap) -> list[str]:
+    """Sentences on the forces that effects leave over, where they are more than is usual."""
+    if gap.verdict not in ("partly", "unknown"):
+        return []
+    return [
+        f"  Left over at {force.joint}: a force of {force.std:.2g} {force.unit} rms, "
+        f"{100 * force.usual:.0f} % of the usual one; in the nominal plant {force.nominal:.2g}."
+        for force in gap.left
+        if force.usual > VERDICT.force
+    ]
 
 
 def _errors(gap: Gap) -> list[str]:
@@ -221,7 +252,8 @@ def cautions(gap: Gap) -> list[str]:
         for named in gap.named
         if named.family[1:]
     ]
-    if gap.verdict == "unknown":
+    said += [*_shifts(gap), *gap.on_bounds]
+    if gap.verdict in ("partly", "unknown"):
         said.append(
             "The best model's residual is not noise, and no effect of the catalogue explains it"
             + (
@@ -254,16 +286,18 @@ def three_digits(value: float) -> str:
 
 def verdict_sentence(gap: Gap) -> str:
     """The verdict as a sentence."""
-    several = gap.verdict == "named" and len(gap.named) > 1
-    said = f"{len(gap.named)} effects are missing in the plant."
-    said = said if several else _VERDICTS[gap.verdict]
+    several = len(gap.named) > 1
+    said = f"{len(gap.named)} effects are missing in the plant"
+    said = said if several else "an effect is missing in the plant"
+    said = _VERDICTS[gap.verdict].format(said)
     if not gap.suspicions:
         return said
     return f"this looks wrong: {' '.join(gap.suspicions)} Taken as it is, {said}"
 
 
 _VERDICTS = {
-    "named": "an effect is missing in the plant.",
+    "named": "{}.",
+    "partly": "{}, and something else that is not in the catalogue.",
     "none": "the plant explains the recordings; nothing is missing.",
     "unknown": "something is missing that is not in the catalogue.",
     "too_poor": "the recordings are too poor to name anything.",

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,7 +78,9 @@ class Tried:
         return tried
 
     def weigh_by(self, best: Fit) -> None:
-        """Let the random forces of this model weigh what is fitted from now on."""
+        """Let the random forces of this model weigh what is fitted from now on; forget the worst."""
+        followed = [self.null, best, *self.ranked[: SEARCH.followed]]
+        self.fits = {frozenset(fit.model.effects): fit for fit in followed}
         self.disturbance = Disturbance.of(best, self.windows)
         self.evidence.clear()
         self.windows = self.disturbance.whitened(self.judged(best))
@@ -122,12 +124,15 @@ class Tried:
         what is far too small beside a machine's other forces. One that comes down to an uncertain
         parameter need not: its prior says what is small.
         """
-        gain, least = self.bic(smaller) - self.bic(larger), SEARCH.bic_gain
-        if len(larger.model.freed) <= len(smaller.model.freed):
-            evidence = self.judged(smaller)
-            left = evidence.deviance - evidence.samples
-            least = max(least, SEARCH.part_of_rest * left)
-        return gain >= least
+        told = len(larger.model.freed) > len(smaller.model.freed)
+        least = SEARCH.bic_gain if told else self.worth(smaller)
+        return self.bic(smaller) - self.bic(larger) >= least
+
+    def worth(self, fit: Fit) -> float:
+        """By how much the BIC must fall with a further effect."""
+        evidence = self.judged(fit)
+        left = evidence.deviance - evidence.samples
+        return max(SEARCH.bic_gain, SEARCH.part_of_rest * left)
 
     @property
     def ranked(self) -> list[Fit]:
@@ -200,19 +205,27 @@ class Tried:
         lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
         scores = screen(fit, lin, self.windows, new)
         begun: dict[Effects, Fit] = {}
+        some = np.arange(0, len(self.windows), SEARCH.thinned)
+        few, view = self.windows[some], fit.at(some)
         for score in scores:
             key = frozenset({*ours, score.instance})
             if score.gain < SEARCH.promising or (key not in begun and len(begun) == most):
                 continue
             if share.used_up:
                 break
-            grown = grow(fit, score, self.windows)
+            grown = grow(view, score, few)
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
-        for number, grown in enumerate(closest):
-            self.keep(_refitted(grown, self) if number < SEARCH.refined else grown)
+        for grown in closest[: SEARCH.refined]:
+            x0 = fit.x0.copy()
+            x0[some] = grown.x0
+            self.keep(self.refitted(replace(grown, x0=x0, by_window=fit.by_window)))
         return scores
+
+    def refitted(self, fit: Fit) -> Fit:
+        """The fit of a model to all windows."""
+        return fit_model(fit.model, self.windows, fit.theta, fit.x0, iterations=8)
 
 
 def search(
@@ -234,14 +247,12 @@ def search(
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
         for fit in _next(tried, best):
-            told = tried.neighbours(fit, share, exchange=fit is best)
+            told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
             scores = told if fit is best and told else scores
         best = tried.best()
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
-            best = tried.keep(
-                fit_model(best.model, tried.windows, best.theta, best.x0, iterations=8)
-            )
             tried.weigh_by(best)
+            tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
             best, idle = tried.best(), 0
         else:
             idle += 1
@@ -249,10 +260,6 @@ def search(
     return SearchResult(
         best, tried.null, _first(best, ranked), tuple(scores), tried.windows, tried.judged(best)
     )
-
-
-def _refitted(fit: Fit, tried: Tried) -> Fit:
-    return fit_model(fit.model, tried.windows, fit.theta, fit.x0, iterations=8, hasty=True)
 
 
 def _first(best: Fit, ranked: Sequence[tuple[Fit, float]]) -> tuple[tuple[Fit, float], ...]:
@@ -266,12 +273,12 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
     it. That costs it its rank, but it is one effect away from what is there.
     """
-    most = tried.judged(best).deviance - SEARCH.bic_gain
+    most = tried.judged(best).deviance - tried.worth(best)
     open_ = [
         fit
         for fit in tried.ranked
-        if (frozenset(fit.model.effects), fit is best) not in tried.grown
-        and (fit is best or tried.judged(fit).deviance < most or tried.bic(fit) < tried.bic(best))
+        if (frozenset(fit.model.effects), tried.bic(fit) <= tried.bic(best)) not in tried.grown
+        and (tried.judged(fit).deviance < most or tried.bic(fit) <= tried.bic(best))
     ]
     rest = [fit for fit in open_ if fit is not best]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]

@@ -117,6 +117,9 @@ class DisturbanceThresholds:
     ratios: tuple[float, float] = (-25.0, 12.0)
     """least and largest log of its variance over that of the noise, in usual forces over noise
     std: none at all, and as much as makes a model worthless"""
+    most: float = 0.3
+    """random force by which a fit is weighed at most [usual forces]: beyond, a model that misses
+    much would be fitted to next to nothing"""
 
 
 @dataclass(frozen=True)
@@ -152,12 +155,16 @@ class SearchThresholds:
     none is named for what is small beside a noise that is larger than reported"""
     shortlist: int = 6
     """effects that are tried on a model, for the cost"""
-    refined: int = 3
-    """of these that are fitted in full, for the cost"""
+    thinned: int = 2
+    """they are fitted to one of so many windows, for the cost"""
+    refined: int = 4
+    """of these that are fitted to all windows, for the cost"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
     """models beside the best whose neighbours are tried, for the cost"""
+    followed: int = 12
+    """models that are judged anew with the random forces of a better one, for the cost"""
     patience: int = 1
     """rounds that a search goes on without a better model"""
     begun: tuple[float, float, float] = (1.0, 0.25, 0.0625)
@@ -300,6 +307,8 @@ class VerdictThresholds:
     force: float = 0.02
     """random force in a joint beyond which something is missing [usual forces]: masses that are
     wrong by 1 to 3 % leave half of that"""
+    shifted: float = 5.0
+    """prior std beyond which a fit takes a parameter elsewhere than its prior meant [-]"""
     noise: float = 3.0
     """noise std over the reported one beyond which something is missing [-]"""
     closed: float = 0.5

@@ -9,12 +9,10 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
-from mcpilco.gap.decide import most_predictive
 from mcpilco.gap.fit import fit_model
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.search import search
 from mcpilco.gap.sensitivities import run
-from mcpilco.gap.thresholds import CHOICE
 from mcpilco.plant import CATALOGUE, EffectInstance
 from tests.mcpilco.gap.pendulum import record
 
@@ -101,18 +99,3 @@ def test_a_search_of_few_steps_ends_with_fewer_models(problem: GapProblem) -> No
     assert 1 < len(part.ranked) < len(whole.ranked)
     assert part.best.model.budget.used[0] < whole.best.model.budget.used[0]
     assert [bic for _, bic in part.ranked] == [bic for _, bic in again.ranked]
-
-
-def test_where_no_steps_are_left_the_best_model_is_compared_with_no_other(
-    problem: GapProblem,
-) -> None:
-    windows = problem.windows()
-    chosen = []
-    for most in (1e9, 0.0):
-        model = limited(problem, most).model(windows)
-        null = fit_model(model, windows, np.zeros(model.nuisances), windows.guess)
-        assert np.median(null.by_window / windows.samples) > CHOICE.rough
-        idle = model.grown(null.theta, EffectInstance(CATALOGUE["spring"], "pendulum"), [0.0])
-        larger = fit_model(idle[0], windows, idle[1], null.x0, iterations=1)
-        chosen.append(most_predictive([larger, null], windows) is larger)
-    assert chosen == [False, True]

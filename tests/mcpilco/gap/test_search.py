@@ -1,8 +1,7 @@
-"""How sets of effects are searched, judged and exchanged."""
+"""How models are changed, one change at a time, and judged."""
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -10,109 +9,78 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit
-from mcpilco.gap.screen import Score
-from mcpilco.gap.search import (
-    Criterion,
-    SearchResult,
-    Tried,
-    exchanged,
-    grow,
-    plainer,
-    search,
-    without,
-)
-from mcpilco.gap.thresholds import SEARCH
-from tests.mcpilco.gap.lagging import active, fitted, problem, recorded
+from mcpilco.gap.search import Tried, search, without
+from mcpilco.plant import EffectInstance
+from tests.mcpilco.gap.lagging import active, fitted, problem
 
-STD = {"m": 1e-3, "rad": 2e-3}
+FRICTION = active("coulomb_friction", "pendulum")
+LAG = active("actuator_lag", "actuator")
+DELAY = active("actuator_delay", "actuator")
+UNEVEN = active("asymmetric_friction", "pendulum")
+OFFSET = active("sensor_offset", "angle")
+
+
+def found(known: GapProblem, candidates: list[EffectInstance]) -> set[EffectInstance]:
+    windows = known.windows()
+    return {*search(known.model(windows), windows, candidates).best.model.effects}
 
 
 def test_an_effect_that_stands_for_another_is_exchanged(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
-    _, windows, null = lagging
-    names = "actuator_delay", "actuator_lag", "actuator_dead_zone"
-    candidates = [active(name, "actuator") for name in names]
-    model, theta = null.model.grown(null.theta, candidates[0], [0.05])
-    model, theta = model.grown(theta, active("coulomb_friction", "pendulum"), [0.1, 2e-3])
-    wrong = fitted(model, windows, theta)
-    stuck = SearchResult(wrong, null, (), (), windows).with_best(wrong, [null, wrong])
-    best = exchanged(stuck, candidates).best
-    named = {str(each) for each in best.model.effects}
-    assert named == {"actuator_lag (actuator)", "coulomb_friction (pendulum)"}
-    assert best.chi2 < 1.2 * windows.samples.sum() < wrong.chi2
+    """Alone a delay explains more than the lag that is there."""
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [DELAY, LAG, active("actuator_dead_zone", "actuator")])
+    model, theta = null.model.grown(null.theta, DELAY, [0.05])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    wrong = tried.keep(fitted(model, tried.windows, theta))
+    share = known.budget.share(1.0)
+    tried.neighbours(wrong, share, exchange=False)
+    assert frozenset({LAG, FRICTION}) not in tried.fits
+    tried.neighbours(wrong, share, exchange=True)
+    right = tried.fits[frozenset({LAG, FRICTION})]
+    assert tried.bic(right) < tried.bic(wrong) - 15.0
 
 
 @pytest.mark.parametrize(
-    ("forces", "named"), [((0.1, 0.1), "coulomb_friction"), ((0.13, 0.07), "asymmetric_friction")]
+    ("forces", "named"), [((0.1, 0.1), FRICTION), ((0.13, 0.07), UNEVEN)], ids=["even", "uneven"]
 )
 def test_a_special_case_is_named_where_it_explains_as_much(
-    forces: tuple[float, float], named: str
+    forces: tuple[float, float], named: EffectInstance
 ) -> None:
-    names = "coulomb_friction", "asymmetric_friction", "stribeck_friction"
-    candidates = [active(name, "pendulum") for name in names]
-    hidden = [(candidates[1], (*forces, 2e-3))]
-    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    candidates = [FRICTION, UNEVEN, active("stribeck_friction", "pendulum")]
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (*forces, 2e-3))])
+    assert found(known, candidates) == {named}
+
+
+def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
+    """Friction that differs by direction is Coulomb's and a constant force."""
+    constant = active("constant_force", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (0.14, 0.06, 2e-3))])
     windows = known.windows()
-    model = known.model(windows)
-    null = fitted(model, windows, np.zeros(model.nuisances))
-    model, theta = null.model.grown(null.theta, candidates[1], [*forces, 2e-3])
-    rich = fitted(model, windows, theta)
-    found = SearchResult(rich, null, (), (), windows).with_best(rich, [null, rich])
-    (effect,) = plainer(found, candidates).best.model.effects
-    assert effect.effect.name == named
-
-
-@pytest.mark.parametrize(("std", "seen"), [(2e-3, False), (5e-4, True)])
-def test_where_nothing_fits_special_cases_are_tried_beside_another_effect(
-    std: float, seen: bool
-) -> None:
-    """Coulomb friction and an encoder that is off look like friction that differs by direction."""
-    candidates = [
-        active("coulomb_friction", "pendulum"),
-        active("asymmetric_friction", "pendulum"),
-        active("sensor_offset", "angle"),
-    ]
-    hidden = [(candidates[0], (0.1, 2e-3)), (candidates[2], (0.02,))]
-    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
-    known = GapProblem.of(plant, recorded(plant.having(hidden), 2), 0.01, (), {"angle": std})
-    windows = known.windows()
-    model = known.model(windows)
-    null = fitted(model, windows, np.zeros(model.nuisances))
-    model, theta = null.model.grown(null.theta, candidates[1], [0.13, 0.07, 2e-3])
-    rich = fitted(model, windows, theta)
-    found = SearchResult(rich, null, (), (), windows).with_best(rich, [null, rich])
-    models = [set(tried.model.effects) for tried in plainer(found, candidates).fits]
-    assert ({candidates[0], candidates[2]} in models) == seen
-
-
-def test_a_model_that_fits_to_the_noise_is_left_as_it_is(
-    lagging: tuple[GapProblem, Windows, Fit],
-) -> None:
-    known, windows, null = lagging
-    model, theta = null.model.grown(null.theta, active("actuator_lag", "actuator"), [0.08])
-    model, theta = model.grown(theta, active("coulomb_friction", "pendulum"), [0.1, 2e-3])
-    found = SearchResult(fitted(model, windows, theta), null, (), (), windows)
-    found = found.with_best(found.best, [null, found.best])
-    assert exchanged(found, known.candidates(windows)) is found
+    result = search(known.model(windows), windows, [UNEVEN, FRICTION, constant])
+    sets = [set(fit.model.effects) for fit in result.fits]
+    assert {UNEVEN} in sets
+    assert not any(UNEVEN in each and len(each) > 1 for each in sets)
 
 
 @pytest.mark.parametrize(("explained", "worth"), [(0.01, False), (0.2, True)])
 def test_an_effect_must_explain_a_part_of_what_is_left_over(
     lagging: tuple[GapProblem, Windows, Fit], explained: float, worth: bool
 ) -> None:
-    """However sure it is: noise beyond the reported one is larger than the effect."""
+    """However sure it is: beside what the machine does otherwise it is small."""
     _, windows, null = lagging
-    model, theta = null.model.grown(null.theta, active("actuator_delay", "actuator"), [0.01])
-    samples = 1000 * windows.samples
-    many = replace(windows, y=np.repeat(windows.y, 1000, axis=2))
-    smaller = replace(null, by_window=3.0 * samples, chi2=3.0 * samples.sum())
-    left = (3.0 - 2.0 * explained) * samples
-    larger = replace(null, model=model, theta=theta, by_window=left, chi2=left.sum())
-    criterion = Criterion(many, cap=9.0, inflation=3.0, samples=samples.sum())
-    assert criterion.bic(smaller) - criterion.bic(larger) > 100.0
-    assert criterion.prefers(larger, smaller, smaller) == worth
+    tried = Tried.begun(null, windows, [])
+    model, theta = null.model.grown(null.theta, DELAY, [0.01])
+    larger, samples = replace(null, model=model, theta=theta), 1_000_000
+    for fit, deviance in ((null, 3.0), (larger, 3.0 - 2.0 * explained)):
+        key = frozenset(fit.model.effects)
+        tried.fits[key] = fit
+        tried.evidence[key] = Evidence(deviance * samples, np.zeros(1), 1.0, samples)
+    assert tried.bic(null) - tried.bic(larger) > 1000.0
+    assert tried.prefers(larger, null) == worth
 
 
 @pytest.mark.parametrize(("times", "meant"), [(2.0, True), (1e6, False)])
@@ -120,77 +88,57 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     lagging: tuple[GapProblem, Windows, Fit], times: float, meant: bool
 ) -> None:
     _, windows, null = lagging
-    armature = active("armature", "pendulum")
+    tried = Tried.begun(null, windows, [])
     value = times * null.model.scales["pendulum"].inertia
-    model, theta = null.model.grown(null.theta, armature, [value])
-    perfect = replace(null, model=model, theta=theta, by_window=0.0 * null.by_window, chi2=0.0)
-    criterion = Criterion.of(null, windows)
-    assert criterion.prefers(perfect, null, null) == meant
-    found = SearchResult(null, null, (), (), windows).with_best(null, [null, perfect])
-    assert [known for known, _ in found.ranked] == ([null, perfect] if meant else [null])
+    model, theta = null.model.grown(null.theta, active("armature", "pendulum"), [value])
+    perfect = replace(null, model=model, theta=theta)
+    key = frozenset(model.effects)
+    tried.fits[key] = perfect
+    tried.evidence[key] = Evidence(-1e6, np.zeros(1), 1.0, 1000)
+    assert tried.prefers(perfect, tried.null) == meant
 
 
-def friction_and_lag_are_found(known: GapProblem, windows: Windows) -> bool:
-    candidates = [active("coulomb_friction", "pendulum"), active("actuator_lag", "actuator")]
-    return {*search(known.model(windows), windows, candidates).best.model.effects} == {*candidates}
-
-
-def test_a_search_goes_on_from_an_effect_that_is_worth_little_and_explains_most(
-    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+def test_two_effects_are_found_of_which_each_alone_is_imitated(
+    lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
-    """Alone it bends the nominal parameters beyond their priors, in place of what else is there."""
     known, windows, _ = lagging
-    prefers = Criterion.prefers
-
-    def only_two(self: Criterion, larger: Fit, smaller: Fit, null: Fit) -> bool:
-        return len(larger.model.effects) > 1 and prefers(self, larger, smaller, null)
-
-    monkeypatch.setattr(Criterion, "prefers", only_two)
-    assert friction_and_lag_are_found(known, windows)
+    result = search(known.model(windows), windows, known.candidates(windows))
+    assert {*result.best.model.effects} == {FRICTION, LAG}
+    assert result.ranked[0][0] is result.best
+    assert all(bic >= result.ranked[0][1] for _, bic in result.ranked[1:])
 
 
-def test_a_fit_that_ended_worse_than_with_an_effect_less_is_made_again(
-    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    known, windows, null = lagging
-    ended: list[Fit] = []
-
-    def at_first_badly(fit: Fit, score: Score, windows: Windows) -> Fit:
-        grown = grow(fit, score, windows)
-        if len(grown.model.effects) < 2 or len(ended) > 1:
-            return grown
-        ended.append(replace(grown, chi2=2.0 * null.chi2, by_window=2.0 * null.by_window))
-        return ended[-1]
-
-    module = importlib.import_module("mcpilco.gap.search")
-    monkeypatch.setattr(module, "grow", at_first_badly)
-    assert friction_and_lag_are_found(known, windows)
-
-
-def test_a_search_goes_on_where_an_effect_of_three_became_superfluous(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    friction, lag, offset = (
-        active("coulomb_friction", "pendulum"),
-        active("actuator_lag", "actuator"),
-        active("sensor_offset", "angle"),
-    )
-    hidden = [(friction, (0.1, 2e-3)), (lag, (0.08,)), (offset, (0.1,))]
+def test_three_effects_are_found() -> None:
+    hidden = [(FRICTION, (0.1, 2e-3)), (LAG, (0.08,)), (OFFSET, (0.1,))]
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
-    windows = known.windows()
-    module = importlib.import_module("mcpilco.gap.search")
-    leaner = module.without_superfluous
-    pairs: list[Fit] = []
-    dropped: list[Fit] = []
+    assert found(known, known.candidates(known.windows())) == {FRICTION, LAG, OFFSET}
 
-    def once_without_one(best: Fit, tried: Tried, criterion: Criterion) -> Fit:
-        if len(best.model.effects) < SEARCH.most_effects or dropped:
-            pairs.append(leaner(best, tried, criterion))
-            return pairs[-1]
-        dropped.append(tried.fits.pop(frozenset(best.model.effects)))
-        return without(best, pairs[-1].model.effects[0], tried.windows, tried.null)
 
-    monkeypatch.setattr(module, "without_superfluous", once_without_one)
-    found = search(known.model(windows), windows, [friction, lag, offset])
-    assert dropped
-    assert {*found.best.model.effects} == {friction, lag, offset}
+def test_where_nothing_is_hidden_nothing_is_found() -> None:
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [])
+    assert found(known, known.candidates(known.windows())) == set()
+
+
+def test_a_model_without_a_parameter_s_effect_has_its_prior_back(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    gain = active("actuator_gain", "actuator")
+    number = null.model.frees(gain)
+    assert number is not None
+    freed = replace(null, model=null.model.having(gain))
+    back = without(freed, gain, windows, null)
+    assert list(back.model.priors.items()) == list(null.model.priors.items())
+    assert not back.model.effects
+
+
+def test_the_better_of_two_fits_of_the_same_effects_is_kept(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    model, theta = null.model.grown(null.theta, LAG, [0.08])
+    good = tried.keep(fitted(model, tried.windows, theta))
+    bad = replace(good, theta=theta + 0.5)
+    assert tried.keep(bad) is good
+    assert tried.fits[frozenset({LAG})] is good

@@ -1,0 +1,131 @@
+"""The random forces beside the equations: their likelihood, their sizes, and what they do not hide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+import envs
+from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.disturbance import Disturbance
+from mcpilco.gap.fit import Fit, misfits
+from mcpilco.gap.sensitivities import lean, residual, run
+from mcpilco.gap.thresholds import FORCE
+from tests.mcpilco.gap.lagging import fitted, problem
+
+STD = 0.03
+"""of a random force [usual forces]"""
+
+
+def disturbed(seed: int, std: float, noise: float = 1.0) -> tuple[Fit, Windows, Disturbance]:
+    """A pendulum's windows as random forces and noise make them about its own motion."""
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [])
+    windows = known.windows()
+    model = known.model(windows)
+    theta, rng = np.zeros(model.nuisances), np.random.default_rng(seed)
+    fit = fitted(model, windows, theta)
+    fit = replace(fit, theta=theta)
+    true = run(model, windows, theta[None], fit.x0[None])[0]
+    disturbance = Disturbance.of(fit, windows)
+    force = rng.normal(0.0, std, (len(windows), disturbance.columns.shape[2]))
+    moved = np.einsum("wnm,wm->wn", disturbance.columns, force).reshape(windows.y.shape)
+    measured = noise * rng.standard_normal(windows.y.shape)
+    y = true + windows.std[:, None] * (moved + measured)
+    windows = replace(windows, y=np.where(windows.measured, y, np.nan))
+    return fit, windows, Disturbance.of(fit, windows)
+
+
+def dense_deviance(
+    fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: float
+) -> float:
+    """-2 log likelihood of the residuals' parts that no start makes, by their whole covariance."""
+    windows = disturbance.windows
+    lin = lean(fit.model, windows, fit.theta, fit.x0)
+    total = 0.0
+    for w in range(len(windows)):
+        seen = windows.measured[w].ravel()
+        start = np.linalg.svd(lin.Jx[w][seen])[0][:, lin.Jx.shape[2] :].T
+        G = start @ disturbance.columns[w][seen] * std[disturbance.joint]
+        covariance = noise**2 * np.eye(len(start)) + G @ G.T
+        r = start @ lin.r[w][seen]
+        total += np.linalg.slogdet(covariance)[1] + r @ np.linalg.solve(covariance, r)
+    return total
+
+
+def test_the_deviance_is_that_of_a_normal_distribution_with_the_whole_covariance() -> None:
+    fit, _, disturbance = disturbed(0, STD)
+    found = disturbance.evidence(fit)
+    expected = dense_deviance(fit, disturbance, found.std, found.noise)
+    assert found.deviance == pytest.approx(expected, rel=1e-6)
+
+
+def test_no_other_size_is_likelier() -> None:
+    fit, _, disturbance = disturbed(1, STD)
+    found = disturbance.evidence(fit)
+    least = dense_deviance(fit, disturbance, found.std, found.noise)
+    for times, louder in ((1.2, 1.0), (0.8, 1.0), (1.0, 1.05), (1.0, 0.95)):
+        std, noise = times * found.std, louder * found.noise
+        assert dense_deviance(fit, disturbance, std, noise) > least
+
+
+@pytest.mark.parametrize(("std", "noise"), [(STD, 1.0), (4.0 * STD, 1.0), (STD, 2.0)])
+def test_the_sizes_that_made_the_data_are_recovered(std: float, noise: float) -> None:
+    found = [d.evidence(fit) for fit, _, d in (disturbed(seed, std, noise) for seed in range(3))]
+    assert np.mean([float(each.std[0]) for each in found]) == pytest.approx(std, rel=0.15)
+    assert np.mean([each.noise for each in found]) == pytest.approx(noise, rel=0.1)
+
+
+def test_where_nothing_is_missing_no_force_is_left() -> None:
+    fit, _, disturbance = disturbed(2, 0.0)
+    assert disturbance.evidence(fit).std[0] < 0.2 * STD
+
+
+def test_whitened_residuals_are_white() -> None:
+    """Their mean square is that of the noise, with forces many times as strong."""
+    fit, windows, disturbance = disturbed(3, 10.0 * STD)
+    white = disturbance.whitened(disturbance.evidence(fit))
+    refit = fitted(fit.model, white, fit.theta)
+    assert misfits(fit.model, windows, fit.theta, fit.x0).sum() > 10.0 * windows.samples.sum()
+    assert refit.by_window.sum() == pytest.approx(windows.samples.sum(), rel=0.15)
+
+
+def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
+    fit, windows, disturbance = disturbed(4, STD)
+    evidence = disturbance.evidence(fit)
+    white = disturbance.whitened(evidence)
+    std = (evidence.std / evidence.noise)[disturbance.joint]
+    y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
+    plain, weighed = residual(windows, y), residual(white, y)
+    for w in (0, len(windows) - 1):
+        G: Float[np.ndarray, "n m"] = disturbance.columns[w] * std
+        G = np.where(windows.measured[w].reshape(-1, 1), G, 0.0)
+        covariance = np.eye(len(G)) + G @ G.T
+        squares = plain[w] @ np.linalg.solve(covariance, plain[w])
+        assert np.square(weighed[w]).sum() == pytest.approx(squares, rel=1e-9)
+
+
+def test_a_window_is_whitened_alike_among_others_and_alone() -> None:
+    fit, _, disturbance = disturbed(5, STD)
+    white = disturbance.whitened(disturbance.evidence(fit))
+    y = run(fit.model, white, fit.theta[None], fit.x0[None])[0]
+    some = np.array([3, 1])
+    np.testing.assert_allclose(residual(white[some], y[some]), residual(white, y)[some])
+    assert white.plain.whitening is None
+    assert white.beginning(5).whitening is None
+
+
+def test_forces_are_held_as_long_as_the_thresholds_say() -> None:
+    _, windows, disturbance = disturbed(6, STD)
+    hold = round(FORCE.hold_s / windows.dt)
+    assert disturbance.columns.shape[2] == -(-(windows.y.shape[2] - 1) // hold)
+
+
+def test_each_joint_has_a_force_of_its_own(lagging: tuple[GapProblem, Windows, Fit]) -> None:
+    known = problem(envs.PLANTS["mcpilco/CartPoleSwingUp-v0"](), [])
+    windows = known.windows()
+    model = known.model(windows)
+    disturbance = Disturbance.of(fitted(model, windows, np.zeros(model.nuisances)), windows)
+    assert list(np.unique(disturbance.joint)) == [0, 1]
