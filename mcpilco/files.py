@@ -80,6 +80,26 @@ def destination(path: Path) -> Path:
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
+def make_folder(folder: Path, *names: str) -> None:
+    """Make a folder to write into, where it is not there.
+
+    Args:
+        folder: to make.
+        names: of the files to be written, which must land in it.
+
+    Raises:
+        RunFolderError: it cannot be made, or a file of that name is a link that leads out of it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(
+            f"{folder} cannot be written ({error.strerror or error}); choose another folder."
+        ) from error
+    if names:
+        require_own(folder, *(folder / name for name in names))
+
+
 def require_own(folder: Path, *paths: Path) -> None:
     """Make sure that what is written into a folder lands in it, whoever made the folder.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ import torch
 from tests import shapes
 
 shapes.install()
+gc.disable()  # until all is imported, which leaves nothing to collect
 
 # The workers share the cores: more threads would only wait for one another.
 torch.set_num_threads(1)
@@ -22,6 +24,28 @@ torch.set_num_threads(1)
 def pytest_runtest_setup() -> None:
     """Each test checks the shapes of what it calls, however often others have called it."""
     shapes.begin_test()
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What several tests share is made once: they go to one worker, those that share most first."""
+    for item in items:
+        if item.get_closest_marker("xdist_group") is None and (shared := _shared_by(item)):
+            item.add_marker(pytest.mark.xdist_group(shared))
+
+
+def pytest_collection_finish() -> None:
+    """The garbage collector needs not look at what was imported again and again."""
+    gc.freeze()
+    gc.enable()
+
+
+def _shared_by(item: pytest.Item) -> str:
+    """The widest of the fixtures of ours that a test shares with others; "" for none."""
+    known = getattr(item, "_fixtureinfo", None)
+    last = [all_[-1] for all_ in known.name2fixturedefs.values()] if known else []
+    names = {each.scope: each.argname for each in last if each.func.__module__.startswith("tests.")}
+    return names.get("session") or ("module" in names and "/".join(item.path.parts[-2:])) or ""
 
 
 @pytest.fixture

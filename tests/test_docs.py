@@ -53,16 +53,8 @@ NAMES = "|".join(
     re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower() for kind in mcpilco.cli.COMMANDS
 )
 """of all commands, as one pattern"""
-SLOW = {
-    "collisions.md",
-    "compare.md",
-    "crossing.md",
-    "gap.md",
-    "getting-started.md",
-    "identification.md",
-    "kinematics.md",
-}
-"""pages that take more than about 20 s of one core"""
+QUICK = {"CONTRIBUTING.md", "corrected-plants.md", "extend-kernel.md", "plants.md", "recordings.md"}
+"""pages that take some seconds of one core; the others take up to some minutes"""
 NOTHING_TO_DO = {"map.md"}
 """pages without commands and without files and Python to run"""
 
@@ -116,7 +108,7 @@ def my_env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=page.name, marks=[pytest.mark.slow] * (page.name in SLOW))
+        pytest.param(page, id=page.name, marks=[pytest.mark.slow] * (page.name not in QUICK))
         for page in PAGES
         if page.name not in NOTHING_TO_DO
     ],

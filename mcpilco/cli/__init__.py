@@ -64,9 +64,21 @@ _ABOUT = "MC-PILCO: learn to control a system from seconds of experience."
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code: 0 done, 2 wrong input, 130 interrupted.
 
+    It is 141, without a word, where the reader of its output has left, as `| head` does.
+
     Args:
         argv: the arguments after `mcpilco`; those of this process when None.
     """
+    try:
+        code = _run(argv)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the end
+        return 141
+
+
+def _run(argv: Sequence[str] | None) -> int:
     _choose_gl()
     os.environ.update(_UNREAD | os.environ)
     kinds: Any = functools.reduce(operator.or_, COMMANDS)

@@ -15,8 +15,8 @@ from mcpilco.cli.options import (
     Command,
     Files,
     column_names,
-    make_folder,
     optional,
+    require_new,
     use_one_thread,
     warn,
 )
@@ -79,7 +79,7 @@ class Simulate(Command):
 
         from envs.arms.sticky_arm import MODEL, StickyArm
         from envs.arms.waypoints import waypoints
-        from mcpilco.files import write_bytes
+        from mcpilco.files import make_folder, write_bytes
 
         if self.moves < 1 or self.seed < 0:
             raise InputError(
@@ -87,7 +87,8 @@ class Simulate(Command):
                 f"{self.seed}."
             )
         names = ("arm.xml", "free.csv", "check.csv", "pushed.csv")
-        make_folder(self.out, [self.out / name for name in names], "name another folder")
+        make_folder(self.out, *names)
+        require_new(*(self.out / name for name in names), remedy="name another folder")
         rng = np.random.default_rng(self.seed)
         arm = StickyArm.drawn(rng)
         for name in ("free", "check"):
@@ -225,15 +226,17 @@ class Detect(Command):
     def __call__(self) -> int:
         """Search, and return the exit code."""
         use_one_thread()
-        from mcpilco.files import write_bytes
+        from mcpilco.files import make_folder, write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
         from mcpilco.recordings import arm_samples
         from mcpilco.show import write_collision_film
 
         model, limits = load_collision_model(self.model)
-        self.out.mkdir(parents=True, exist_ok=True)
+        read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
+        files = [f"{one.name}{suffix}" for one in read for suffix in (".rrd", ".csv")]
+        make_folder(self.out, "collisions.json", *files)
         told: dict[str, Any] = {}
-        for recording in _read(self.recordings, model.joints, column_names(self.columns), model.dt):
+        for recording in read:
             samples = arm_samples(recording, model.config.window)
             found = detect(model, limits, samples)
             alarms = events(found, model.joints)

@@ -70,6 +70,8 @@ class Cross(Command):
     """fresh ones, that a policy is judged by in simulation and on the system"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
+    accept: bool = False
+    """go on with recordings that look wrong, as in `mcpilco gap`"""
     quiet: bool = False
     """show no progress"""
 
@@ -109,7 +111,7 @@ class Cross(Command):
 
     def _find(self, work: Workflow) -> None:
         known = work.verdict
-        found = work.correct()
+        found = work.correct(self.accept)
         if found is not None:
             show_gap(found, work.gap, ["gap.json", "corrected.json"])
         elif not self.quiet:
@@ -179,7 +181,7 @@ class Cross(Command):
 
     def _typed(self) -> dict[str, Any]:
         """The settings as they are kept in the folder."""
-        settings = {k: v for k, v in asdict(self).items() if k not in ("out", "quiet")}
+        settings = {k: v for k, v in asdict(self).items() if k not in ("out", "accept", "quiet")}
         settings["env_kwargs"] = keywords("--env-kwargs", self.env_kwargs)
         return settings
 

@@ -19,7 +19,6 @@ from mcpilco.cli.options import (
     Command,
     Files,
     column_names,
-    make_folder,
     named_numbers,
     optional,
     register,
@@ -89,14 +88,14 @@ class Gap(Command):
             return 130
 
     def _investigate(self, stages: Stages) -> int:
+        from mcpilco.files import make_folder
         from mcpilco.gap import investigate, require_plausible, suspicions, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
         plant = self._plant()
         if not self.overwrite:
-            for name in FILES:
-                require_new(self.out / name, REMEDY)
+            require_new(*(self.out / name for name in FILES), remedy=REMEDY)
         recordings, notes = read_for_plant(
             plant, self.recordings, column_names(self.columns), self.dt
         )
@@ -106,7 +105,7 @@ class Gap(Command):
         doubts = suspicions(plant, recordings, self._limits(plant))
         if not self.accept:
             require_plausible(doubts)
-        make_folder(self.out)
+        make_folder(self.out, *FILES)
         for name in FILES:
             (self.out / name).unlink(missing_ok=True)
         gap = investigate(

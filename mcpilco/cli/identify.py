@@ -80,12 +80,12 @@ class Identify(Command):
     def __call__(self) -> int:
         """Identify, and return the exit code."""
         use_one_thread()
-        from mcpilco.files import write_bytes
+        from mcpilco.files import make_folder, write_bytes
 
         found = self._identify()
         for line in lines(found):
             print(line)
-        self.out.mkdir(parents=True, exist_ok=True)
+        make_folder(self.out, "identified.json", "identified.xml")
         write_bytes(self.out / "identified.json", json.dumps(as_json(found), indent=1).encode())
         print(f"In {self.out}: {', '.join(['identified.json', *self._write_mjcf(found)])}.")
         return 0

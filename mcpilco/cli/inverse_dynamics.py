@@ -60,6 +60,7 @@ class InverseDynamics(Command):
     def __call__(self) -> int:
         """Learn, test, save, and return the exit code."""
         use_one_thread()
+        from mcpilco.files import make_folder
         from mcpilco.identification.inverse_dynamics import (
             fit_inverse_dynamics,
             save_inverse_dynamics,
@@ -77,7 +78,7 @@ class InverseDynamics(Command):
             seed=self.seed,
         )
         nmse = model.nmse(test)
-        self.out.mkdir(parents=True, exist_ok=True)
+        make_folder(self.out, "model.npz", "report.json", "torques.png")
         save_inverse_dynamics(self.out / "model.npz", model)
         self._write_report(model, test, nmse.tolist())
         written = ["model.npz", "report.json", *self._draw(model, test)]

@@ -72,11 +72,11 @@ class Kinematics(Command):
         errors: PoseErrors | None,
         tolerance: Any,
     ) -> None:
-        from mcpilco.files import write_bytes
+        from mcpilco.files import make_folder, write_bytes
         from mcpilco.show.plots import draw_kinematics
 
         assert self.out is not None
-        self.out.mkdir(parents=True, exist_ok=True)
+        make_folder(self.out, "kinematics.json", "forward.npz", "kinematics.png")
         told = {
             "base": chain.base,
             "joints": [asdict(joint) for joint in chain.joints],

@@ -16,7 +16,6 @@ from mcpilco.cli.options import (
     EnvKeywords,
     Trust,
     keywords,
-    make_folder,
     optional,
     register,
     require_at_least,
@@ -70,6 +69,7 @@ class Record(Command):
 
         from mcpilco.agent import agent_of, finished_trial
         from mcpilco.crossing import record_rollouts
+        from mcpilco.files import make_folder
         from mcpilco.recordings import write_recording
 
         run = None if self.policy in KINDS else _run(self.policy)
@@ -80,11 +80,12 @@ class Record(Command):
             policy: Any = self.policy if run is None else agent_of(run, finished_trial(run))
             names = [path.stem for path in paths]
             recordings = record_rollouts(env, policy, self.seconds, names, self.seed)
-            make_folder(self.out, paths, REMEDY)
+            make_folder(self.out, *(path.name for path in paths))
+            require_new(*paths, remedy=REMEDY)
             try:
                 with _progress(len(paths), self.quiet) as show:
                     for path, recording in zip(paths, recordings, strict=True):
-                        require_new(path, REMEDY)
+                        require_new(path, remedy=REMEDY)
                         write_recording(path, recording)
                         done += 1
                         show(path, recording)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from mcpilco.cli.options import Command, make_folder, optional, use_one_thread, warn, without
+from mcpilco.cli.options import Command, optional, use_one_thread, warn, without
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -53,12 +53,13 @@ class Volterra(Command):
     def __call__(self) -> int:
         """Fit, and return the exit code."""
         use_one_thread()
+        from mcpilco.files import make_folder
         from mcpilco.identification import save_volterra
 
         train, test = self._data()
         model = self._best(train, test)
         warn(*model.report.warnings, about="mcpilco: warning")
-        make_folder(self.out)
+        make_folder(self.out, "model.npz", "prediction.csv", "volterra.png")
         mean, std = model.predict(test.inputs)
         save_volterra(model, self.out / "model.npz")
         _write_prediction(self.out / "prediction.csv", model, test, mean, std)

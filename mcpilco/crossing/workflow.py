@@ -41,8 +41,8 @@ from mcpilco.agent import (
 from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, write_crossing
 from mcpilco.crossing.prior import as_mean, remembered_inputs
 from mcpilco.crossing.rollouts import record_rollouts
-from mcpilco.files import require_own
-from mcpilco.gap import Gap, investigate
+from mcpilco.files import make_folder, require_own
+from mcpilco.gap import Gap, investigate, suspicions
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
 from mcpilco.plant import correction_of, read_correction, write_correction
@@ -124,12 +124,7 @@ class Workflow:
                     f"{self.out} was begun with another {', '.join(changed)}; name a new folder."
                 )
             return
-        try:
-            self.out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunFolderError(
-                f"{self.out} cannot be made ({error.strerror or error}); choose another folder."
-            ) from error
+        make_folder(self.out)
         write_json(path, known)
 
     def record(self) -> list[Path]:
@@ -169,11 +164,14 @@ class Workflow:
         whole = verdict == "too_poor" or (self.gap / "corrected.json").exists()
         return verdict if whole else None
 
-    def correct(self) -> Gap | None:
+    def correct(self, accept: bool = False) -> Gap | None:
         """Find what the simulation lacks; None where that was found before.
 
+        Args:
+            accept: go on with recordings that look wrong; the verdict says so first.
+
         Raises:
-            McPilcoError: the recordings cannot be used.
+            McPilcoError: the recordings cannot be used, or look wrong.
         """
         found = None
         if self.verdict is None:
@@ -184,6 +182,7 @@ class Workflow:
                 recordings,
                 uncertainty=self.settings.uncertainty,
                 free=self.settings.free,
+                accepted=suspicions(self.plant, recordings) if accept else None,
             )
             self.gap.mkdir(parents=True, exist_ok=True)
             write_gap(found, self.gap / "gap.json")

@@ -182,7 +182,7 @@ def require_plausible(suspicions: Sequence[str]) -> None:
     if suspicions:
         raise InputError(
             f"the recordings look wrong: {' '.join(suspicions)} Nothing was searched for; mend the "
-            "columns, or accept them as they are (`mcpilco gap --accept`)."
+            "columns, or accept them as they are (--accept)."
         )
 
 

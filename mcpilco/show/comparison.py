@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mcpilco.files import csv_bytes, write_bytes
+from mcpilco.files import csv_bytes, make_folder, write_bytes
 from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
 from mcpilco.show.plots.style import add_legend
 from mcpilco.sweep import (
@@ -31,7 +31,7 @@ from mcpilco.sweep import (
     measures,
     same_amount,
 )
-from mcpilco.typing import InputError, RunFolderError
+from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +39,10 @@ if TYPE_CHECKING:
 _COLUMNS = "run", "measure", "unit", "statistic", "experience_s", "seeds", "value", "low", "high"
 _NAMES = {"mean": "mean", "median": "median", "iqm": "interquartile mean"}
 
+_FILES = (
+    *("comparison.md", "comparison.csv", "differences.csv", "seeds.csv"),
+    *("curves.png", "seeds.png"),
+)
 _INCHES = (4.4, 2.8)
 _DPI = 120
 
@@ -68,22 +72,18 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
         InputError: matplotlib is missing.
         RunFolderError: a file cannot be written.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(
-            f"{out} cannot be written ({error.strerror or error}); choose another folder."
-        ) from error
+    make_folder(out, *_FILES)
     rows, gains = estimates(found.runs), differences(found.runs)
-    contents = {
-        "comparison.md": page(found, rows, gains).encode(),
-        "comparison.csv": estimates_csv(rows),
-        "differences.csv": differences_csv(gains),
-        "seeds.csv": seeds_csv(found.runs),
-    }
-    written = [write_bytes(out / name, content) for name, content in contents.items()]
-    written.append(write_curves(out / "curves.png", found.runs, rows))
-    written.append(write_seeds(out / "seeds.png", found.runs))
+    *tables, curves, seeds = (out / name for name in _FILES)
+    contents = (
+        page(found, rows, gains).encode(),
+        estimates_csv(rows),
+        differences_csv(gains),
+        seeds_csv(found.runs),
+    )
+    written = [write_bytes(path, content) for path, content in zip(tables, contents, strict=True)]
+    written.append(write_curves(curves, found.runs, rows))
+    written.append(write_seeds(seeds, found.runs))
     return written
 
 

@@ -46,7 +46,7 @@ COMPONENTS = {
 
 
 def numbers(name: str) -> Config:
-    return dataclasses.replace(TINY, model=COMPONENTS[name], horizon=STEPS, engine="fused")
+    return dataclasses.replace(TINY, model=COMPONENTS[name], horizon=STEPS)
 
 
 def env() -> gymnasium.Env:
@@ -190,7 +190,7 @@ def test_states_that_are_measured_in_part_hold_no_inputs():
 
 
 @pytest.mark.parametrize("name", ["delay", "part of a delay"])
-@pytest.mark.parametrize("engine", ["fused", "eager"])
+@pytest.mark.parametrize("engine", [pytest.param("fused", marks=pytest.mark.slow), "eager"])
 def test_a_state_measured_in_part_and_a_late_actuator_can_be_had_together(name, engine, tmp_path):
     config = dataclasses.replace(numbers(name), engine=engine)
     agent = MCPILCO("SumOfGaussians", positions(), config=config, seed=4).learn(3 * STEPS)

@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as hnp
 from mcpilco import files as archive
 from mcpilco.files import (
     leftovers,
+    make_folder,
     read_arrays,
     read_groups,
     read_text,
@@ -346,6 +347,26 @@ def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("link")
     with pytest.raises(RunFolderError, match="leads in a circle"):
         write_bytes(tmp_path / "link", b"new")
+
+
+def test_what_is_written_into_a_folder_lands_in_it(tmp_path: Path) -> None:
+    """Links under other names than those of the files to be written are the user's own."""
+    folder = tmp_path / "new" / "folder"
+    make_folder(folder, "table.csv", "picture.png")
+    (folder / "data").symlink_to(tmp_path)
+    make_folder(folder, "table.csv", "picture.png")
+    (folder / "picture.png").symlink_to(tmp_path / "secret")
+    with pytest.raises(RunFolderError, match=r"picture\.png is a link to .*secret, outside"):
+        make_folder(folder, "table.csv", "picture.png")
+    (tmp_path / "file").touch()
+    with pytest.raises(RunFolderError, match="cannot be written"):
+        make_folder(tmp_path / "file")
+
+
+def test_no_command_makes_a_folder_otherwise() -> None:
+    """So that none forgets to ask where its files land."""
+    sources = (Path(archive.__file__).parent / "cli").glob("*.py")
+    assert not [path.name for path in sources if ".mkdir(" in path.read_text(encoding="utf-8")]
 
 
 def test_a_folder_that_leads_outside_is_not_written_to(tmp_path: Path) -> None:

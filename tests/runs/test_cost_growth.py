@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 
+@pytest.mark.slow  # compiles what no other test needs
 def test_quick_run_writes_its_table_and_plot_from_finite_times(run, tmp_path, monkeypatch):
     words = ["run.py", "--quick", "--repeats", "1", "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", words)
@@ -48,6 +49,7 @@ def test_slopes_tell_the_upper_half_from_all(run):
     assert float(cells[4]) == 1.0
 
 
+@pytest.mark.slow  # compiles single precision, as no other test does
 @pytest.mark.parametrize("joints", [1, 3])
 def test_step_of_a_chain_is_finite_in_both_precisions(run, joints):
     size = run.Size(particles=6, samples=7, steps=4, joints=joints, bases=5)

@@ -26,17 +26,16 @@ SYSTEMS = {
 }
 
 
+WAYS = [predicted, pytest.param(compiled.predicted, marks=pytest.mark.slow)]
+"""to predict; half a minute passes until a way is compiled"""
+
+
 def parts(states: Gaussian, inputs: Gaussian) -> list[torch.Tensor]:
     return [states.mean, states.cov, inputs.mean, inputs.cov]
 
 
-SLOW = ("two angles, two inputs", "fewer outputs than states")
-"""each compiles for half a minute what a cart-pole does not need"""
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in SYSTEMS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
     system = SYSTEMS[name]
     dynamics = random_dynamics(**system)
@@ -55,7 +54,7 @@ def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
         assert torch.allclose(plain, fast, rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.parametrize("predict", [predicted, compiled.predicted])
+@pytest.mark.parametrize("predict", WAYS)
 def test_the_gradient_of_the_expected_cost_is_that_of_central_differences(predict):
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
@@ -116,14 +115,15 @@ def test_one_step_has_nearly_the_moments_of_particles(scale):
     assert (correlation.abs() < 0.02).all()
 
 
-def test_covariances_stay_symmetric_and_positive():
+@pytest.mark.parametrize("predict", WAYS)
+def test_covariances_stay_symmetric_and_positive(predict):
     dynamics = random_dynamics()
-    states, _ = compiled.predicted(dynamics, random_policy(dynamics), narrow_start(), 20)
+    states, _ = predict(dynamics, random_policy(dynamics), narrow_start(), 20)
     assert torch.equal(states.cov, states.cov.mT)
     assert float(torch.linalg.eigvalsh(states.cov.detach()).min()) > -1e-12
 
 
-@pytest.mark.parametrize("predict", [predicted, compiled.predicted])
+@pytest.mark.parametrize("predict", WAYS)
 def test_a_covariance_that_is_none_ends_the_prediction(predict):
     dynamics = random_dynamics()
     start = Gaussian(torch.zeros(4).double(), -100.0 * torch.eye(4).double())

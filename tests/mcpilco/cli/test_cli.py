@@ -588,6 +588,15 @@ def test_help_imports_nothing_slow(command):
     assert "usage: mcpilco" in done.stdout
 
 
+def test_a_reader_of_the_output_may_leave_early():
+    """As `| head` does."""
+    command = [sys.executable, "-m", "mcpilco.cli", "train", "--help"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 141
+
+
 def test_program_refuses_an_unknown_env_with_one_sentence_and_code_2():
     done = program("train", "--env", "nowhere/Nothing-v0")
     assert done.returncode == 2

@@ -12,6 +12,7 @@ import mcpilco.agent.agent
 from mcpilco.cli import cross as command
 from mcpilco.cli import main
 from mcpilco.crossing import workflow
+from mcpilco.gap import require_plausible
 from mcpilco.logbook import RunFolder
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent
@@ -115,6 +116,27 @@ def test_a_folder_of_other_settings_is_refused(hindered: Path, found, capsys) ->
     capsys.readouterr()
     sentence = refused(capsys, "cross", "--out", "out", *FEW, "--seed", "1")
     assert "another env_kwargs, seed" in sentence
+
+
+def test_recordings_that_look_wrong_end_the_crossing_until_they_are_accepted(
+    hindered: Path, found, monkeypatch, capsys
+) -> None:
+    given = []
+    replaced = workflow.investigate
+
+    def investigate(*args: Any, accepted: Any, **options: Any) -> Found:
+        given.append(accepted)
+        if accepted is None:
+            require_plausible(["negate force?"])
+        return replaced(*args, **options)
+
+    monkeypatch.setattr(workflow, "investigate", investigate)
+    monkeypatch.setattr(workflow, "suspicions", lambda plant, recordings: ("negate force?",))
+    sentence = refused(capsys, "cross", "--out", "out", "--env-kwargs", "effects=hidden.json", *FEW)
+    assert "negate force? Nothing was searched for; mend the columns, or" in sentence
+    assert "--accept" in sentence
+    assert crossed("--accept") == 0
+    assert given == [None, ("negate force?",)]
 
 
 def test_too_little_data_ends_the_crossing(hindered: Path, found, monkeypatch, capsys) -> None:

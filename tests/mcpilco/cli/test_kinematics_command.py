@@ -33,6 +33,16 @@ def test_chain_and_model_are_told_and_written(tmp_path: Path, capsys) -> None:
     assert (out / "kinematics.png").stat().st_size > 10_000
 
 
+def test_no_file_lands_outside_of_the_folder(tmp_path: Path, capsys) -> None:
+    _, recording = recorded(5, joints=2, samples=40)
+    path, out = write(tmp_path / "arm.csv", recording.columns()), tmp_path / "found"
+    out.mkdir()
+    (out / "kinematics.json").symlink_to(tmp_path / "secret")
+    assert main(["kinematics", str(path), "--out", str(out), "--samples", "20"]) == 2
+    assert "outside of the folder" in capsys.readouterr().err
+    assert not (tmp_path / "secret").exists()
+
+
 def test_a_constant_joint_is_refused_with_exit_code_2(tmp_path: Path, capsys) -> None:
     _, recording = recorded(5, joints=3, samples=20)
     columns = {**recording.columns(), "q2": np.full(20, 0.5)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,11 @@ PUSH_S = 4.0, 4.7
 @pytest.fixture(scope="session")
 def found() -> Gap:
     """A pendulum with dry friction that its plant lacks."""
+    return _found()
+
+
+@cache  # for all rooms of tests that have the fixture
+def _found() -> Gap:
     rng = np.random.default_rng(0)
     force = dry_friction(HIDDEN_FRICTION)
     recordings = [record(rng, force, number) for number in range(3)]

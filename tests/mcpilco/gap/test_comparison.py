@@ -114,7 +114,7 @@ def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_
     assert [known.model.effects for known in way] == [(c,), (b, c)]
 
 
-@pytest.mark.parametrize("dt", [DT, 0.005])
+@pytest.mark.parametrize("dt", [DT, pytest.param(0.005, marks=pytest.mark.slow)])
 def test_the_force_left_over_is_the_hidden_one_and_nothing_once_it_is_added(
     found: Gap, dt: float
 ) -> None:

@@ -90,8 +90,8 @@ def test_a_fit_of_which_no_steps_are_left_makes_one_iteration(problem: GapProble
 
 
 def test_a_search_of_few_steps_ends_with_fewer_models(problem: GapProblem) -> None:
-    windows = problem.windows()
-    candidates = problem.candidates(windows)
+    windows = problem.windows()[::3]
+    candidates = problem.candidates(windows)[::2]
     whole = search(limited(problem, 1e9).model(windows), windows, candidates)
     few = int(whole.best.model.budget.used[0]) // 4
     part = search(limited(problem, few).model(windows), windows, candidates)

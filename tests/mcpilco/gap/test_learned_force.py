@@ -62,6 +62,7 @@ def nominal_fit(measured: list[Recording], plant: Plant = PLANT) -> tuple[Fit, W
     return fit_model(model, windows, np.zeros(0), x0), windows
 
 
+@pytest.mark.slow
 def test_a_detent_is_learned_where_it_is_and_the_error_on_unseen_recordings_shrinks() -> None:
     measured = recordings(detent, 5)
     before, windows = nominal_fit(measured[:3])

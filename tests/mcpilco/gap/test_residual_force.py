@@ -23,7 +23,7 @@ def nothing(q: float, v: float) -> float:
 def nominal_fit(force: Force = nothing, outside: Outside = lambda time: 0.0) -> tuple[Fit, Windows]:
     """The pendulum without effects, on recordings in which a force is hidden."""
     rng = np.random.default_rng(1)
-    return fitted(PLANT, [record(rng, force, number, outside=outside) for number in range(4)])
+    return fitted(PLANT, [record(rng, force, number, outside=outside) for number in range(2)])
 
 
 def fitted(plant: Plant, measured: list[Recording]) -> tuple[Fit, Windows]:

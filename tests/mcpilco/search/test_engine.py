@@ -49,6 +49,7 @@ def trained(before: str) -> tuple[list[list[float]], str]:
     ], done.stderr
 
 
+@pytest.mark.slow
 def test_without_numba_the_same_is_learned_and_the_log_says_how() -> None:
     without, said = trained('sys.modules["numba"] = None')
     usual, nothing = trained("")

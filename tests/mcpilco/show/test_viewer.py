@@ -256,8 +256,10 @@ server = socket.create_server(("127.0.0.1", port))
 time.sleep(60)
 """
 WATCHER = """
+import signal
 from pathlib import Path
 from mcpilco.show import viewer
+signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
 viewer._executable = lambda: str(Path("rerun").resolve())
 try:
     viewer.open_viewer(["01.rrd"], web=True, tell=lambda address: print(address, flush=True))

@@ -131,6 +131,7 @@ def test_equals_plain_rollout_behind_a_delay_model(
     assert_equal(dynamics, make_policy(task), task.cost, Dropout(0.25, 5), particles, sensing)
 
 
+@pytest.mark.slow  # compiles what no other test needs
 def test_single_precision_errs_by_its_rounding(task: TaskSpec) -> None:
     dynamics, policy, dropout = make_dynamics(task), make_policy(task), Dropout(0.25, seed=5)
     single = functools.partial(fused.rollout, single=True)

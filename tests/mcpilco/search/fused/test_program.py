@@ -59,6 +59,8 @@ COMPONENTS = {
     "filter, physics": ModelConfig(kernel="sed-fir+rbf", mean="physics", memory=3, plant=LATE),
     "full": ModelConfig(kernel="rbf", mean="physics", integration="full", plant=described()),
 }
+RARE = ("features", "friction", "filter, features", "all", "filter, physics")
+"""features, and these beside physics: what no other test needs is compiled for them"""
 
 
 def episode(task) -> Transitions:
@@ -104,7 +106,9 @@ def outcome(function, dynamics, policy, width, **how):
     return particles, torch.autograd.grad(value, list(policy.parameters()))
 
 
-@pytest.mark.parametrize("name", COMPONENTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in RARE else n for n in COMPONENTS]
+)
 def test_values_and_gradients_are_those_of_the_plain_rollout(task, name):
     dynamics, policy = drawn(task, COMPONENTS[name])
     width = policy.augmentation.state_dim
