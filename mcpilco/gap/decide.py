@@ -40,7 +40,7 @@ def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
 def closes_most(best: Fit, null: Fit, clear: Windows) -> bool:
     """Whether effects surely take away most of the error on held-out windows without events."""
     closed = error_reduction(null, best, clear)
-    return closed.low > 0.0 and closed.value >= VERDICT.closed
+    return closed.low > 0.0 and closed.value >= VERDICT.most
 
 
 def surely_better(fit: Fit, others: tuple[Fit, ...], clear: Windows) -> bool:

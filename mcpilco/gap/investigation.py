@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcpilco.gap.comparison import ComparedModels, Comparison, compare
-from mcpilco.gap.data import Event, GapProblem, Windows, event_of
+from mcpilco.gap.data import Event, GapProblem, Windows, cut, event_of
 from mcpilco.gap.decide import (
     closes_most,
     leaves_a_force,
@@ -150,7 +150,8 @@ def investigate(
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
     train, unseen = problem.names
-    compared = compare(models, clear)
+    whole = [recordings[n] for n in problem.held_out]
+    compared = compare(models, clear, cut(whole, problem.std, every=DATA.held_out_every_s))
     return Gap(
         plant=plant,
         verdict=verdict,
@@ -160,6 +161,7 @@ def investigate(
         comparison=compared,
         events=events,
         experiments=tuple(experiments(result, best, windows)),
+        closest=() if named else tuple(map(str, best.model.effects)),
         train=train,
         held_out=unseen,
         search=result,

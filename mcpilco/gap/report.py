@@ -23,7 +23,7 @@ from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import CHOICE, VERDICT
 from mcpilco.plant import EffectInstance, Plant
-from mcpilco.recordings import PARTS, Part, Recording
+from mcpilco.recordings import PARTS, Part, Recording, doubts
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ class Gap:
     """parameters of the corrected plant that are farther from the nominal ones than was told"""
     on_bounds: tuple[str, ...] = ()
     """values of effects that lie on a bound"""
+    closest: tuple[str, ...] = ()
+    """where none is named: the effects that come closest, and may but imitate what is missing"""
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -115,6 +117,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "left": [vars(force) for force in gap.left],
         "shifted": [vars(parameter) for parameter in gap.shifted],
         "on_bounds": list(gap.on_bounds),
+        "closest": list(gap.closest),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {
@@ -122,6 +125,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
             "held_out": list(gap.held_out),
             "errors_are": "of held-out recordings" if gap.held_out else IN_SAMPLE,
             "remarks": list(gap.remarks),
+            "doubts": _doubts(gap),
         },
     }
 
@@ -136,9 +140,11 @@ def _error(gap: Gap) -> dict[str, Any] | None:
         "refit": compared.refit,
         "corrected": compared.corrected,
         "noise_floor": compared.noise_floor,
-        "closed": vars(compared.closed),
+        "closed": {**vars(compared.closed), "from": compared.baseline},
         "hidden": compared.hidden,
         "channels": compared.channels,
+        "units": {name: _units(gap)[name] for name in compared.channels},
+        "with_events": compared.everywhere,
         "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
     }
 
@@ -181,12 +187,7 @@ def summary(gap: Gap) -> list[str]:
         lines.append(
             "The missing force was learned from the recordings; corrected.json contains it."
         )
-    lines += [
-        f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
-        "which no model explains."
-        for event in gap.events
-    ]
-    return lines + list(gap.experiments)
+    return list(dict.fromkeys([*lines, *_left_out(gap), *_doubts(gap), *gap.experiments]))
 
 
 def _shifts(gap: Gap) -> list[str]:
@@ -202,7 +203,9 @@ def _left(gap: Gap) -> list[str]:
     """Sentences on the forces that effects leave over, where they are more than is usual."""
     if gap.verdict not in ("partly", "unknown"):
         return []
-    return [
+    closest = " and ".join(gap.closest)
+    imitates = f"  Of the catalogue {closest} comes closest, and leaves too much to be named."
+    return [imitates] * bool(closest) + [
         f"  Left over at {force.joint}: a force of {force.std:.2g} {force.unit} rms, "
         f"{100 * force.usual:.0f} % of the usual one; in the nominal plant {force.nominal:.2g}."
         for force in gap.left
@@ -214,20 +217,61 @@ def _errors(gap: Gap) -> list[str]:
     """Sentences on the errors of the plants."""
     if gap.comparison is None:
         return []
-    errors, closed = gap.comparison, gap.comparison.closed
+    errors, units = gap.comparison, _units(gap)
     where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
-    lines = [
-        f"Error after {errors.horizon_s:g} s {where}, in noise std: nominal "
-        f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
-        f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
-    ]
+    told = ", ".join(f"{said} {three_digits(getattr(errors, n))}" for n, said in PLANTS.items())
+    lines = [f"Error after {errors.horizon_s:g} s {where}, in noise std: {told}."]
+    if gap.events:
+        whole = errors.everywhere.items()
+        told = ", ".join(f"{PLANTS[name]} {three_digits(error)}" for name, error in whole)
+        lines.append(f"With what was left out: {told}.")
+    for name, parts in errors.channels.items():
+        each = [f"{PLANTS[plant]} {part:.3g}" for plant, part in parts.items()]
+        lines.append(f"Of {name}, in {units[name]}: {', '.join(each)}.")
     if gap.mended:
-        closing = (
-            f"The gap is closed by {100 * closed.value:.1f} % "
-            f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
-        )
+        closing = f"The gap is closed by {closed_share(errors)}."
         lines.append(HIDDEN if errors.hidden else closing)
     return lines + _runaways(gap)
+
+
+PLANTS = {
+    "nominal": "nominal",
+    "refit": "refitted",
+    "corrected": "corrected",
+    "noise_floor": "noise alone",
+}
+"""what the errors are told of, by their names in a comparison"""
+
+
+def closed_share(found: Comparison) -> str:
+    """How much of the gap is closed, with the ends of its interval, and from where it counts."""
+    closed, plant = found.closed, PLANTS[found.baseline]
+    ends = f"{100 * closed.low:.1f} to {100 * closed.high:.1f}"
+    ends = ends if math.isfinite(closed.low) else "too few windows for an interval"
+    return f"{100 * closed.value:.1f} % ({ends}), from the {plant} plant"
+
+
+def _units(gap: Gap) -> dict[str, str]:
+    """The unit of each state."""
+    return dict(zip(gap.plant.layout.states, gap.plant.layout.units, strict=True))
+
+
+def _left_out(gap: Gap) -> list[str]:
+    """A line for each recording with events."""
+    spans: dict[str, list[str]] = {}
+    for event in gap.events:
+        span = f"{event.start_s:.1f} to {event.end_s:.1f} s"
+        spans.setdefault(event.recording, []).append(span)
+    return [
+        f"Left out of {name}, as no model explains it: {', '.join(each)}."
+        for name, each in spans.items()
+    ]
+
+
+def _doubts(gap: Gap) -> list[str]:
+    """A line for each recording with columns that look wrong, none of which was refused."""
+    by_name = {one.name: " ".join(doubts(one)) for one in gap.recordings}
+    return [f"Doubtful in {name}: {said}" for name, said in by_name.items() if said]
 
 
 def _runaways(gap: Gap) -> list[str]:
@@ -245,7 +289,7 @@ def _runaways(gap: Gap) -> list[str]:
 
 def cautions(gap: Gap) -> list[str]:
     """Sentences that a reader of the numbers must not miss."""
-    said = list(gap.suspicions) + list(gap.remarks)
+    said = [*gap.suspicions, *gap.remarks, *_doubts(gap)]
     said += [
         f"{named.name} at {named.target} cannot be distinguished from "
         f"{' or '.join(named.family[1:])} in these recordings."
@@ -263,11 +307,7 @@ def cautions(gap: Gap) -> list[str]:
                 "better. “When they disagree” shows when the residual is large."
             )
         )
-    said += [
-        f"{event.recording} was left out from {event.start_s:.1f} to {event.end_s:.1f} s, for no "
-        "model explains it: a push, a contact, a fault of the log?"
-        for event in gap.events
-    ]
+    said += [f"{line} A push, a contact, a fault of the log?" for line in _left_out(gap)]
     said += _runaways(gap)
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:
         said.append(HIDDEN)

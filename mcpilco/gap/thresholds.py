@@ -284,10 +284,6 @@ class ComparisonThresholds:
     """windows that must be left when those are dropped whose motion diverges"""
     end: float = 0.1
     """last part of a window, whose error counts as that at its end [-]"""
-    resamples: int = 500
-    """of the bootstrap: enough for 95 % intervals"""
-    block: int = 8
-    """neighbouring windows that are drawn together, for they overlap"""
     noises: int = 8
     """draws of noise that tell a window's usual error"""
     map_cell_s: float = 0.25
@@ -313,6 +309,9 @@ class VerdictThresholds:
     """noise std over the reported one beyond which something is missing [-]"""
     closed: float = 0.5
     """part of the held-out error that effects must take away [-]"""
+    most: float = 0.8
+    """part of the held-out error that effects must take away to be named where something else is
+    missing too [-]: less, and they may but imitate it"""
     far: float = 2.0
     """times the error of the fitted recordings that the held-out one must reach for that to count
     [-], each in parts of what noise does"""
