@@ -54,9 +54,6 @@ class PilcoConfig(Checked):
     """steps of one episode; None takes the env's time limit"""
     exploration: int | None = None
     """steps of random inputs before the first trial; None: one horizon"""
-    engine: Literal["compiled", "eager"] = "compiled"
-    """how the prediction is computed: compiled loops, or plain torch with the same result; where
-    numba is missing, torch takes the place of the loops"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
