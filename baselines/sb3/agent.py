@@ -60,7 +60,6 @@ class SB3Agent(TrialAgent):
 
     @property
     def num_timesteps(self) -> int:
-        """Steps of its env that the agent has learned from."""
         return self.learner.num_timesteps
 
     @staticmethod
@@ -69,7 +68,6 @@ class SB3Agent(TrialAgent):
         return config.trials
 
     def timesteps_of(self, trials: int) -> int:
-        """The steps that `learn` needs for so many trials."""
         return trials * self.config.trial_steps
 
     def borrow(self, timesteps: int) -> None:
@@ -88,7 +86,6 @@ class SB3Agent(TrialAgent):
         return math.ceil(total_timesteps / self.config.trial_steps)
 
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
-        """Learn for a while, then try the policy."""
         watch, updates = Stopwatch(), self.learner._n_updates
         self._practise(trial, min(self.config.trial_steps, steps), events)
         record, failure = self._try(trial)

@@ -103,7 +103,6 @@ class ModelBasedAgent(TrialAgent):
 
     @staticmethod
     def usual_trials(config: Any) -> int:
-        """Policies that a training learns where nothing is said."""
         return 4
 
     def _own_task(self, task: TaskSpec) -> TaskSpec:
@@ -120,7 +119,6 @@ class ModelBasedAgent(TrialAgent):
 
     @property
     def num_timesteps(self) -> int:
-        """Steps of the env that the agent has learned from."""
         return 0 if self.transitions is None else len(self.transitions)
 
     def _trials_within(self, total_timesteps: int) -> int:
@@ -135,7 +133,6 @@ class ModelBasedAgent(TrialAgent):
         return trials
 
     def timesteps_of(self, trials: int) -> int:
-        """The steps that `learn` needs for so many trials, random inputs included at first."""
         return trials * self.horizon + (self._exploration_steps if self._unexplored else 0)
 
     @property

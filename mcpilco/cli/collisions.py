@@ -74,7 +74,6 @@ class Simulate(Command):
     """of everything random; equal seeds give equal files"""
 
     def __call__(self) -> int:
-        """Simulate, and return the exit code."""
         import numpy as np
 
         from envs.arms.sticky_arm import MODEL, StickyArm
@@ -143,7 +142,6 @@ class Learn(Command):
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Learn, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             CurrentConfig,
@@ -191,7 +189,6 @@ class Threshold(Command):
     limits: LimitOptions = Limits()
 
     def __call__(self) -> int:
-        """Set them, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             load_collision_model,
@@ -223,7 +220,6 @@ class Detect(Command):
     """what the files call their columns, where it differs"""
 
     def __call__(self) -> int:
-        """Search, and return the exit code."""
         use_one_thread()
         from mcpilco.files import write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
@@ -261,7 +257,6 @@ class Collisions(Command):
     ]
 
     def __call__(self) -> int:
-        """Run one of its commands, and return the exit code."""
         return self.command()
 
 

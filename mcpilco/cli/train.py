@@ -65,7 +65,6 @@ class Train(Learning):
     in its folder"""
 
     def __call__(self) -> int:
-        """Train, and return the exit code."""
         require_at_least(1, trials=self.trials)
         require_at_least(0, seed=self.seed)
         use_one_thread()

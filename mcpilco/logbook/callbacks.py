@@ -115,7 +115,6 @@ class CallbackList(Callback):
     close = _told_to_all("close")
 
     def stops(self) -> bool:
-        """Whether one of them stops."""
         return any(callback.stops() for callback in self.callbacks)
 
 
@@ -188,7 +187,6 @@ class JsonLines(_Numbers):
             raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Closes the file."""
         if self._file is not None:
             file, self._file = self._file, None
             with contextlib.suppress(OSError):  # what a full disk did not take was told before
@@ -235,7 +233,6 @@ class TensorBoard(_Numbers):
         self._writer: Any = None
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Opens an event file."""
         self.close()
         self._writer = self._open()
         self._trial = self._step = 0
@@ -251,7 +248,6 @@ class TensorBoard(_Numbers):
         self._writer.flush()
 
     def close(self) -> None:
-        """Closes the event file."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

@@ -63,11 +63,9 @@ class ForeignCallback(Callback):
         self._stopped = False
 
     def stops(self) -> bool:
-        """Whether the callback answered False."""
         return self._stopped
 
     def on_training_start(self, agent: Any, trials: int) -> None:
-        """Shows the agent to the callback as a model."""
         self._stopped = False
         self._model = _Model(agent)
         self.callback.init_callback(self._model)
@@ -76,16 +74,13 @@ class ForeignCallback(Callback):
         self.callback.on_training_start(told, {})
 
     def on_exploration(self, rollout: Rollout) -> None:
-        """Tells of the steps of random inputs."""
         self._tell(rollout, self._model.num_timesteps)
 
     def on_trial_end(self, result: TrialResult) -> None:
-        """Tells of the steps of the policy."""
         rollout = result.rollout
         self._tell(rollout, self._model.agent.num_timesteps - len(rollout))
 
     def on_training_end(self) -> None:
-        """Tells of the end."""
         self.callback.on_training_end()
 
     def _tell(self, rollout: Rollout, before: int) -> None:
