@@ -136,7 +136,7 @@ def trial_values(result: TrialResult) -> dict[str, float]:
     return {key: float(value) for key, value in values.items() if value is not None}
 
 
-class _Numbers(Callback):
+class Numbers(Callback):
     """Hands the numbers of each model fit, policy step and trial to `_write` of a subclass."""
 
     _trial = 0
@@ -161,7 +161,7 @@ class _Numbers(Callback):
         raise NotImplementedError
 
 
-class JsonLines(_Numbers):
+class JsonLines(Numbers):
     """Numbers of each model fit, policy step and trial: one JSON object a line.
 
     The keys `time/trial` and `time/step` say where a line belongs; a number that is not finite is
@@ -207,7 +207,7 @@ class JsonLines(_Numbers):
         )
 
 
-class TensorBoard(_Numbers):
+class TensorBoard(Numbers):
     """The same numbers as scalars for TensorBoard; policy steps count on from trial to trial."""
 
     def __init__(self, folder: str | Path, earlier_steps: int = 0) -> None:

@@ -8,13 +8,13 @@ False ends the learning before the next trial.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from mcpilco.data import Rollout, TrialResult
-from mcpilco.logbook.callbacks import Agent, Callback, CallbackList, trial_values
+from mcpilco.logbook.callbacks import Agent, Callback, CallbackList, Numbers
 from mcpilco.typing import InputError
 
 
@@ -139,7 +139,7 @@ class _Model:
         """None: observations are in their own units."""
 
 
-class Logged(Callback):
+class Logged(Numbers):
     """Records the numbers of each trial in a logger of stable-baselines3; a row a trial.
 
     The keys are those of `JsonLines`, of a search those of its last step.
@@ -149,24 +149,14 @@ class Logged(Callback):
         self._logger = logger
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Keeps the agent, which counts the steps."""
         self._agent = agent
 
-    def on_model_fitted(self, values: dict[str, float]) -> None:
-        """Records the numbers of the fit."""
-        self._record(values)
-
-    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Records the numbers of the step, over those of the step before."""
-        self._record(values)
-
     def on_trial_end(self, result: TrialResult) -> None:
-        """Writes the row."""
+        super().on_trial_end(result)
         done = self._agent.num_timesteps
-        self._record(trial_values(result))
-        self._record({"time/trial": result.trial, "time/total_timesteps": done})
+        self._write({"time/trial": result.trial, "time/total_timesteps": done})
         self._logger.dump(done)
 
-    def _record(self, values: dict[str, float]) -> None:
+    def _write(self, values: Mapping[str, float], step: int | None = None) -> None:
         for name, value in values.items():
             self._logger.record(name, value)
