@@ -106,7 +106,7 @@ class _Prediction(torch.autograd.Function):
         if done < horizon:
             raise torch.linalg.LinAlgError(f"The covariance predicted for step {done} is none.")
         ctx.arrays = steps, mean, cov, *traces
-        ctx.u = u = _inputs(steps)
+        ctx.u = u = slice(int(steps.zu[len(steps.z)]), int(steps.zu[-1]) + 1)  # the inputs
         states = mean[:, :width], cov[:, :width, :width]
         inputs = mean[:-1, u], cov[:-1, u, u]
         return tuple(torch.from_numpy(part.copy()) for part in (*states, *inputs))
@@ -124,11 +124,6 @@ class _Prediction(torch.autograd.Function):
         learned = tuple(np.zeros_like(a) for a in (policy.centres, policy.widths, policy.weights))
         _backward(steps, mean, cov, *traces, to_mean, to_cov, learned)
         return *[None] * 5, *map(torch.from_numpy, learned)
-
-
-def _inputs(steps: Steps) -> slice:
-    """Where the inputs are in the joint."""
-    return slice(int(steps.zu[len(steps.z)]), int(steps.zu[-1]) + 1)
 
 
 def _steps(
