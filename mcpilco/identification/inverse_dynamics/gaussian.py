@@ -159,7 +159,7 @@ class GaussianInverseDynamics(InverseDynamics):
     def _each(
         self, motion: Float[Tensor, "*b Q"], what: Callable[[Posterior, Tensor], Tensor]
     ) -> Float[Tensor, "*b J"]:
-        """What the posterior of each joint says of the latent torque: thesis eq. (3.4)."""
+        """The latent torque of each joint, by its posterior: thesis eq. (3.4)."""
         Z = self.prior.features(motion.reshape(-1, motion.shape[-1]))
         each = [what(known, Z[:, j]) for j, known in enumerate(self.posteriors)]
         return torch.cat(each, -1).reshape(*motion.shape[:-1], -1)
