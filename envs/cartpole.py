@@ -159,7 +159,6 @@ class CartPoleSwingUpEnv(PlantEnv):
         cost_lengthscales: Sequence[float] = LENGTHSCALES,
         **keywords: Any,
     ) -> None:
-        """The keywords are listed above under Arguments."""
         super().__init__(
             measured=observed(measured), cost=read_cost(cost, cost_lengthscales), **keywords
         )

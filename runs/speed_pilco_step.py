@@ -1,7 +1,6 @@
 """How long one evaluation of PILCO's expected cost and its gradient takes.
 
     python runs/speed_pilco_step.py                    # H = 40 steps, n = 40, 80 and 120 samples
-    python runs/speed_pilco_step.py --engine eager     # the same in plain torch
 
 CPU seconds of one thread, median of some repeats after one for warming up. The model is of the
 cart-pole: 6 regressors and 4 outputs, of random smooth samples, for only their number matters.
@@ -12,16 +11,15 @@ from __future__ import annotations
 import statistics
 import time
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 import tyro
 from threadpoolctl import threadpool_limits
 
 from baselines.moments import Bases, Gaussian
-from baselines.pilco import compiled
 from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics, Problem, predicted
+from baselines.pilco.rollout import GaussianDynamics
+from baselines.pilco.search import Problem
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies import cart_pole_cost
 
@@ -38,19 +36,17 @@ class Arguments:
     """n, of each GP"""
     repeats: int = 9
     """evaluations that are timed"""
-    engine: Literal["compiled", "eager"] = "compiled"
 
 
 def main() -> None:
     arguments = tyro.cli(Arguments, description=__doc__)
     torch.set_num_threads(1)
-    predict = compiled.predicted if arguments.engine == "compiled" else predicted
     print("   n   value + gradient [CPU s]   value [CPU s]")
     with threadpool_limits(1):
         for samples in arguments.samples:
             dynamics, policy = model(samples), random_policy()
             start = Gaussian(torch.zeros(STATES).double(), 0.01 * torch.eye(STATES).double())
-            problem = Problem(dynamics, cart_pole_cost(), start, arguments.horizon, predict)
+            problem = Problem(dynamics, cart_pole_cost(), start, arguments.horizon)
             both, value = (
                 median_s(problem, policy, gradient, arguments.repeats) for gradient in (True, False)
             )

@@ -47,7 +47,7 @@ SMALL = Config(
     ),
     engine="eager",  # nothing to compile
 )
-SMALL_PILCO = PilcoConfig(centres=3, line_searches=1, evaluations=3, engine="eager")
+SMALL_PILCO = PilcoConfig(centres=3, line_searches=1, evaluations=3)
 
 QUICKER = {
     r"^make train$": "mcpilco train --out RUN",  # what the target does, in a folder with that name

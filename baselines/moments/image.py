@@ -43,12 +43,6 @@ class Gaussian:
     cov: Float[Tensor, "*b J J"]
     """of all entries"""
 
-    @staticmethod
-    def stacked(steps: Sequence[Gaussian]) -> Gaussian:
-        """Gaussians of equal width, one behind the other along a new first axis."""
-        means, covs = zip(*((step.mean, step.cov) for step in steps), strict=True)
-        return Gaussian(torch.stack(means), torch.stack(covs))
-
     @property
     def width(self) -> int:
         """J."""
@@ -74,10 +68,6 @@ class Gaussian:
         upper = torch.cat([self.cov, cross], -1)
         lower = torch.cat([cross.mT, image.cov], -1)
         return Gaussian(torch.cat([self.mean, image.mean], -1), torch.cat([upper, lower], -2))
-
-    def moved(self, entries: Sequence[int], by: Float[Tensor, " D"]) -> Gaussian:
-        """The same with a constant added to some entries."""
-        return Gaussian(self.mean.index_add(-1, torch.tensor(entries), by), self.cov)
 
     def mapped(self, A: Float[Tensor, "F J"]) -> Gaussian:
         """The distribution of A z; its covariance is symmetric to the last digit."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 
 import torch
 
@@ -11,13 +10,12 @@ from baselines.moments.costs import TipDistanceCost, expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import Predict, Problem, predicted
-from baselines.pilco.search import Candidate, PilcoSearch
+from baselines.pilco.search import Candidate, PilcoSearch, Problem
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds
-from mcpilco.search import SearchResult, warn_without_numba
+from mcpilco.search import SearchResult
 from mcpilco.sensing import Perception
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
@@ -90,8 +88,7 @@ class PILCO(ModelBasedAgent):
         self, trial: int, perception: Perception | None, events: Callback
     ) -> SearchResult[Candidate]:
         dynamics = self.model.moments(self._data)
-        predict = _compiled() if self.config.engine == "compiled" else predicted
-        problem = Problem(dynamics, self._cost, _start(self.task), self.horizon, predict)
+        problem = Problem(dynamics, self._cost, _start(self.task), self.horizon)
         generator = self.streams.search(trial)
         search = PilcoSearch(
             config=self.config,
@@ -124,14 +121,3 @@ def _tip_cost(config: PilcoConfig, task: TaskSpec) -> TipDistanceCost:
         )
     cart, angle = map(task.state_names.index, names)
     return TipDistanceCost(cart, angle, config.tip_length, config.tip_width)
-
-
-@functools.cache
-def _compiled() -> Predict:
-    """The compiled loops; where numba is missing, plain torch."""
-    try:
-        from baselines.pilco import compiled
-    except ImportError as error:
-        warn_without_numba(error)
-        return predicted
-    return compiled.predicted

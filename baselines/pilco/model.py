@@ -20,7 +20,7 @@ from mcpilco.agent import Model
 from mcpilco.config import Checked, ModelConfig, Preset
 from mcpilco.data import Transitions
 from mcpilco.gp import GP
-from mcpilco.kernels import RBF
+from mcpilco.kernels import RBF, typical_size
 from mcpilco.task import TaskSpec
 
 
@@ -54,9 +54,6 @@ class PilcoConfig(Checked):
     """steps of one episode; None takes the env's time limit"""
     exploration: int | None = None
     """steps of random inputs before the first trial; None: one horizon"""
-    engine: Literal["compiled", "eager"] = "compiled"
-    """how the prediction is computed: compiled loops, or plain torch with the same result; where
-    numba is missing, torch takes the place of the loops"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,21 +94,14 @@ class CurbedGP(GP):
             NotPositiveDefiniteError: K + s^2 I has no Cholesky factor.
         """
         longest, ratio = self._curbs
-        lengths = (self.kernel.lengthscale / input_std(X)).log() / longest
+        lengths = (self.kernel.lengthscale / typical_size(X)).log() / longest
         signals = (0.5 * self.kernel.log_variance - self.noise_std.log()) / ratio
         return super().nlml(X, Y) + lengths.pow(_POWER).sum(-1) + signals.pow(_POWER)
 
     @torch.no_grad()
     def _start_from(self, X: Tensor, Y: Tensor) -> None:
         super()._start_from(X, Y)
-        self.kernel.lengthscale = input_std(X).expand_as(self.kernel.lengthscale)
-
-
-def input_std(X: Float[Tensor, "N D"]) -> Float[Tensor, " D"]:
-    """Standard deviation of each input; a constant input's own size, or 1."""
-    std, size = X.std(0, correction=0), X.abs().amax(0)
-    size = torch.where(size > 0, size, torch.ones_like(size))
-    return torch.where(std > 1e-9 * size, std, size)
+        self.kernel.lengthscale = typical_size(X).expand_as(self.kernel.lengthscale)
 
 
 class PilcoModel(Model):

@@ -24,7 +24,6 @@ class SineSquash(Squash):
         super().__init__(low, high, scale=1.0)
 
     def forward(self, a: Float[Tensor, "*b U"]) -> Float[Tensor, "*b U"]:
-        """Inputs in the env's unit."""
         return self.centre + self.half_range * (9.0 * a.sin() + (3.0 * a).sin()) / 8.0
 
 

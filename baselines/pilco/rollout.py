@@ -1,24 +1,53 @@
-"""The prediction of PILCO: one Gaussian over the state, from step to step, in closed form.
+"""PILCO's prediction: one Gaussian over the state, from step to step, in closed form.
 
-This is the algorithm as it reads; `baselines.pilco.compiled` computes the same numbers faster.
+It is one differentiable operation of torch, of loops that numba compiles.
+
+The entries of the joint Gaussian of a step, in order: the state, sines and cosines of its angles,
+the policy's argument, the input, the changes of the state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numba import njit
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from baselines.moments.bases import Bases, through_bases
-from baselines.moments.costs import expected_cost
+from baselines.moments.bases import Bases
+from baselines.moments.compiled import bases as compiled_bases
+from baselines.moments.compiled import waves as compiled_waves
+from baselines.moments.compiled.bases import Functions, trace
+from baselines.moments.compiled.waves import OUTERMOST, Waves
 from baselines.moments.image import Gaussian
-from baselines.moments.sines import through_squash, through_trig
 from baselines.pilco.policy import GPMean
+from mcpilco.compiling import digest
 from mcpilco.dynamics import AngleAugmentation
-from mcpilco.typing import Cost
+
+_join_waves, _waves_back = compiled_waves.join, compiled_waves.join_back
+_join_bases, _bases_back = compiled_bases.join, compiled_bases.join_back
+
+
+class Steps(NamedTuple):
+    """The stages of a step."""
+
+    trig: Waves
+    """sines and cosines of the angles"""
+    squash: Waves
+    """the input, of the policy's argument"""
+    z: np.ndarray
+    """(Z,) entries that the policy sees"""
+    zu: np.ndarray
+    """(Z + U,) entries that the model sees"""
+    policy: Functions
+    model: Functions
+    A: np.ndarray
+    """(X, J) from the joint to the next state"""
 
 
 @dataclass(frozen=True)
@@ -34,49 +63,13 @@ class GaussianDynamics:
     B: Float[Tensor, "X E"]
     """from the predicted changes to the next state"""
 
-    def step(self, state: Gaussian, policy: GPMean, argument: Bases) -> tuple[Gaussian, Gaussian]:
-        """The next state, and the input that led to it.
-
-        The uncertainty of the functions is predicted, not the noise of measurements.
-
-        Args:
-            state: now.
-            policy: what acts.
-            argument: its `bases`, made once for all steps.
-
-        Reference: DFR on trajectory prediction.
-        Differs: the law from changes to states is the model's, x' = A x + B delta.
-        """
-        (joint, z), U = self.augmented(state), len(policy.squash.centre)
-        a = range(joint.width, joint.width + U)
-        joint = joint.joined(z, through_bases(argument, *joint.part(z)))
-        u = range(joint.width, joint.width + U)
-        joint = joint.joined(a, through_squash(*joint.part(a), policy.squash.half_range))
-        joint = joint.moved(u, policy.squash.centre)
-        return self.advanced(joint, [*z, *u]), Gaussian(*joint.part(u))
-
-    def augmented(self, state: Gaussian) -> tuple[Gaussian, list[int]]:
-        """The state with the sines and cosines of its angles behind it, and which entries are z."""
-        X, z = len(self.A), list(self.augmentation.plain)
-        angles = self.augmentation.angles
-        if not angles:
-            return state, z
-        sines = range(X, X + 2 * len(angles), 2)
-        joint = state.joined(range(X), through_trig(*state.part(range(X)), angles))
-        return joint, [*z, *(i + 1 for i in sines), *sines]
-
-    def advanced(self, joint: Gaussian, zu: list[int]) -> Gaussian:
-        """The next state, of a vector that begins with the state and holds the regressors."""
-        X, E = len(self.A), self.bases.outputs
-        following = joint.joined(zu, through_bases(self.bases, *joint.part(zu)))
-        untouched = self.A.new_zeros(X, following.width - X - E)
-        return following.mapped(torch.cat([self.A, untouched, self.B], 1))
-
 
 def predicted(
     dynamics: GaussianDynamics, policy: GPMean, start: Gaussian, horizon: int
 ) -> tuple[Gaussian, Gaussian]:
     """The states at times 0 to T and the inputs between; gradients flow to the policy.
+
+    The uncertainty of the functions is predicted, not the noise of measurements.
 
     Args:
         dynamics: the model.
@@ -86,41 +79,152 @@ def predicted(
 
     Raises:
         torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
+
+    Reference: DFR on trajectory prediction.
+    Differs: the law from changes to states is the model's, x' = A x + B delta.
     """
-    argument = policy.bases()
-    states, inputs = [start], []
-    for _ in range(horizon):
-        state, used = dynamics.step(states[-1], policy, argument)
-        states.append(state)
-        inputs.append(used)
-    return Gaussian.stacked(states), Gaussian.stacked(inputs)
+    bases = policy.bases()
+    squash = policy.squash.centre.numpy(), policy.squash.half_range.numpy()
+    arguments = dynamics, squash, start, horizon, bases
+    mean, cov, mean_u, cov_u = _Prediction.apply(
+        *arguments, bases.centres, bases.widths, bases.weights
+    )
+    return Gaussian(mean, cov), Gaussian(mean_u, cov_u)
 
 
-Predict = Callable[[GaussianDynamics, GPMean, Gaussian, int], tuple[Gaussian, Gaussian]]
-"""`predicted`, or anything that computes the same"""
+class _Prediction(torch.autograd.Function):
+    """(centres, widths, weights) of the policy -> means and covariances of states and inputs."""
+
+    @staticmethod
+    def forward(ctx, dynamics, squash, start, horizon, bases, *learned):
+        steps = _steps(dynamics, squash, bases)
+        width, joint = steps.A.shape
+        mean, cov = np.zeros((horizon + 1, joint)), np.zeros((horizon + 1, joint, joint))
+        mean[0, :width], cov[0, :width, :width] = start.mean.numpy(), start.cov.numpy()
+        traces = trace(steps.policy, horizon), trace(steps.model, horizon)
+        done = _forward(steps, mean, cov, *traces)
+        if done < horizon:
+            raise torch.linalg.LinAlgError(f"The covariance predicted for step {done} is none.")
+        ctx.arrays = steps, mean, cov, *traces
+        ctx.u = u = slice(int(steps.zu[len(steps.z)]), int(steps.zu[-1]) + 1)  # the inputs
+        states = mean[:, :width], cov[:, :width, :width]
+        inputs = mean[:-1, u], cov[:-1, u, u]
+        return tuple(torch.from_numpy(part.copy()) for part in (*states, *inputs))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, *gradients):
+        steps, mean, cov, *traces = ctx.arrays
+        width = len(steps.A)
+        to_mean, to_cov = np.zeros_like(mean), np.zeros_like(cov)
+        to_states, to_cov_states, to_inputs, to_cov_inputs = (g.numpy() for g in gradients)
+        to_mean[:, :width], to_cov[:, :width, :width] = to_states, to_cov_states
+        to_mean[:-1, ctx.u], to_cov[:-1, ctx.u, ctx.u] = to_inputs, to_cov_inputs
+        policy = steps.policy
+        learned = tuple(np.zeros_like(a) for a in (policy.centres, policy.widths, policy.weights))
+        _backward(steps, mean, cov, *traces, to_mean, to_cov, learned)
+        return *[None] * 5, *map(torch.from_numpy, learned)
 
 
-@dataclass(frozen=True)
-class Problem:
-    """The objective: the expected cost over the horizon, of one Gaussian in a model."""
+def _steps(
+    dynamics: GaussianDynamics, squash: tuple[np.ndarray, np.ndarray], bases: Bases
+) -> Steps:
+    middle, half = squash
+    angles, plain = dynamics.augmentation.angles, dynamics.augmentation.plain
+    X, U, K = len(dynamics.A), len(middle), 2 * len(angles)
+    first_a, first_u = X + K, X + K + U
+    a = np.arange(first_a, first_u)
+    trig = Waves(
+        source=np.repeat(np.array(angles, dtype=np.int64), 2),
+        frequency=np.ones(K),
+        shift=np.tile([0.0, np.pi / 2], len(angles)),
+        W=np.eye(K),
+        offset=np.zeros(K),
+    )
+    eye = np.diag(half) / 8.0
+    waves = Waves(
+        source=np.concatenate([a, a]),
+        frequency=np.repeat([1.0, 3.0], U),
+        shift=np.zeros(2 * U),
+        W=np.concatenate([9.0 * eye, eye], 1),
+        offset=middle.copy(),
+    )
+    sines = range(X, X + K, 2)
+    z = np.array([*plain, *(i + 1 for i in sines), *sines], dtype=np.int64)
+    A = np.zeros((X, first_u + U + dynamics.bases.outputs))
+    A[:, :X], A[:, first_u + U :] = dynamics.A.numpy(), dynamics.B.numpy()
+    return Steps(
+        trig=trig,
+        squash=waves,
+        z=z,
+        zu=np.concatenate([z, np.arange(first_u, first_u + U)]),
+        policy=_functions(bases),
+        model=_functions(dynamics.bases),
+        A=A,
+    )
 
-    dynamics: GaussianDynamics
-    """the model"""
-    cost: Cost
-    """one that `baselines.moments.expected_cost` knows"""
-    start: Gaussian
-    """the state at time 0"""
-    horizon: int
-    """T [steps]"""
-    predict: Predict
-    """how it is predicted"""
 
-    def prediction(self, policy: GPMean) -> tuple[Gaussian, Gaussian, Float[Tensor, " T"]]:
-        """The states at times 0 to T, the inputs between, and the expected cost of each step [-].
+def _functions(bases: Bases) -> Functions:
+    N = bases.centres.shape[0]
+    inverse = torch.zeros(0, N, N, dtype=torch.float64) if bases.inverse is None else bases.inverse
+    return Functions(
+        _array(bases.centres),
+        _array(bases.widths),
+        _array(bases.variance),
+        _array(bases.weights),
+        _array(inverse),
+        torch.stack(bases.pairs).numpy(),
+    )
 
-        Raises:
-            torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
-        """
-        states, inputs = self.predict(self.dynamics, policy, self.start, self.horizon)
-        after = Gaussian(states.mean[1:], states.cov[1:])
-        return states, inputs, expected_cost(self.cost, after, inputs)
+
+def _array(tensor: Tensor) -> np.ndarray:
+    return np.ascontiguousarray(tensor.detach().numpy())
+
+
+def _loops(sources: str):
+    """The loops over the steps, forwards and backwards."""
+
+    @njit(**OUTERMOST)
+    def forward(steps, mean, cov, by_policy, by_model):
+        """Fill means and covariances of all steps; returns how many could be taken."""
+        sources  # noqa: B018  closed over, so that a change in any of them compiles this anew
+        X, J = steps.A.shape
+        U, E = len(steps.squash.W), len(steps.model.variance)
+        for t in range(len(mean) - 1):
+            m, s = mean[t], cov[t]
+            _join_waves(steps.trig, X, m, s)
+            if not _join_bases(steps.policy, steps.z, J - E - 2 * U, m, s, by_policy, t):
+                return t
+            _join_waves(steps.squash, J - E - U, m, s)
+            if not _join_bases(steps.model, steps.zu, J - E, m, s, by_model, t):
+                return t
+            mean[t + 1, :X] = np.dot(steps.A, m)
+            following = np.dot(steps.A, np.dot(s, steps.A.T))
+            cov[t + 1, :X, :X] = 0.5 * (following + following.T)
+        return len(mean) - 1
+
+    @njit(**OUTERMOST)
+    def backward(steps, mean, cov, by_policy, by_model, to_mean, to_cov, learned):
+        """Carry the gradients of all steps back to the policy's, which are added to."""
+        sources  # noqa: B018
+        X, J = steps.A.shape
+        U, E = len(steps.squash.W), len(steps.model.variance)
+        nothing = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0))
+        for t in range(len(mean) - 2, -1, -1):
+            m, s, to_m, to_s = mean[t], cov[t], to_mean[t], to_cov[t]
+            ahead = to_cov[t + 1, :X, :X].copy()
+            to_m += np.dot(steps.A.T, to_mean[t + 1, :X])
+            to_s += np.dot(steps.A.T, np.dot(0.5 * (ahead + ahead.T), steps.A))
+            gradients = to_m, to_s
+            _bases_back(steps.model, steps.zu, J - E, m, s, *gradients, by_model, t, nothing)
+            _waves_back(steps.squash, J - E - U, m, s, *gradients)
+            _bases_back(
+                steps.policy, steps.z, J - E - 2 * U, m, s, *gradients, by_policy, t, learned
+            )
+            _waves_back(steps.trig, X, m, s, *gradients)
+
+    return forward, backward
+
+
+_FOLDERS = Path(compiled_bases.__file__).parent, Path(__file__).parent
+_forward, _backward = _loops(digest(*_FOLDERS))

@@ -16,12 +16,14 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
+from baselines.moments.costs import expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PilcoConfig
 from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import Problem
+from baselines.pilco.rollout import GaussianDynamics, predicted
 from mcpilco.data import Prediction
 from mcpilco.search import SearchResult
+from mcpilco.typing import Cost
 
 _REMEMBERED = 50
 """steps that L-BFGS remembers: most of a search, so that it is nearly BFGS"""
@@ -30,6 +32,30 @@ _SPREAD_PARTICLES = 384
 
 Report = Callable[[int, int, dict[str, float]], None]
 """called after each evaluation: evaluations done, most of them, values by name"""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The objective: the expected cost over the horizon, of one Gaussian in a model."""
+
+    dynamics: GaussianDynamics
+    """the model"""
+    cost: Cost
+    """one that `baselines.moments.expected_cost` knows"""
+    start: Gaussian
+    """the state at time 0"""
+    horizon: int
+    """T [steps]"""
+
+    def prediction(self, policy: GPMean) -> tuple[Gaussian, Gaussian, Float[Tensor, " T"]]:
+        """The states at times 0 to T, the inputs between, and the expected cost of each step [-].
+
+        Raises:
+            torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
+        """
+        states, inputs = predicted(self.dynamics, policy, self.start, self.horizon)
+        after = Gaussian(states.mean[1:], states.cov[1:])
+        return states, inputs, expected_cost(self.cost, after, inputs)
 
 
 @dataclass(frozen=True)

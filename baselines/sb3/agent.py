@@ -14,11 +14,10 @@ from jaxtyping import Float
 from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig, TunedPreset, shipped
 from baselines.sb3.library import CLASSES, SavedSB3, Told, quiet_logger, random_numbers, vector_of
 from baselines.sb3.view import View, ViewedEnv
-from mcpilco.agent import BrokenEpisodeError, TrialAgent, run_episode
-from mcpilco.data import Rollout, Stopwatch, TrialResult
+from mcpilco.agent import TrialAgent
+from mcpilco.data import Stopwatch, TrialResult
 from mcpilco.logbook import Callback
-from mcpilco.policies import costs_of, held
-from mcpilco.sensing import state_of, state_view
+from mcpilco.sensing import state_of
 from mcpilco.typing import InputError
 
 
@@ -60,7 +59,6 @@ class SB3Agent(TrialAgent):
 
     @property
     def num_timesteps(self) -> int:
-        """Steps of its env that the agent has learned from."""
         return self.learner.num_timesteps
 
     @staticmethod
@@ -69,7 +67,6 @@ class SB3Agent(TrialAgent):
         return config.trials
 
     def timesteps_of(self, trials: int) -> int:
-        """The steps that `learn` needs for so many trials."""
         return trials * self.config.trial_steps
 
     def borrow(self, timesteps: int) -> None:
@@ -88,28 +85,12 @@ class SB3Agent(TrialAgent):
         return math.ceil(total_timesteps / self.config.trial_steps)
 
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
-        """Learn for a while, then try the policy."""
         watch, updates = Stopwatch(), self.learner._n_updates
         self._practise(trial, min(self.config.trial_steps, steps), events)
-        record, failure = self._try(trial)
-        success, spent = record.outcome.get("is_success"), watch.read()
+        record, failure = self._run_episode(self.inputs_in, trial, self.horizon)
         known = self.num_timesteps + self.borrowed_timesteps
-        return TrialResult(
-            trial=trial,
-            experience_s=round(known * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
-            predicted_cost=math.nan,
-            predicted_cost_std=math.nan,
-            real_cost=float(held(costs_of(self.task.cost, record), self.horizon).sum()),
-            success=None if success is None else bool(success),
-            noise_std=(),
-            policy_steps=self.learner._n_updates - updates,
-            starts=0,
-            wall_s=spent.wall_s,
-            cpu_s=spent.cpu_s,
-            rollout=record,
-            prediction=None,
-            failure=failure,
-        )
+        steps = self.learner._n_updates - updates
+        return self._result(trial, record, watch, known, policy_steps=steps, failure=failure)
 
     def _practise(self, trial: int, steps: int, events: Callback) -> None:
         """Learn for so many steps, from new episodes on."""
@@ -119,16 +100,6 @@ class SB3Agent(TrialAgent):
         learner.action_space.seed(seed)
         with random_numbers(seed):
             learner.learn(steps, Told(events, steps), log_interval=None, reset_num_timesteps=False)
-
-    def _try(self, trial: int) -> tuple[Rollout, str | None]:
-        """A rollout of the policy, and why it broke off if it did."""
-        env, width = state_view(self.env, self.task), len(self.task.state_names)
-        seed = self.streams.reset(trial)
-        dt, act = self.task.dt, self.inputs_in
-        try:
-            return run_episode(env, act, self.horizon, dt, seed=seed, width=width), None
-        except BrokenEpisodeError as error:
-            return error.rollout, " ".join(str(error).split())
 
     def predict(
         self,

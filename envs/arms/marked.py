@@ -12,9 +12,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from envs.arms.dh import Kind, Link, arm, random_links
-
-POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
-"""what the columns of a marker's pose end in: position [m], unit quaternion"""
+from mcpilco.recordings import MarkerRecording
 
 
 @dataclass(frozen=True)
@@ -108,13 +106,15 @@ class MarkedArm:
         """
         positions, quaternions = camera.look(*self.poses(q), rng)
         measured = q + camera.encoder_std * rng.standard_normal(q.shape)
-        columns = dict(zip(self.joints, measured.T, strict=True))
-        for place, name in enumerate(self.markers):
-            pose = np.concatenate([positions[:, place], quaternions[:, place]], axis=1)
-            columns |= dict(zip((f"{name}_{end}" for end in POSE), pose.T, strict=True))
-        joints = sorted(self.joints)
-        poses = [f"{name}_{end}" for name in sorted(self.markers) for end in POSE]
-        return {"time": time, **{name: columns[name] for name in (*joints, *poses)}}
+        joints, markers = np.argsort(self.joints), np.argsort(self.markers)
+        return MarkerRecording(
+            time,
+            measured[:, joints],
+            positions[:, markers],
+            quaternions[:, markers],
+            tuple(self.joints[j] for j in joints),
+            tuple(self.markers[m] for m in markers),
+        ).columns()
 
 
 def marked_arm(links: Sequence[Link], rng: np.random.Generator, distance: float = 2.0) -> MarkedArm:

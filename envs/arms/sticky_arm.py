@@ -166,7 +166,7 @@ class StickyArm:
         per_current, by_command = np.array(drives.torque_per_current), drives.tells == "command"
         size = _sizes(pushes, targets)
         data.qpos[:], data.qvel[:] = targets.q[0], targets.dq[0]
-        summed, rows = np.zeros(model.nv), []
+        summed, jacobian, rows = np.zeros(model.nv), np.zeros((3, model.nv)), []
         for k, (q, dq) in enumerate(zip(targets.q, targets.dq, strict=True)):
             error = q - data.qpos
             summed += ki * error * targets.dt
@@ -174,8 +174,10 @@ class StickyArm:
             force = np.zeros(3)
             data.qfrc_applied[:] = torque
             if size[k]:
-                force = _across(data.site_xpos[site], size[k])
-                _apply(model, data, site, force)
+                x, y, _ = data.site_xpos[site]
+                force = size[k] / (x * x + y * y) * np.array([-y, x, 0.0])
+                mujoco.mj_jacSite(model, data, jacobian, None, site)
+                data.qfrc_applied[:] += jacobian.T @ force
             if k >= targets.lead and k % every == 0:
                 reported = torque if by_command else feed[k // every]
                 motion = data.qpos.copy(), data.qvel.copy()
@@ -192,16 +194,3 @@ def _sizes(pushes: Sequence[Push], targets: Targets) -> Float[np.ndarray, " K"]:
         inside = np.minimum(time - push.start_s, push.start_s + push.duration_s - time)
         total += push.torque * np.clip(inside / push.rise_s, 0.0, 1.0)
     return total
-
-
-def _across(point: Float[np.ndarray, " 3"], torque: float) -> Float[np.ndarray, " 3"]:
-    """The horizontal force at a point that has this torque about the upright axis [N]."""
-    x, y, _ = point
-    return torque / (x * x + y * y) * np.array([-y, x, 0.0])
-
-
-def _apply(model: mujoco.MjModel, data: mujoco.MjData, site: int, force: np.ndarray) -> None:
-    """Adds a force at a site to the forces in the joints."""
-    jacobian = np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, jacobian, None, site)
-    data.qfrc_applied[:] += jacobian.T @ force

@@ -132,10 +132,6 @@ def _known_class(env: gym.Env) -> TaskSpec | None:
 # --- by the model ---------------------------------------------------------------------------------
 
 
-def _by_model(env: gym.Env) -> TaskSpec | None:
-    return _mujoco_task(env.unwrapped)
-
-
 def _mujoco_task(env: Any) -> TaskSpec | None:
     """The task of an env that observes [qpos, qvel] of a MuJoCo model with single-axis joints."""
     model, data = getattr(env, "model", None), getattr(env, "data", None)
@@ -236,7 +232,7 @@ def _task(states: dict[str, str], inputs: dict[str, str], *, dt: float, **entrie
 
 SOURCES: tuple[tuple[str, Callable[[gym.Env], TaskSpec | None]], ...] = (
     ("its class, which is known", _known_class),
-    ("its MuJoCo model", _by_model),
+    ("its MuJoCo model", lambda env: _mujoco_task(env.unwrapped)),
     ("its observation_names", _by_names),
 )
 """ways to tell a task, the surest first, and what they look at"""

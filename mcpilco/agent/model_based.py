@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import warnings
 from abc import abstractmethod
@@ -15,18 +14,15 @@ from jaxtyping import Float
 
 from mcpilco.agent.agent_file import SavedModelBased
 from mcpilco.agent.controller import Act, Controller, remembering
-from mcpilco.agent.episode import BrokenEpisodeError, run_episode
 from mcpilco.agent.model import Model
 from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
-from mcpilco.policies import Bounds, RewardCost, costs_of, held, with_cost
+from mcpilco.policies import Bounds, RewardCost, held, with_cost
 from mcpilco.search import SearchResult
-from mcpilco.sensing import PastInputs, Perception, chained, state_of, state_view
+from mcpilco.sensing import PastInputs, Perception, chained, state_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
-
-logger = logging.getLogger(__name__)
 
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
@@ -34,12 +30,6 @@ SHOWN_PARTICLES = 100
 
 class ModelBasedAgent(TrialAgent):
     """Learns by trials with a model; a subclass says which model, policy and search.
-
-    It is used like a stable-baselines3 algorithm:
-
-        agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", seed=0)
-        agent.learn(total_timesteps=150)
-        action, _ = agent.predict(observation)
 
     The first call of `learn` spends one rollout on random inputs, or `Config.exploration` steps;
     each further rollout is a trial: fit the model to all data, search a policy, try it.
@@ -103,7 +93,6 @@ class ModelBasedAgent(TrialAgent):
 
     @staticmethod
     def usual_trials(config: Any) -> int:
-        """Policies that a training learns where nothing is said."""
         return 4
 
     def _own_task(self, task: TaskSpec) -> TaskSpec:
@@ -120,7 +109,6 @@ class ModelBasedAgent(TrialAgent):
 
     @property
     def num_timesteps(self) -> int:
-        """Steps of the env that the agent has learned from."""
         return 0 if self.transitions is None else len(self.transitions)
 
     def _trials_within(self, total_timesteps: int) -> int:
@@ -135,7 +123,6 @@ class ModelBasedAgent(TrialAgent):
         return trials
 
     def timesteps_of(self, trials: int) -> int:
-        """The steps that `learn` needs for so many trials, random inputs included at first."""
         return trials * self.horizon + (self._exploration_steps if self._unexplored else 0)
 
     @property
@@ -156,8 +143,8 @@ class ModelBasedAgent(TrialAgent):
         act = lambda _: inputs.uniform(self.low, self.high)  # noqa: E731
         records: list[Rollout] = []
         while (left := self._exploration_steps - sum(map(len, records))) > 0:
-            record, _ = self._run_episode(act, 0, self.perception, left, len(records))
-            records.append(record)
+            record, _ = self._run_episode(act, 0, left, len(records))
+            records.append(_digested(record, self.perception))
         for record in records:
             self._take(record)
         self._learn_cost(records)
@@ -194,29 +181,20 @@ class ModelBasedAgent(TrialAgent):
             shown = found.best.prediction(SHOWN_PARTICLES)
             prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
         act = remembering(Controller(policy, self._estimator(perception)).answer)
-        record, broken = self._run_episode(act, trial, perception, self.horizon)
+        record, broken = self._run_episode(act, trial, self.horizon)
+        record = _digested(record, perception)
         self._take(record)
         self.policy, self.perception = policy, perception
         if perception is not None:
             self.look_ahead()  # the episode has shown how large the errors of its estimates are
         failures = [failure for failure in (no_policy, broken) if failure]
-        success, spent = record.outcome.get("is_success"), watch.read()
-        return TrialResult(
-            trial=trial,
-            experience_s=round(experience * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
-            predicted_cost=math.nan if found is None else found.best.cost,
-            predicted_cost_std=math.nan if found is None else found.best.cost_std,
-            real_cost=float(self._costs(record).sum()),
-            success=None if success is None else bool(success),
-            noise_std=self.model.noise_std,
-            policy_steps=0 if found is None else found.steps,
-            starts=0 if found is None else found.starts,
-            wall_s=spent.wall_s,
-            cpu_s=spent.cpu_s,
-            rollout=record,
-            prediction=prediction,
-            failure=" ".join(failures) or None,
-        )
+        learned: dict[str, Any] = {"noise_std": self.model.noise_std, "prediction": prediction}
+        if found is not None:
+            learned |= {"policy_steps": found.steps, "starts": found.starts}
+            learned["predicted_cost"] = found.best.cost
+            learned["predicted_cost_std"] = found.best.cost_std
+        failure = " ".join(failures) or None
+        return self._result(trial, record, watch, experience, failure=failure, **learned)
 
     def _improve(
         self, trial: int, perception: Perception | None, events: Callback
@@ -242,19 +220,6 @@ class ModelBasedAgent(TrialAgent):
         if math.isfinite(found.best.cost):
             return found, None
         return found, self._failed(trial, "The model predicted no finite cost for any policy.")
-
-    def _run_episode(
-        self, act: Act, trial: int, perception: Perception | None, steps: int, episode: int = 0
-    ) -> tuple[Rollout, str | None]:
-        """A rollout of at most so many steps, and why it broke off if it did."""
-        env, failure = state_view(self.env, self.task), None
-        seed, steps = self.streams.reset(trial, episode), min(steps, self.horizon)
-        width = len(self.task.state_names)
-        try:
-            record = run_episode(env, act, steps, self.task.dt, seed=seed, width=width)
-        except BrokenEpisodeError as error:
-            record, failure = error.rollout, self._failed(trial, str(error))
-        return record if perception is None else perception.digest(record), failure
 
     def _take(self, record: Rollout) -> None:
         """The rollout joins the data."""
@@ -283,19 +248,6 @@ class ModelBasedAgent(TrialAgent):
         known = self._data[: self.fitted_rows] if self.fitted_rows else None
         error = None if self.perception is None else self.perception.estimate_std
         self.tracker = self.model.tracker(known, error)
-
-    def _failed(self, trial: int, reason: str) -> str:
-        """The reason on one line, which is also logged."""
-        reason = " ".join(reason.split())
-        logger.warning("Trial %d: %s", trial, reason)
-        return reason
-
-    def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
-        """Cost at the end of each step of a rollout on the system [-].
-
-        An episode that ended early has its last cost to the end of the horizon.
-        """
-        return held(costs_of(self._cost, record), self.horizon)
 
     @property
     def _cost(self) -> Cost:
@@ -339,3 +291,8 @@ class ModelBasedAgent(TrialAgent):
         measured = state_of(self.task, self._observation(observation))
         action, state = controller.answer(measured, state, episode_start)
         return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state
+
+
+def _digested(record: Rollout, perception: Perception | None) -> Rollout:
+    """The rollout with the states that are made of its measurements."""
+    return record if perception is None else perception.digest(record)

@@ -6,6 +6,7 @@ searches a policy in it.
 
 from __future__ import annotations
 
+import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -29,15 +30,18 @@ from mcpilco.agent.contract import (
     task_of,
 )
 from mcpilco.agent.controller import Act, Controller, remembering
-from mcpilco.agent.episode import Streams
+from mcpilco.agent.episode import BrokenEpisodeError, Streams, run_episode
 from mcpilco.agent.keywords import refuse_keywords
 from mcpilco.agent.model import Model
 from mcpilco.config import Preset
-from mcpilco.data import Rollout, Transitions, TrialResult
+from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback, Logged, Progress, Results, as_callback
-from mcpilco.sensing import Perception
+from mcpilco.policies import costs_of, held
+from mcpilco.sensing import Perception, state_view
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
+
+logger = logging.getLogger(__name__)
 
 
 class TrialAgent(ABC):
@@ -182,6 +186,48 @@ class TrialAgent(ABC):
             steps: of the env, that are left to this call.
             events: called as it goes on.
         """
+
+    def _run_episode(
+        self, act: Act, trial: int, steps: int, episode: int = 0
+    ) -> tuple[Rollout, str | None]:
+        """A rollout of at most so many steps, and why it broke off if it did."""
+        env, width = state_view(self.env, self.task), len(self.task.state_names)
+        seed, steps = self.streams.reset(trial, episode), min(steps, self.horizon)
+        try:
+            return run_episode(env, act, steps, self.task.dt, seed=seed, width=width), None
+        except BrokenEpisodeError as error:
+            return error.rollout, self._failed(trial, str(error))
+
+    def _failed(self, trial: int, reason: str) -> str:
+        """The reason on one line, which is also logged."""
+        reason = " ".join(reason.split())
+        logger.warning("Trial %d: %s", trial, reason)
+        return reason
+
+    def _costs(self, record: Rollout) -> Float[np.ndarray, " T"]:
+        """Cost at the end of each step of a rollout on the system [-].
+
+        An episode that ended early has its last cost to the end of the horizon.
+        """
+        return held(costs_of(self.task.cost, record), self.horizon)
+
+    def _result(
+        self, trial: int, record: Rollout, watch: Stopwatch, experience: int, **learned: Any
+    ) -> TrialResult:
+        """A trial's result: of its rollout, of so many steps of data, and of what was learned."""
+        success, spent = record.outcome.get("is_success"), watch.read()
+        unknown: dict[str, Any] = {"predicted_cost": math.nan, "predicted_cost_std": math.nan}
+        unknown |= {"noise_std": (), "policy_steps": 0, "starts": 0, "prediction": None}
+        return TrialResult(
+            trial=trial,
+            experience_s=round(experience * self.task.dt, 9),  # 6 * 0.1 is not quite 0.6
+            real_cost=float(self._costs(record).sum()),
+            success=None if success is None else bool(success),
+            wall_s=spent.wall_s,
+            cpu_s=spent.cpu_s,
+            rollout=record,
+            **(unknown | learned),
+        )
 
     def learn(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,6 +20,7 @@ from mcpilco.cli.options import (
     use_one_thread,
     warn,
 )
+from mcpilco.identification.collision import ThresholdConfig
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
         CurrentModel,
         Detection,
         Event,
-        ThresholdConfig,
         Thresholds,
     )
     from mcpilco.recordings import ArmRecording, ArmSamples
@@ -38,28 +38,7 @@ HELD_OUT = 0.3
 """share of each recording, its end, that thresholds are set by where no other is given"""
 
 ModelPath = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How far a current may be from what is expected, and for how long."""
-
-    quantile: float = 0.998
-    """share of a joint's free samples below its threshold; 1 is their maximum"""
-    debounce: int = 3
-    """an alarm is so many samples above the threshold, one after another"""
-    rule: Literal["current", "deviations"] = "current"
-    """thresholds in ampere, or in standard deviations that the posterior tells at each sample"""
-    by_phase: bool = False
-    """a threshold for joints that move, and another for joints that rest"""
-
-    def config(self) -> ThresholdConfig:
-        from mcpilco.identification.collision import ThresholdConfig
-
-        return ThresholdConfig(self.quantile, self.debounce, self.rule, self.by_phase)
-
-
-LimitOptions = Annotated[Limits, tyro.conf.arg(name="")]
+LimitOptions = Annotated[ThresholdConfig, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
@@ -74,7 +53,6 @@ class Simulate(Command):
     """of everything random; equal seeds give equal files"""
 
     def __call__(self) -> int:
-        """Simulate, and return the exit code."""
         import numpy as np
 
         from envs.arms.sticky_arm import MODEL, StickyArm
@@ -141,10 +119,9 @@ class Learn(Command):
     """what the files call their columns, where it differs; also separated by commas"""
     dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
     """sampling time of the model and of what it will watch [s]"""
-    limits: LimitOptions = Limits()
+    limits: LimitOptions = field(default_factory=ThresholdConfig)
 
     def __call__(self) -> int:
-        """Learn, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             CurrentConfig,
@@ -167,7 +144,7 @@ class Learn(Command):
                 _joined(_read(self.check, joints, named, dt), config),
             )
         model, report = fit_currents(train, body, dt, config)
-        limits = thresholds(model, held, self.limits.config())
+        limits = thresholds(model, held, self.limits)
         save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
         _print_errors(model, held)
@@ -189,10 +166,9 @@ class Threshold(Command):
     """without contact, and others than those that it was learned from"""
     columns: Columns = ()
     """what the files call their columns, where it differs"""
-    limits: LimitOptions = Limits()
+    limits: LimitOptions = field(default_factory=ThresholdConfig)
 
     def __call__(self) -> int:
-        """Set them, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.collision import (
             load_collision_model,
@@ -203,7 +179,7 @@ class Threshold(Command):
         model, _ = load_collision_model(self.model)
         read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
         held = _joined(read, model.config)
-        limits = thresholds(model, held, self.limits.config())
+        limits = thresholds(model, held, self.limits)
         save_collision_model(self.model, model, limits)
         _print_errors(model, held)
         _print_thresholds(model, limits)
@@ -224,7 +200,6 @@ class Detect(Command):
     """what the files call their columns, where it differs"""
 
     def __call__(self) -> int:
-        """Search, and return the exit code."""
         use_one_thread()
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
@@ -264,7 +239,6 @@ class Collisions(Command):
     ]
 
     def __call__(self) -> int:
-        """Run one of its commands, and return the exit code."""
         return self.command()
 
 

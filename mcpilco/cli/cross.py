@@ -76,7 +76,6 @@ class Cross(Command):
     """show no progress"""
 
     def __call__(self) -> int:
-        """Go through the stages that are missing, and return the exit code."""
         register(self.env, self.sim, self.algo)
         self._check()
         use_one_thread()

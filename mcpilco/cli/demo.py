@@ -28,7 +28,6 @@ class Demo(Command):
     """do not open the viewer at the end, which opens where there is a display"""
 
     def __call__(self) -> int:
-        """Train, draw, show, and return the exit code."""
         train = Train(seed=self.seed, trials=_TRIALS, out=self.out)
         folder = train.folder()
         replace(train, out=folder)()

@@ -79,18 +79,13 @@ class Doctor(Command):
         findings = list(examine())
         table = Table("", "what", "found", "to do", box=SIMPLE_HEAD)
         for finding in findings:
-            cells = (_mark(finding), finding.subject, finding.found, finding.fix)
+            mark = "ok" if not finding.fix else "no" if finding.needed else "--"
+            cells = (mark, finding.subject, finding.found, finding.fix)
             table.add_row(*(Text(cell, overflow="fold") for cell in cells))
         Console().print(table)
         missing = [finding.subject for finding in findings if finding.fix and finding.needed]
         print(f"To mend: {', '.join(missing)}." if missing else "All that is needed is here.")
         return 1 if missing else 0
-
-
-def _mark(finding: Finding) -> str:
-    if not finding.fix:
-        return "ok"
-    return "no" if finding.needed else "--"
 
 
 def examine() -> Iterator[Finding]:

@@ -48,7 +48,6 @@ class Evaluate(Command):
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        """Evaluate, print, and return the exit code."""
         require_at_least(1, episodes=self.episodes, horizon=self.horizon)
         require_at_least(0, seed=self.seed)
         use_one_thread()
@@ -146,7 +145,6 @@ class Export(Command):
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        """Write, and return the exit code."""
         register(trusted=self.trust)
         from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder
@@ -178,7 +176,6 @@ class Report(Command):
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        """Write the page, print its path, and return the exit code."""
         use_one_thread()
         register(trusted=self.trust)
         from mcpilco.logbook import RunFolder

@@ -78,7 +78,6 @@ class Identify(Command):
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code."""
         use_one_thread()
         from mcpilco.files import make_folder, write_bytes
 

@@ -58,7 +58,6 @@ class InverseDynamics(Command):
     """of the choice of samples that hyperparameters are fitted to"""
 
     def __call__(self) -> int:
-        """Learn, test, save, and return the exit code."""
         use_one_thread()
         from mcpilco.files import make_folder
         from mcpilco.identification.inverse_dynamics import (

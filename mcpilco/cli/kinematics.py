@@ -37,7 +37,6 @@ class Kinematics(Command):
     """of the draw of these samples"""
 
     def __call__(self) -> int:
-        """Identify, and return the exit code."""
         use_one_thread()
         from mcpilco.identification.kinematics import (
             Tolerance,

@@ -62,7 +62,6 @@ class Record(Command):
     """show no progress"""
 
     def __call__(self) -> int:
-        """Record, and return the exit code."""
         self._check()
         use_one_thread()
         register(self.env or "", trusted=self.trust)

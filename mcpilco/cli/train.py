@@ -65,7 +65,6 @@ class Train(Learning):
     in its folder"""
 
     def __call__(self) -> int:
-        """Train, and return the exit code."""
         require_at_least(1, trials=self.trials)
         require_at_least(0, seed=self.seed)
         use_one_thread()
@@ -78,7 +77,11 @@ class Train(Learning):
         config, env_kwargs = self.numbers()
         with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
             agent = self.agent(env, config, self.seed)
-            source = None if self.warm_start is None else _source(self.warm_start, agent)
+            source = None
+            if self.warm_start is not None:
+                from baselines.sb3.from_model import stored_source
+
+                source = stored_source(self.warm_start, agent)
             trials = agent.usual_trials(config) if self.trials is None else self.trials
             files = {"task": self.task, "warm_start": self.warm_start}
             more = {name: str(path) for name, path in files.items() if path is not None}
@@ -93,10 +96,9 @@ class Train(Learning):
                 more,
             )
             with run.writing():
-                if source is not None:
-                    if not self.quiet:
-                        print(f"warm start: training in the model of {self.warm_start}", flush=True)
-                    _warm_start(run, agent, source)
+                if source is not None and not self.quiet:
+                    print(f"warm start: training in the model of {self.warm_start}", flush=True)
+                _warm_start(run, agent, source)
                 return self._learn(agent, run)
 
     def _go_on(self) -> int:
@@ -120,7 +122,7 @@ class Train(Learning):
                 "--live."
             )
         assert self.resume is not None
-        with reopened(self.resume, self.trials, self.task, _warm_again) as (run, agent):
+        with reopened(self.resume, self.trials, self.task, _warm_start) as (run, agent):
             if changed := changed_versions(run):
                 warn(
                     f"note: {', '.join(changed)} since the run began; its numbers may differ from "
@@ -184,29 +186,13 @@ class Train(Learning):
                     viewer.wait()
 
 
-def _source(path: Path, agent: Any) -> Any:
-    """The agent of the run that `--warm-start` names.
-
-    Raises:
-        McPilcoError: it cannot be used for this agent.
-    """
-    from baselines.sb3.from_model import stored_source
-
-    return stored_source(path, agent)
-
-
-def _warm_start(run: RunFolder, agent: Any, source: Any) -> None:
-    """Train in the source's model, and save the agent."""
-    from baselines.sb3.from_model import warm_start
-
-    warm_start(agent, source)
-    agent.save(run.agent_path)
-
-
-def _warm_again(run: RunFolder, agent: Any) -> None:
-    """The warm start that had not ended when the run was stopped."""
+def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
+    """Train in the model of the run that `--warm-start` named, if any, and save the agent."""
     if "warm_start" in run.config:
-        _warm_start(run, agent, _source(Path(run.config["warm_start"]), agent))
+        from baselines.sb3.from_model import stored_source, warm_start
+
+        warm_start(agent, source or stored_source(Path(run.config["warm_start"]), agent))
+        agent.save(run.agent_path)
 
 
 def _saved(run: RunFolder) -> str:

@@ -54,7 +54,6 @@ class View(Command):
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        """Show, and return the exit code."""
         register(trusted=self.trust)
         from mcpilco.agent import choose_trial
         from mcpilco.logbook import RunFolder

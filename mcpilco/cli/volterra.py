@@ -51,7 +51,6 @@ class Volterra(Command):
     """of what is drawn"""
 
     def __call__(self) -> int:
-        """Fit, and return the exit code."""
         use_one_thread()
         from mcpilco.files import make_folder
         from mcpilco.identification import save_volterra

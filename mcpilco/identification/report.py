@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from jaxtyping import Float
-from torch import Tensor
-
-from mcpilco.gp import GP, JITTERS
+from mcpilco.gp import GP, JITTERS, Posterior
 
 
 @dataclass(frozen=True)
@@ -40,12 +37,8 @@ class Report:
         )
 
 
-def jitter_of(diagonal: Float[Tensor, "E N"], L: Float[Tensor, "E N N"]) -> tuple[float, ...]:
-    """The one of `JITTERS` that each factor has beyond the covariance, in parts of its mean [-].
-
-    Args:
-        diagonal: of the covariances.
-        L: their Cholesky factors, perhaps with a jitter.
-    """
-    added = (L.square().sum(-1) - diagonal).mean(-1) / diagonal.mean(-1)
+def jitter_of(posterior: Posterior) -> tuple[float, ...]:
+    """The one of `JITTERS` on each output's covariance, in parts of its mean [-]."""
+    diagonal = posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]
+    added = (posterior.L.square().sum(-1) - diagonal).mean(-1) / diagonal.mean(-1)
     return tuple(min(JITTERS, key=lambda jitter: abs(jitter - share)) for share in added.tolist())

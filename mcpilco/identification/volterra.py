@@ -299,18 +299,10 @@ def _report(
         converged=gp.report.converged,
         iterations=gp.report.iterations,
         evidence=tuple((-np.array(gp.report.nlml) - fitted * np.log(scaling.outputs)).tolist()),
-        jitter=_jitter(posterior),
+        jitter=jitter_of(posterior) if isinstance(posterior, Posterior) else (0.0,) * gp.outputs,
         unidentified=unidentified,
         warnings=warnings,
     )
-
-
-def _jitter(posterior: Posterior | WeightPosterior) -> tuple[float, ...]:
-    """Of the factor of the covariance; none in weight space."""
-    if isinstance(posterior, WeightPosterior):
-        return (0.0,) * len(posterior.noise_std)
-    noise = posterior.noise_std.square()[:, None]
-    return jitter_of(posterior.kernel.diag(posterior.X) + noise, posterior.L)
 
 
 FORMAT = 1

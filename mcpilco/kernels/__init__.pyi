@@ -9,6 +9,7 @@ from .base import (
     Sum,
     Term,
     mean_square,
+    typical_size,
 )
 from .decaying_lags import SEDMPK
 from .mechanical import GIP, Kind, Kinematic, NestedKinematic
@@ -49,4 +50,5 @@ __all__ = [
     "VolterraMPK",
     "mean_square",
     "symmetric",
+    "typical_size",
 ]

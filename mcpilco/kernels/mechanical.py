@@ -234,8 +234,7 @@ class GIP(Product):
             mpk.offset_steps = mpk.spread(torch.tensor([1e-3, 1.0]), 2)
             mpk.weight_steps = mpk.spread(HARMONICS / size, 2, mpk.width)
         motion.start_from(X, torch.ones_like(Y))
-        power = Y.square().mean(0)
-        power = torch.where(power > 0, power, torch.ones_like(power)) / self.diag(X).mean(-1)
+        power = mean_square(Y) / self.diag(X).mean(-1)
         mpk = cast(MPK, motion.kernel)
         mpk.offset_steps = mpk.offset_steps * power[..., None]
         mpk.weight_steps = mpk.weight_steps * power[..., None, None]

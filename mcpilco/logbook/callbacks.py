@@ -115,7 +115,6 @@ class CallbackList(Callback):
     close = _told_to_all("close")
 
     def stops(self) -> bool:
-        """Whether one of them stops."""
         return any(callback.stops() for callback in self.callbacks)
 
 
@@ -137,7 +136,7 @@ def trial_values(result: TrialResult) -> dict[str, float]:
     return {key: float(value) for key, value in values.items() if value is not None}
 
 
-class _Numbers(Callback):
+class Numbers(Callback):
     """Hands the numbers of each model fit, policy step and trial to `_write` of a subclass."""
 
     _trial = 0
@@ -162,7 +161,7 @@ class _Numbers(Callback):
         raise NotImplementedError
 
 
-class JsonLines(_Numbers):
+class JsonLines(Numbers):
     """Numbers of each model fit, policy step and trial: one JSON object a line.
 
     The keys `time/trial` and `time/step` say where a line belongs; a number that is not finite is
@@ -188,7 +187,6 @@ class JsonLines(_Numbers):
             raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Closes the file."""
         if self._file is not None:
             file, self._file = self._file, None
             with contextlib.suppress(OSError):  # what a full disk did not take was told before
@@ -209,7 +207,7 @@ class JsonLines(_Numbers):
         )
 
 
-class TensorBoard(_Numbers):
+class TensorBoard(Numbers):
     """The same numbers as scalars for TensorBoard; policy steps count on from trial to trial."""
 
     def __init__(self, folder: str | Path, earlier_steps: int = 0) -> None:
@@ -235,7 +233,6 @@ class TensorBoard(_Numbers):
         self._writer: Any = None
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Opens an event file."""
         self.close()
         self._writer = self._open()
         self._trial = self._step = 0
@@ -251,7 +248,6 @@ class TensorBoard(_Numbers):
         self._writer.flush()
 
     def close(self) -> None:
-        """Closes the event file."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None

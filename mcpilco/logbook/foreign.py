@@ -8,13 +8,13 @@ False ends the learning before the next trial.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from mcpilco.data import Rollout, TrialResult
-from mcpilco.logbook.callbacks import Agent, Callback, CallbackList, trial_values
+from mcpilco.logbook.callbacks import Agent, Callback, CallbackList, Numbers
 from mcpilco.typing import InputError
 
 
@@ -63,11 +63,9 @@ class ForeignCallback(Callback):
         self._stopped = False
 
     def stops(self) -> bool:
-        """Whether the callback answered False."""
         return self._stopped
 
     def on_training_start(self, agent: Any, trials: int) -> None:
-        """Shows the agent to the callback as a model."""
         self._stopped = False
         self._model = _Model(agent)
         self.callback.init_callback(self._model)
@@ -76,16 +74,13 @@ class ForeignCallback(Callback):
         self.callback.on_training_start(told, {})
 
     def on_exploration(self, rollout: Rollout) -> None:
-        """Tells of the steps of random inputs."""
         self._tell(rollout, self._model.num_timesteps)
 
     def on_trial_end(self, result: TrialResult) -> None:
-        """Tells of the steps of the policy."""
         rollout = result.rollout
         self._tell(rollout, self._model.agent.num_timesteps - len(rollout))
 
     def on_training_end(self) -> None:
-        """Tells of the end."""
         self.callback.on_training_end()
 
     def _tell(self, rollout: Rollout, before: int) -> None:
@@ -144,7 +139,7 @@ class _Model:
         """None: observations are in their own units."""
 
 
-class Logged(Callback):
+class Logged(Numbers):
     """Records the numbers of each trial in a logger of stable-baselines3; a row a trial.
 
     The keys are those of `JsonLines`, of a search those of its last step.
@@ -154,24 +149,14 @@ class Logged(Callback):
         self._logger = logger
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Keeps the agent, which counts the steps."""
         self._agent = agent
 
-    def on_model_fitted(self, values: dict[str, float]) -> None:
-        """Records the numbers of the fit."""
-        self._record(values)
-
-    def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Records the numbers of the step, over those of the step before."""
-        self._record(values)
-
     def on_trial_end(self, result: TrialResult) -> None:
-        """Writes the row."""
+        super().on_trial_end(result)
         done = self._agent.num_timesteps
-        self._record(trial_values(result))
-        self._record({"time/trial": result.trial, "time/total_timesteps": done})
+        self._write({"time/trial": result.trial, "time/total_timesteps": done})
         self._logger.dump(done)
 
-    def _record(self, values: dict[str, float]) -> None:
+    def _write(self, values: Mapping[str, float], step: int | None = None) -> None:
         for name, value in values.items():
             self._logger.record(name, value)

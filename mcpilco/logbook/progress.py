@@ -76,7 +76,6 @@ class Progress(Callback):
         self._rows: list[dict[str, str]] = []
 
     def on_training_start(self, agent: Agent, trials: int) -> None:
-        """Starts an empty table."""
         self.close()
         self._trials = getattr(agent, "trials", 0) + trials
         self._models = getattr(agent, "model", True) is not None
@@ -101,11 +100,9 @@ class Progress(Callback):
             self._live.start(refresh=True)
 
     def on_exploration(self, rollout: Rollout) -> None:
-        """Says how much was recorded."""
         self._say(f"exploration: {len(rollout) * rollout.dt:.1f} s of random inputs")
 
     def on_trial_start(self, trial: int) -> None:
-        """Starts a new bar."""
         self._trial = trial
         # A fresh task, so that the time left is this trial's alone.
         self._bar.remove_task(self._task)
@@ -113,12 +110,10 @@ class Progress(Callback):
         self._task = self._bar.add_task(f"{self._heading}: {doing}", total=None)
 
     def on_fit_step(self, step: int, steps: int) -> None:
-        """Moves the bar of the trial."""
         doing = f"{self._heading}: fitting the models"
         self._bar.update(self._task, completed=step, total=steps, description=doing)
 
     def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
-        """Moves both bars."""
         cost = values.get("policy/cost")
         doing = "searching the policy" if self._models else "learning"
         known = "" if cost is None else f", cost {cost:.2f}"
@@ -128,7 +123,6 @@ class Progress(Callback):
         self._bar.update(self._run, completed=self._trial - 1 + step / max(steps, step, 1))
 
     def on_trial_end(self, result: TrialResult) -> None:
-        """Adds the trial's row."""
         self._rows.append(_row(result))
         self._bar.update(self._run, completed=result.trial)
         if self._live is not None:
@@ -136,7 +130,6 @@ class Progress(Callback):
         self._say(", ".join(f"{name} {value}" for name, value in self._rows[-1].items()))
 
     def on_training_end(self) -> None:
-        """Takes the bar away."""
         self.close()
 
     def close(self) -> None:

@@ -137,7 +137,9 @@ class Inertials:
                 if self._mass[body.id] > 0.0:
                     self._write(body)
                 elif self._before[0][body.id] > 0.0:
-                    _write_nothing(body)
+                    body.explicitinertial = False
+                    for geom in body.geoms:  # MuJoCo's writer leaves out a body's mass of 0
+                        geom.mass = 0.0
 
     def _write(self, body: mujoco.MjsBody) -> None:
         moments, R = np.linalg.eigh(self._inertia[body.id])
@@ -152,13 +154,6 @@ class Inertials:
         body.fullinertia = np.array([np.nan, *[0.0] * 5])
         body.mass, body.ipos = self._mass[body.id], self._center[body.id]
         body.iquat, body.inertia = quaternion, moments
-
-
-def _write_nothing(body: mujoco.MjsBody) -> None:
-    """A body without mass: MuJoCo's writer leaves out a mass of 0, so its geoms must have none."""
-    body.explicitinertial = False
-    for geom in body.geoms:
-        geom.mass = 0.0
 
 
 def _is_physical(inertia: Float[np.ndarray, "3 3"]) -> bool:

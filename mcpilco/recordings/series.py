@@ -167,7 +167,9 @@ def suspicions(
                 f"distinguished from lower ones; record it with more than {degree} levels."
             )
         windows = lagged(column[:, None], lags)
-        rank = _rank(windows[np.isfinite(windows).all(1)])
+        known_windows = windows[np.isfinite(windows).all(1)]
+        powers = np.linalg.eigvalsh(known_windows.T @ known_windows)
+        rank = int((powers > _DEPENDENT * powers[-1]).sum())
         if rank <= lags:
             unidentified.append(f"lags of {name}")
             warnings.append(
@@ -182,8 +184,3 @@ def suspicions(
     if (share := _repeated(series)) > _REPEATED:
         warnings.append(f"{share:.0%} of the rows repeat the row before; are they measured?")
     return tuple(unidentified), tuple(warnings)
-
-
-def _rank(X: Float[np.ndarray, "N D"]) -> int:
-    powers = np.linalg.eigvalsh(X.T @ X)
-    return int((powers > _DEPENDENT * powers[-1]).sum())

@@ -1,5 +1,5 @@
 from . import fused
-from .engine import rollout_of, warn_without_numba
+from .engine import rollout_of
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
 from .particles import Particles, Problem, RolloutFunction, rollout
@@ -28,5 +28,4 @@ __all__ = [
     "rollout_of",
     "set_exponentials",
     "strip",
-    "warn_without_numba",
 ]

@@ -54,21 +54,16 @@ def _warn_once(sentence: str) -> None:
     logger.warning(sentence)
 
 
-def warn_without_numba(error: ImportError) -> None:
-    """Log why compiled loops cannot be had, and that plain torch takes over."""
-    logger.warning(
-        "The compiled loops need numba (%s); plain torch computes the same in float64, several "
-        "times slower. Run `pip install numba`.",
-        error,
-    )
-
-
 @functools.cache
 def _compiled_loops() -> ModuleType | None:
     """The compiled loops; None, after a warning, where numba or a fused multiply-add is missing."""
     try:
         from mcpilco.search import fused
     except ImportError as error:
-        warn_without_numba(error)
+        logger.warning(
+            "The compiled loops need numba (%s); plain torch computes the same in float64, several "
+            "times slower. Run `pip install numba`.",
+            error,
+        )
         return None
     return fused

@@ -73,7 +73,6 @@ class Recorder(Callback):
         write_json(self.run.path / "task.json", agent.task.to_json())
 
     def on_exploration(self, rollout: Rollout) -> None:
-        """Writes the rollout as trial 0."""
         self._exploration.append(rollout)
         number = len(self._exploration)
         suffix = "" if number == 1 else f"-{number}"
@@ -87,7 +86,6 @@ class Recorder(Callback):
             self._agent.save(self.run.agent_path)
 
     def on_trial_end(self, result: TrialResult) -> None:
-        """Writes all that the trial brought."""
         policy, perception = self._agent.policy.state_dict(), self._agent.perception
         arrays = {
             "transitions": vars(self._rows(result.rollout)),
@@ -108,7 +106,6 @@ class Recorder(Callback):
         self.run.add_metrics(result)
 
     def on_training_end(self) -> None:
-        """Writes the summary."""
         self._agent.save(self.run.agent_path)
         trials = self.run.finished_trials()
         last = {"trials": len(trials), **_outcome(self.run.result(trials[-1]))} if trials else {}

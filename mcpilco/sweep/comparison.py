@@ -113,8 +113,9 @@ class Run:
     @property
     def amounts(self) -> Float[np.ndarray, " T"]:
         """Experience behind each policy, median over seeds [s]."""
-        trials = max(len(course.experience_s) for course in self.courses.values())
-        return np.array([np.median(self._of_trial(k)) for k in range(trials)])
+        each = [course.experience_s for course in self.courses.values()]
+        trials = range(max(map(len, each)))
+        return np.array([np.median([one[k] for one in each if k < len(one)]) for k in trials])
 
     def at(self, amount: float, measure: str) -> dict[int, float]:
         """A measure of each seed after an amount of experience that is one of `amounts`."""
@@ -122,10 +123,6 @@ class Run:
         reached = {s: c.values[measure] for s, c in self.courses.items() if measure in c.values}
         told = {s: float(v[k]) for s, v in reached.items() if k < len(v)}
         return {seed: value for seed, value in told.items() if math.isfinite(value)}
-
-    def _of_trial(self, k: int) -> list[float]:
-        experience = (course.experience_s for course in self.courses.values())
-        return [float(amounts[k]) for amounts in experience if k < len(amounts)]
 
 
 def read_run(path: Path) -> Run:

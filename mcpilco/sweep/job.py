@@ -139,7 +139,6 @@ class _Rows(Callback):
         self._judge = judge
 
     def on_trial_end(self, result: TrialResult) -> None:
-        """Judges the trial's policy."""
         row = _row(result)
         if self._judge is not None:
             outcomes = self._judge.outcomes(self._agent.controller, self._agent.seed, result.trial)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -96,21 +97,14 @@ def _told(values: Iterable[float | None]) -> np.ndarray:
 # Of runs ------------------------------------------------------------------------
 
 
-def _interquartile_mean(values: Float[np.ndarray, "*b S"], axis: int = -1) -> Any:
-    """Mean of the middle half: less noisy than the median, as deaf to outliers.
-
-    Reference: Agarwal et al. (2021), Deep reinforcement learning at the edge of the statistical
-    precipice, NeurIPS.
-    """
-    return trim_mean(values, 0.25, axis=axis)
-
-
 STATISTICS: Mapping[str, Callable[..., Any]] = {
     "mean": np.mean,
     "median": np.median,
-    "iqm": _interquartile_mean,
+    "iqm": partial(trim_mean, proportiontocut=0.25, axis=-1),
 }
-"""what many seeds are told as, by name; iqm: interquartile mean"""
+"""what many seeds are told as, by name; iqm: interquartile mean, of the middle half: less noisy
+than the median, as deaf to outliers (Agarwal et al. (2021), Deep reinforcement learning at the edge
+of the statistical precipice, NeurIPS)"""
 
 
 @dataclass(frozen=True)

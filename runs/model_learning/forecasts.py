@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from baselines.moments.image import Gaussian, Image
+from baselines.moments.image import Gaussian
 from baselines.pilco.model import PilcoConfig, PilcoModel
 from baselines.pilco.policy import GPMean
 from baselines.pilco.rollout import GaussianDynamics, predicted
@@ -84,7 +84,8 @@ def _gaussian(
             steps = [start]
             for inputs in torch.from_numpy(seen.inputs):
                 steps.append(pushed(dynamics, steps[-1], inputs))
-            states = Gaussian.stacked(steps)
+            mean, cov = (torch.stack([vars(s)[name] for s in steps]) for name in ("mean", "cov"))
+            states = Gaussian(mean, cov)
         else:
             states, _ = predicted(dynamics, policy, start, len(seen))
         return Forecast(states.mean.numpy(), states.cov.numpy())
@@ -95,12 +96,14 @@ def _gaussian(
 def pushed(
     dynamics: GaussianDynamics, state: Gaussian, inputs: Float[torch.Tensor, " U"]
 ) -> Gaussian:
-    """The next state under inputs that are known, in the env's unit."""
-    joint, z = dynamics.augmented(state)
-    U = len(inputs)
-    certain = Image(inputs, inputs.new_zeros(U, U), inputs.new_zeros(0, U))
-    u = range(joint.width, joint.width + U)
-    return dynamics.advanced(joint.joined([], certain), [*z, *u])
+    """The next state under inputs that are known, in the env's unit.
+
+    They are the middle of the bounds of a policy that has learned nothing.
+    """
+    low, high = (inputs - 1.0).numpy(), (inputs + 1.0).numpy()
+    policy = GPMean(dynamics.augmentation, low, high, centres=1)
+    states, _ = predicted(dynamics, policy, state, 1)
+    return Gaussian(states.mean[1], states.cov[1])
 
 
 def _sampled(

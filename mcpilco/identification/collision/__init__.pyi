@@ -1,9 +1,9 @@
+from .config import ThresholdConfig
 from .detector import (
     CollisionDetector,
     Detection,
     Event,
     Sample,
-    ThresholdConfig,
     Thresholds,
     debounced,
     detect,

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,6 +15,7 @@ from jaxtyping import Bool, Float
 from mcpilco.bodies import Chain
 from mcpilco.config import from_dict
 from mcpilco.files import damaged, read_groups, write_groups
+from mcpilco.identification.collision.config import ThresholdConfig
 from mcpilco.identification.collision.features import CURRENT_TERMS, CurrentFeatures
 from mcpilco.identification.collision.model import (
     CurrentConfig,
@@ -27,23 +27,8 @@ from mcpilco.identification.rigid_body import RigidBody
 from mcpilco.recordings import ArmSamples, RunningSlope
 from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
-Rule = Literal["current", "deviations"]
 _TAIL = 10
 """samples above a quantile that make it more than the luck of one"""
-
-
-@dataclass(frozen=True)
-class ThresholdConfig:
-    """How thresholds are set, from samples without contact that no model was fitted to."""
-
-    quantile: float = 0.998
-    """share of the samples of a joint that shall be below its threshold [-]; 1 is their maximum"""
-    debounce: int = 3
-    """an alarm is so many samples above the threshold, one after another, in one joint"""
-    rule: Rule = "current"
-    """a number of ampere, or of the standard deviations of the posterior at a sample"""
-    by_phase: bool = False
-    """a threshold for joints that move and one for joints that rest, in place of one for both"""
 
 
 @dataclass(frozen=True)

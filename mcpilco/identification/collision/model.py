@@ -280,8 +280,7 @@ def condition_currents(
     for j, gp in enumerate(gps):
         X = current_regressors(train, inputs, j)
         posterior = gp.condition(X, torch.from_numpy(train.i[:, j : j + 1]))
-        variance = posterior.kernel.diag(posterior.X) + posterior.noise_std.square()[:, None]
-        jitter += jitter_of(variance, posterior.L)
+        jitter += jitter_of(posterior)
         predictors.append(Predictor.of(posterior, *parts(posterior.kernel), phi[j], z, a[:, j]))
     return CurrentModel(config, features, dt, gps, train, tuple(predictors)), tuple(jitter)
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from mcpilco.bodies import INERTIAL, Chain, torch_regressor
 from mcpilco.dynamics import JointPolynomials, friction
-from mcpilco.gp import GP, cholesky
+from mcpilco.gp import GP, Posterior
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report, jitter_of
 from mcpilco.identification.rigid_body import RigidBody
@@ -138,47 +138,6 @@ NOISE_FLOOR = 1e-4
 """least standard deviation of the noise, in parts of the torque's [-]"""
 
 
-@dataclass(frozen=True, eq=False)
-class Process:
-    """The torque of one joint, conditioned on N samples; hyperparameters are constants."""
-
-    kernel: Kernel
-    """prior covariance, of one output"""
-    noise_std: float
-    """in the unit of the torque"""
-    Z: Float[Tensor, "N D"]
-    """features of the samples"""
-    L: Float[Tensor, "1 N N"]
-    """K + s^2 I = L L^T"""
-    alpha: Float[Tensor, "1 N 1"]
-    """(K + s^2 I)^-1 tau"""
-    jitter: float
-    """added to the diagonal, in parts of its mean [-]"""
-
-    @classmethod
-    def of(cls, gp: GP, Z: Float[Tensor, "N D"], y: Float[Tensor, "N 1"]) -> Process:
-        """The posterior of a GP with one output: thesis eq. (3.5)."""
-        with torch.no_grad():
-            K = gp.covariance(Z)
-            L = cholesky(K, gp.names)
-            alpha = torch.cholesky_solve(y.mT[..., None], L)
-            kernel = gp.kernel.requires_grad_(False)
-            (jitter,) = jitter_of(K.diagonal(dim1=-2, dim2=-1), L)
-        return cls(kernel, float(gp.noise_std), Z, L, alpha, jitter)
-
-    def mean(self, Zq: Float[Tensor, "*b D"]) -> Float[Tensor, "*b"]:
-        """Of the latent torque: thesis eq. (3.4)."""
-        flat = Zq.reshape(-1, Zq.shape[-1])
-        return (self.kernel(flat, self.Z) @ self.alpha).reshape(Zq.shape[:-1])
-
-    def variance(self, Zq: Float[Tensor, "*b D"]) -> Float[Tensor, "*b"]:
-        """Of the latent torque, without the noise."""
-        flat = Zq.reshape(-1, Zq.shape[-1])
-        explained = torch.linalg.solve_triangular(self.L, self.kernel(self.Z, flat), upper=False)
-        variance = self.kernel.diag(flat) - explained.square().sum(-2)
-        return variance.clamp_min(0.0).reshape(Zq.shape[:-1])
-
-
 class GaussianInverseDynamics(InverseDynamics):
     """Each joint's torque as a Gaussian process of its own, of features that a prior names.
 
@@ -186,29 +145,30 @@ class GaussianInverseDynamics(InverseDynamics):
     """
 
     def __init__(
-        self, fitted: Fitted, prior: Prior, data: JointData, processes: list[Process]
+        self, fitted: Fitted, prior: Prior, data: JointData, posteriors: list[Posterior]
     ) -> None:
         super().__init__(fitted)
-        self.prior, self.data, self.processes = prior, data, processes
+        self.prior, self.data, self.posteriors = prior, data, posteriors
 
     def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
-        return self._each(motion, Process.mean)
+        return self._each(motion, Posterior.mean)
 
     def std(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
-        return self._each(motion, Process.variance).sqrt()
+        return self._each(motion, lambda known, Zq: known.mean_and_variance(Zq)[1]).sqrt()
 
-    def _each(self, motion: Tensor, what: Any) -> Tensor:
-        Z = self.prior.features(motion)
-        each = enumerate(self.processes)
-        return torch.stack([what(process, Z[..., j, :]) for j, process in each], -1)
+    def _each(
+        self, motion: Float[Tensor, "*b Q"], what: Callable[[Posterior, Tensor], Tensor]
+    ) -> Float[Tensor, "*b J"]:
+        """The latent torque of each joint, by its posterior: thesis eq. (3.4)."""
+        Z = self.prior.features(motion.reshape(-1, motion.shape[-1]))
+        each = [what(known, Z[:, j]) for j, known in enumerate(self.posteriors)]
+        return torch.cat(each, -1).reshape(*motion.shape[:-1], -1)
 
     def to_groups(self) -> dict[str, dict[str, np.ndarray]]:
         groups = {"data": {name: getattr(self.data, name) for name in ARRAYS}}
-        for joint, process in zip(self.joints, self.processes, strict=True):
-            state = process.kernel.state_dict()
-            groups[f"joint_{joint}"] = {name: value.numpy() for name, value in state.items()} | {
-                "noise_std": np.array(process.noise_std)
-            }
+        for joint, known in zip(self.joints, self.posteriors, strict=True):
+            state = {name: value.numpy() for name, value in known.kernel.state_dict().items()}
+            groups[f"joint_{joint}"] = state | {"noise_std": known.noise_std[0].numpy()}
         return groups
 
 
@@ -244,12 +204,13 @@ def fit_gaussian(
         gp = GP(prior.kernel(), noise_floor=NOISE_FLOOR * float(y.std()), names=(joint,))
         gps.append(gp.fit(Z[some, j], y[some], max_iterations=max_iterations))
         logger.info("%s: joint %s, %s", kernel, joint, gp.report)
-    processes = [Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]) for j, gp in enumerate(gps)]
-    fitted = Fitted.to(kernel, data, _report(data, gps, processes), kinds=list(data.kinds), **built)
-    return GaussianInverseDynamics(fitted, prior, data, processes)
+    posteriors = [gp.condition(Z[:, j].clone(), tau[:, j : j + 1]) for j, gp in enumerate(gps)]
+    report = _report(data, gps, posteriors)
+    fitted = Fitted.to(kernel, data, report, kinds=list(data.kinds), **built)
+    return GaussianInverseDynamics(fitted, prior, data, posteriors)
 
 
-def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
+def _report(data: JointData, gps: list[GP], posteriors: list[Posterior]) -> Report:
     fits = [gp.report for gp in gps if gp.report is not None]
     warnings = [
         f"the hyperparameters of joint {joint!r} may be better: the optimiser stopped at its "
@@ -257,14 +218,14 @@ def _report(data: JointData, gps: list[GP], processes: list[Process]) -> Report:
         for joint, fit in zip(data.joints, fits, strict=True)
         if not fit.converged
     ]
-    for joint, process, tau in zip(data.joints, processes, data.tau.T, strict=True):
-        share = process.noise_std**2 / tau.var()
+    for joint, gp, tau in zip(data.joints, gps, data.tau.T, strict=True):
+        share = float(gp.noise_std) ** 2 / tau.var()
         if share > 0.5:
             warnings.append(
                 f"{100 * share:.0f} % of the torque of joint {joint!r} is taken for noise; record "
                 "faster or larger motions of it, or with a load."
             )
-    jitter = tuple(process.jitter for process in processes)
+    jitter = tuple(jitter for known in posteriors for jitter in jitter_of(known))
     return Report.of_gps(gps, jitter=jitter, warnings=tuple(warnings))
 
 
@@ -273,11 +234,11 @@ def restored(
 ) -> GaussianInverseDynamics:
     """The model that `to_groups` wrote: its posterior is factorised again."""
     Z, tau = prior.features(data.motion).detach(), torch.as_tensor(data.tau)
-    processes = []
+    posteriors = []
     for j, joint in enumerate(data.joints):
         state = {name: torch.as_tensor(value) for name, value in groups[f"joint_{joint}"].items()}
         noise = float(state.pop("noise_std"))
         gp = GP(prior.kernel(), noise_std=noise, noise_floor=0.0, names=(joint,))
         gp.kernel.load_state_dict(state)
-        processes.append(Process.of(gp, Z[:, j].clone(), tau[:, j : j + 1]))
-    return GaussianInverseDynamics(fitted, prior, data, processes)
+        posteriors.append(gp.condition(Z[:, j].clone(), tau[:, j : j + 1]))
+    return GaussianInverseDynamics(fitted, prior, data, posteriors)

@@ -195,7 +195,7 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
     slides, turns = scores(tests, tolerance)
     both = _between(tests, np.minimum(slides, turns), len(recording.marker_names))
     paths = list(_paths(both, base, recording))
-    best = min(paths, key=lambda path: _total(both, path))
+    best = min(paths, key=lambda path: sum(both[a, m, k] for (a, _), (m, k) in pairwise(path)))
     if len(paths) > 1:
         warnings.append(
             f"{len(paths)} chains pass the tests; this is the one of least residuals. Move each "
@@ -299,11 +299,6 @@ def _dead_end(scores: Scores, path: list[_Hop], recording: MarkerRecording) -> s
         "the tolerance. Put a marker on every link, record every joint, check units (rad and m) "
         "and that camera and joints share a clock; then raise the tolerances, if noise is larger."
     )
-
-
-def _total(scores: Scores, path: list[_Hop]) -> float:
-    steps = pairwise(path)
-    return float(sum(scores[first, m, k] for (first, _), (m, k) in steps))
 
 
 def _joint(

@@ -93,7 +93,8 @@ def reach(
     first = _descent(model, _inside(model, start), target, config)
     if _reached(first[1], config):
         return _path(start, [first[0]], first[1], config)
-    detour = _nearest_sample(model, target, config)
+    sizes = _weighed(pose_error(model, model.q, target), config).norm(dim=-1)
+    detour = model.q[int(sizes.argmin())]  # the sample whose pose is nearest to the target
     second = _descent(model, detour, target, config)
     if _size(second[1], config) < _size(first[1], config):
         return _path(start, [detour[None], second[0]], second[1], config)
@@ -169,12 +170,6 @@ def _descent(
 def _blocked(model: ForwardKinematics, q: Joints, g: Joints) -> Bool[Tensor, " J"]:
     """Which joints are at an end of their range and would leave it."""
     return ((q <= model.q.amin(0)) & (g > 0)) | ((q >= model.q.amax(0)) & (g < 0))
-
-
-def _nearest_sample(model: ForwardKinematics, target: Target, config: Reach) -> Joints:
-    """The configuration among the model's samples whose pose is nearest to the target."""
-    sizes = _weighed(pose_error(model, model.q, target), config).norm(dim=-1)
-    return model.q[int(sizes.argmin())]
 
 
 def _path(start: Joints, parts: list[Float[Tensor, "_ J"]], error: Error, config: Reach) -> Path:

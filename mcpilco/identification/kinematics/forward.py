@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
-from mcpilco.gp import GP, FitReport, Posterior, cholesky
+from mcpilco.gp import GP, FitReport, Posterior
 from mcpilco.identification.kinematics.chain import KinematicChain
 from mcpilco.identification.report import Report, jitter_of
 from mcpilco.kernels import Kernel, Kinematic, NestedKinematic
@@ -254,13 +254,12 @@ def _report(
 ) -> Report:
     """How the fit went."""
     fitted = cast(FitReport, gp.report)
-    K = gp.covariance(regressors(q, kinds)).detach()
     warnings = []
     if not fitted.converged:
         warnings.append("the marginal likelihood was still rising when the fit was stopped.")
     if left_out:
         warnings.append(f"{left_out} samples contradict all others and are left out.")
-    jitter = jitter_of(K.diagonal(dim1=-2, dim2=-1), cholesky(K, gp.names))
+    jitter = jitter_of(gp.condition(regressors(q, kinds), Y))
     return Report.of_gps([gp], jitter=jitter, warnings=tuple(warnings))
 
 

@@ -11,6 +11,8 @@ from functools import reduce
 from operator import mul
 from typing import Any, Literal
 
+import numpy as np
+
 from mcpilco.plant.arithmetic import Real, cos, larger, sin, sqrt
 
 Vector = Sequence[Any]
@@ -34,49 +36,43 @@ def inverse_dynamics(
 
     Reference: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
     """
-    J = len(q)
-    turns: list[Matrix] = []
-    origins: list[Vector] = []
-    spins: list[Vector] = []  # angular velocities
-    turned: list[Vector] = []  # angular accelerations
-    pushes: list[Vector] = []  # accelerations of the frames' origins, less gravity
-    forces: list[tuple[Vector, Vector]] = []
+    J, cross = len(q), np.cross
+    turns: list[np.ndarray] = []
+    origins: list[np.ndarray] = []
+    # angular velocities and accelerations, accelerations of the frames' origins less gravity
+    motions: list[tuple[np.ndarray, ...]] = []
+    forces: list[tuple[np.ndarray, np.ndarray]] = []
     for j in range(J):
-        p, axis = chain.parent[j], chain.axis[j]
-        R, o = chain.rotation[j], chain.origin[j]
-        w, b = (spins[p], turned[p]) if p >= 0 else (ZERO, ZERO)
-        a = pushes[p] if p >= 0 else _scale(-1.0, gravity)
+        p, m = chain.parent[j], chain.mass[j]
+        axis, o, c = (_array(x[j]) for x in (chain.axis, chain.origin, chain.center))
+        R, I = _array(chain.rotation[j]), _array(chain.inertia[j])  # noqa: E741  the field's letter
+        w, b, a = motions[p] if p >= 0 else (_array(ZERO), _array(ZERO), _array(gravity) * -1.0)
         if chain.slides[j]:
-            o = _add(o, _apply(R, _scale(q[j], axis)))
+            o = o + R @ (axis * q[j])
         else:
-            R = _product(R, _rotation(axis, q[j]))
-        a = _add(a, _cross(b, o), _cross(w, _cross(w, o)))
-        w, b, a = (_apply_transposed(R, x) for x in (w, b, a))
+            R = R @ _rotation(axis, q[j])
+        a = a + cross(b, o) + cross(w, cross(w, o))
+        w, b, a = R.T @ w, R.T @ b, R.T @ a
         if chain.slides[j]:
-            slid = _scale(dq[j], axis)
-            a = _add(a, _scale(ddq[j], axis), _scale(2.0, _cross(w, slid)))
+            a = a + axis * ddq[j] + cross(w, axis * dq[j]) * 2.0
         else:
-            b = _add(b, _scale(ddq[j], axis), _cross(w, _scale(dq[j], axis)))
-            w = _add(w, _scale(dq[j], axis))
-        m, c, I = chain.mass[j], chain.center[j], chain.inertia[j]  # noqa: E741  the field's letter
-        force = _scale(m, _add(a, _cross(b, c), _cross(w, _cross(w, c))))
-        moment = _add(_apply(I, b), _cross(w, _apply(I, w)), _cross(c, force))
+            b = b + axis * ddq[j] + cross(w, axis * dq[j])
+            w = w + axis * dq[j]
+        force = (a + cross(b, c) + cross(w, cross(w, c))) * m
         turns.append(R)
         origins.append(o)
-        spins.append(w)
-        turned.append(b)
-        pushes.append(a)
-        forces.append((force, moment))
+        motions.append((w, b, a))
+        forces.append((force, I @ b + cross(w, I @ w) + cross(c, force)))
     tau: list[Any] = [0.0] * J
     for j in range(J - 1, -1, -1):
         force, moment = forces[j]
         along = force if chain.slides[j] else moment
-        tau[j] = _dot(chain.axis[j], along) + chain.armature[j] * ddq[j]
+        tau[j] = _array(chain.axis[j]) @ along + chain.armature[j] * ddq[j]
         p = chain.parent[j]
         if p >= 0:
-            force, moment = _apply(turns[j], force), _apply(turns[j], moment)
-            moment = _add(moment, _cross(origins[j], force))
-            forces[p] = _add(forces[p][0], force), _add(forces[p][1], moment)
+            force, moment = turns[j] @ force, turns[j] @ moment
+            moment = moment + cross(origins[j], force)
+            forces[p] = forces[p][0] + force, forces[p][1] + moment
     return tau
 
 
@@ -99,9 +95,9 @@ def accelerations(
     # L y = tau - bias; L^T x = y
     x: list[Any] = [t - b for t, b in zip(tau, bias, strict=True)]
     for i in range(J):
-        x[i] = (x[i] - _sum(L[i][k] * x[k] for k in range(i))) / L[i][i]
+        x[i] = (x[i] - sum(L[i][k] * x[k] for k in range(i))) / L[i][i]
     for i in range(J - 1, -1, -1):
-        x[i] = (x[i] - _sum(L[k][i] * x[k] for k in range(i + 1, J))) / L[i][i]
+        x[i] = (x[i] - sum(L[k][i] * x[k] for k in range(i + 1, J))) / L[i][i]
     return x
 
 
@@ -134,7 +130,7 @@ def accelerations_with(
             x[i] = x[i] - factor * x[k]
             A[i][k + 1 :] = [A[i][j] - factor * A[k][j] for j in range(k + 1, J)]
     for k in range(J - 1, -1, -1):
-        x[k] = (x[k] - _sum(A[k][j] * x[j] for j in range(k + 1, J))) / A[k][k]
+        x[k] = (x[k] - sum(A[k][j] * x[j] for j in range(k + 1, J))) / A[k][k]
     return x
 
 
@@ -144,58 +140,22 @@ def _cholesky(M: Matrix) -> list[list[Any]]:
     L: list[list[Any]] = [[0.0] * J for _ in range(J)]
     for i in range(J):
         for j in range(i + 1):
-            total = M[j][i] - _sum(L[i][k] * L[j][k] for k in range(j))
+            total = M[j][i] - sum(L[i][k] * L[j][k] for k in range(j))
             L[i][j] = sqrt(total) if i == j else total / L[j][j]
     return L
 
 
-def _sum(terms: Any) -> Any:
-    total: Any = 0.0
-    for term in terms:
-        total = term + total
-    return total
+def _array(numbers: Any) -> Any:
+    """Numbers of any kind; one that multiplies them must stand behind them."""
+    return np.array(numbers, dtype=object)
 
 
-def _dot(a: Vector, b: Vector) -> Any:
-    return _sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def _add(*vectors: Vector) -> Vector:
-    return [_sum(parts) for parts in zip(*vectors, strict=True)]
-
-
-def _scale(factor: Any, a: Vector) -> Vector:
-    return [factor * x for x in a]
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
-
-
-def _apply(R: Matrix, a: Vector) -> Vector:
-    return [_dot(row, a) for row in R]
-
-
-def _apply_transposed(R: Matrix, a: Vector) -> Vector:
-    return [_dot(column, a) for column in zip(*R, strict=True)]
-
-
-def _product(A: Matrix, B: Matrix) -> Matrix:
-    columns = list(zip(*B, strict=True))
-    return [[_dot(row, column) for column in columns] for row in A]
-
-
-def _rotation(axis: Vector, angle: Real) -> Matrix:
+def _rotation(axis: np.ndarray, angle: Real) -> np.ndarray:
     """About an axis of length 1: Rodrigues' formula."""
-    s, c = sin(angle), cos(angle)
     x, y, z = axis
-    outer = [[a * b for b in axis] for a in axis]
-    skew = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+    outer, skew = _array(np.outer(axis, axis)), _array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
     # c (1 - a a^T) + a a^T + s [a x]
-    return [
-        [c * (float(i == j) - outer[i][j]) + outer[i][j] + s * skew[i][j] for j in range(3)]
-        for i in range(3)
-    ]
+    return (np.eye(3) - outer) * cos(angle) + outer + skew * sin(angle)
 
 
 class PolynomialForces:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.show.plots.style import SYSTEM, new_axes
+from mcpilco.show.plots.style import SYSTEM, new_axes, plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,12 +75,8 @@ def plot_curves(curves: Mapping[int, Curve], label: str, ax: Axes | None = None)
 
 def plain_log_axis(ax: Axes) -> None:
     """A logarithmic axis of x with ordinary numbers at 1, 3, 10, 30 and so on."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
     ax.set_xscale("log")
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    ax.xaxis.set_minor_locator(NullLocator())
+    plain_ticks(ax.xaxis, (1.0, 3.0))
 
 
 def plot_seeds(

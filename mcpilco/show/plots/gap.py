@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes
+from mcpilco.show.plots.style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes, plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
 
 NOMINAL, REFIT = "tab:orange", "tab:purple"
 _STYLES: dict[str, dict[str, Any]] = {
@@ -73,7 +72,8 @@ def plot_growth(
         ylim=(0.7 * least, None),
         xlim=(0, None),
     )
-    _plain_ticks(ax.yaxis)
+    low, high = ax.yaxis.get_view_interval()
+    plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if high < 30 * low else (1.0,))
     add_legend(ax)
     return ax
 
@@ -115,7 +115,8 @@ def plot_shrink(
         ylim=(len(names) - 0.6, -1.0),
         yticks=[],
     )
-    _plain_ticks(ax.xaxis)
+    low, high = ax.xaxis.get_view_interval()
+    plain_ticks(ax.xaxis, (1.0, 2.0, 5.0) if high < 30 * low else (1.0,))
     return ax
 
 
@@ -261,17 +262,6 @@ def plot_window(
     ax.set_title(title, **_ABOVE)
     add_legend(ax)
     return ax
-
-
-def _plain_ticks(axis: Axis) -> None:
-    """Numbers instead of powers along a logarithmic axis; a page does not set formulas."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    low, high = axis.get_view_interval()
-    fine = high < 30 * low
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if fine else (1.0,)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_locator(NullLocator())
 
 
 def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:

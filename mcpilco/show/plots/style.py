@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,6 +15,7 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 SYSTEM, MODEL, PARTICLES = "black", "tab:blue", "0.55"
 QUANTILES = (5, 95)
@@ -109,3 +111,17 @@ def add_legend(ax: Axes) -> None:
     """A legend without a frame, small; none where nothing has a name."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(frameon=False, fontsize="small")
+
+
+def plain_ticks(axis: Axis, subs: Sequence[float]) -> None:
+    """Numbers instead of powers along a logarithmic axis; a page does not set formulas.
+
+    Args:
+        axis: of x or y.
+        subs: where they stand in each power of ten.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())

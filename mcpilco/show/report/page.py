@@ -135,7 +135,9 @@ def learning(history: History) -> Section:
         (
             str(trial.number),
             f"{trial.experience_s:.1f}",
-            _predicted(trial),
+            _cell(None)
+            if trial.prediction is None
+            else f"{trial.predicted_cost:.2f} ± {trial.predicted_cost_std:.2f}",
             f"{trial.real_cost:.2f}",
             *(_cell(trial.row.get(name)) for name in measured),
         )
@@ -149,12 +151,6 @@ def learning(history: History) -> Section:
         [draw("Cost of each trial over experience", partial(plot_learning, history.learned))],
         [Table((*header, *map(title_of, measured)), rows)],
     )
-
-
-def _predicted(trial: PastTrial) -> str:
-    if trial.prediction is None:
-        return _cell(None)
-    return f"{trial.predicted_cost:.2f} ± {trial.predicted_cost_std:.2f}"
 
 
 def search(history: History) -> Section:

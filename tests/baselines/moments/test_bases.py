@@ -220,7 +220,6 @@ def weighed(case: Case, weights: list[torch.Tensor], **replaced: torch.Tensor) -
 @pytest.mark.parametrize("rank", [3, 1, 0])
 @pytest.mark.parametrize("name", ["mean", "cov", "x", "y", "lengthscale", "signal_std"])
 def test_gradients_are_those_of_central_differences(name, rank):
-    """Of constant functions, in closed form; where functions are learned too, by torch."""
     rng = np.random.default_rng(8)
     case = random_case(rng, samples=6, rank=rank)
     weights = [torch.from_numpy(rng.standard_normal(shape)) for shape in ((2,), (2, 2), (3, 2))]
@@ -232,23 +231,6 @@ def test_gradients_are_those_of_central_differences(name, rank):
     expected = slope_along(lambda h: weighed(case, weights, **{name: start + h * direction}))
     slope = float((gradient * direction).sum())
     assert slope == pytest.approx(expected, rel=1e-7, abs=1e-7)
-
-
-def test_the_closed_gradient_is_that_of_torch():
-    case = random_case(np.random.default_rng(9))
-    bases = bases_of(case)
-    learned = Bases(*(p.clone().requires_grad_() for p in vars(bases).values()))
-    for functions in (bases, learned):
-        mean, cov = (torch.from_numpy(a).requires_grad_() for a in (case.mean, case.cov))
-        image = through_bases(functions, mean, cov)
-        total = image.mean.sum() + (image.cov * torch.arange(4.0).view(2, 2)).sum()
-        total = total + image.slope.square().sum()
-        found = torch.autograd.grad(total, (mean, cov))
-        if functions is bases:
-            closed = found
-    assert torch.allclose(closed[0], found[0], atol=1e-12)
-    symmetric = 0.5 * (found[1] + found[1].mT)
-    assert torch.allclose(closed[1], symmetric, atol=1e-12)
 
 
 def test_what_is_no_covariance_is_refused():

@@ -42,7 +42,7 @@ def test_equal_seeds_learn_equally_and_others_do_not():
 
 def test_it_learns_to_move_a_point():
     """The cost is least at 1 m: an idle policy would pay 6 (1 - 1/e)."""
-    config = PilcoConfig(centres=5, line_searches=15, horizon=STEPS, engine="eager")
+    config = PilcoConfig(centres=5, line_searches=15, horizon=STEPS)
     result = learned(2, config=config).results[-1]
     assert result.real_cost < 0.8 * STEPS * (1 - np.exp(-1))
     assert result.predicted_cost == pytest.approx(result.real_cost, abs=0.4)

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from baselines.pilco import PilcoConfig
-from baselines.pilco.model import CurbedGP, PilcoModel, input_std
+from baselines.pilco.model import CurbedGP, PilcoModel
 from mcpilco.data import Transitions
 from mcpilco.gp import GP
-from mcpilco.kernels import RBF
+from mcpilco.kernels import RBF, typical_size
 from tests.mcpilco.point import TASK
 
 
@@ -39,7 +39,7 @@ def test_at_a_curb_the_penalty_is_one(entry):
     gp, (X, Y) = curbed(), smooth()
     gp._start_from(X, Y)
     if entry == "lengthscale":
-        gp.kernel.lengthscale = input_std(X)[None] * torch.tensor([[100.0, 1.0]])
+        gp.kernel.lengthscale = typical_size(X)[None] * torch.tensor([[100.0, 1.0]])
     else:
         gp.noise_excess = gp.kernel.variance.sqrt() / 1000.0
     assert penalty(gp, X, Y) == pytest.approx(1.0, rel=1e-6)
@@ -51,7 +51,7 @@ def test_a_fit_stays_within_the_curbs():
     for gp in (curbed(), GP(RBF(2, (1,)), noise_floor=0.0)):
         gp.fit(X, Y)
         ratios.append(float((gp.kernel.variance.sqrt() / gp.noise_std).detach()))
-        lengths.append(float((gp.kernel.lengthscale / input_std(X)).max().detach()))
+        lengths.append(float((gp.kernel.lengthscale / typical_size(X)).max().detach()))
     assert ratios[0] < 2000 < ratios[1]
     assert lengths[0] < 120 < lengths[1]
 
@@ -87,4 +87,4 @@ def test_the_moments_at_a_point_are_the_posterior():
 
 def test_a_constant_input_has_a_scale_all_the_same():
     X = torch.tensor([[0.0, 3.0, 1.0], [0.0, 3.0, 2.0]]).double()
-    assert input_std(X).tolist() == [1.0, 3.0, 0.5]
+    assert typical_size(X).tolist() == [1.0, 3.0, 0.5]

@@ -1,4 +1,4 @@
-"""The prediction of PILCO: both ways to compute it, and what it is of."""
+"""The prediction of PILCO: the same in plain torch, and what it is of."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import torch
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
 from baselines.moments import Gaussian
-from baselines.pilco import compiled
-from baselines.pilco.rollout import Problem, predicted
+from baselines.pilco.rollout import predicted
+from baselines.pilco.search import Problem
 from mcpilco.policies import cart_pole_cost
 from tests.baselines.differences import slope_along
 from tests.baselines.pilco.models import narrow_start, random_dynamics, random_policy
+from tests.reference import pilco as plain
 
 pytestmark = pytest.mark.xdist_group(
     "compiled moments"
@@ -24,10 +25,6 @@ SYSTEMS = {
     "two angles, two inputs": {"states": 3, "angles": (0, 2), "inputs": 2, "outputs": 3},
     "fewer outputs than states": {"outputs": 2},
 }
-
-
-WAYS = [predicted, pytest.param(compiled.predicted, marks=pytest.mark.slow)]
-"""to predict; half a minute passes until a way is compiled"""
 
 
 def parts(states: Gaussian, inputs: Gaussian) -> list[torch.Tensor]:
@@ -42,23 +39,22 @@ def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
     policy = random_policy(dynamics, system.get("inputs", 1))
     start, rng = narrow_start(len(dynamics.A)), np.random.default_rng(0)
     results, gradients, weights = [], [], None
-    for predict in (predicted, compiled.predicted):
+    for predict in (plain.predicted, predicted):
         found = parts(*predict(dynamics, policy, start, 4))
         weights = weights or [torch.from_numpy(rng.standard_normal(p.shape)) for p in found]
         total = sum((p * w).sum() for p, w in zip(found, weights, strict=True))
         gradients.append(torch.autograd.grad(total, list(policy.parameters())))
         results.append([part.detach() for part in found])
-    for plain, fast in zip(*results, strict=True):
-        assert torch.allclose(plain, fast, rtol=1e-10, atol=1e-12)
-    for plain, fast in zip(*gradients, strict=True):
-        assert torch.allclose(plain, fast, rtol=1e-8, atol=1e-9)
+    for slow, fast in zip(*results, strict=True):
+        assert torch.allclose(slow, fast, rtol=1e-10, atol=1e-12)
+    for slow, fast in zip(*gradients, strict=True):
+        assert torch.allclose(slow, fast, rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.parametrize("predict", WAYS)
-def test_the_gradient_of_the_expected_cost_is_that_of_central_differences(predict):
+def test_the_gradient_of_the_expected_cost_is_that_of_central_differences():
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
-    problem = Problem(dynamics, cart_pole_cost(), narrow_start(), 5, predict)
+    problem = Problem(dynamics, cart_pole_cost(), narrow_start(), 5)
     total = problem.prediction(policy)[2].sum()
     gradient = parameters_to_vector(torch.autograd.grad(total, list(policy.parameters())))
     at = parameters_to_vector(policy.parameters()).detach()
@@ -115,17 +111,15 @@ def test_one_step_has_nearly_the_moments_of_particles(scale):
     assert (correlation.abs() < 0.02).all()
 
 
-@pytest.mark.parametrize("predict", WAYS)
-def test_covariances_stay_symmetric_and_positive(predict):
+def test_covariances_stay_symmetric_and_positive():
     dynamics = random_dynamics()
-    states, _ = predict(dynamics, random_policy(dynamics), narrow_start(), 20)
+    states, _ = predicted(dynamics, random_policy(dynamics), narrow_start(), 20)
     assert torch.equal(states.cov, states.cov.mT)
     assert float(torch.linalg.eigvalsh(states.cov.detach()).min()) > -1e-12
 
 
-@pytest.mark.parametrize("predict", WAYS)
-def test_a_covariance_that_is_none_ends_the_prediction(predict):
+def test_a_covariance_that_is_none_ends_the_prediction():
     dynamics = random_dynamics()
     start = Gaussian(torch.zeros(4).double(), -100.0 * torch.eye(4).double())
     with pytest.raises(torch.linalg.LinAlgError):
-        predict(dynamics, random_policy(dynamics), start, 3)
+        predicted(dynamics, random_policy(dynamics), start, 3)

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.moments import Gaussian
-from baselines.pilco.rollout import Problem, predicted
-from baselines.pilco.search import PilcoSearch
+from baselines.pilco.search import PilcoSearch, Problem
 from mcpilco.policies import SaturatingCost
 from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
 
@@ -20,12 +18,14 @@ COST = SaturatingCost((1,), (1.0,), (1.0,), (False,))
 CONFIG = dataclasses.replace(TINY, line_searches=10, evaluations=15)
 
 
-def search(predict=predicted, report=lambda *_: None, fresh=None, config=CONFIG) -> PilcoSearch:
+def search(
+    sometimes=lambda problem: problem, report=lambda *_: None, fresh=None, config=CONFIG
+) -> PilcoSearch:
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
     return PilcoSearch(
         config=config,
-        problem=Problem(dynamics, COST, narrow_start(), 4, predict),
+        problem=sometimes(Problem(dynamics, COST, narrow_start(), 4)),
         policy=policy,
         fresh=fresh or (lambda: copy.deepcopy(policy)),
         generator=torch.Generator().manual_seed(0),
@@ -60,19 +60,23 @@ def test_the_expected_cost_is_that_of_the_particles_shown():
 
 
 class Sometimes:
-    """A prediction that has no answer at the calls named."""
+    """A problem that has no answer at the calls named."""
 
     def __init__(self, *failing: int, as_nan: bool = False) -> None:
         self.failing, self.as_nan, self.calls = failing, as_nan, 0
 
-    def __call__(self, dynamics, policy, start, horizon):
+    def __call__(self, problem):
+        self.problem, self.cost = problem, problem.cost
+        return self
+
+    def prediction(self, policy):
         self.calls += 1
         if self.calls not in self.failing:
-            return predicted(dynamics, policy, start, horizon)
+            return self.problem.prediction(policy)
         if not self.as_nan:
             raise torch.linalg.LinAlgError
-        states, inputs = predicted(dynamics, policy, start, horizon)
-        return Gaussian(states.mean * math.nan, states.cov), inputs
+        states, inputs, costs = self.problem.prediction(policy)
+        return states, inputs, costs * math.nan
 
 
 @pytest.mark.parametrize("as_nan", [False, True])
