@@ -5,8 +5,9 @@ errors on held-out recordings. To see how it decides read `investigation` (the l
 happens), `search` (which sets of effects are tried), `decide` (choice, names, verdict) and
 `thresholds` (all numbers that decide, on one page). What these call: `data` cuts recordings into
 windows and makes a `GapProblem`; `plant_model`, `sensitivities` and `fit` simulate and fit;
-`disturbance` has the random forces and the evidence; `screen` scores effects; `residual_force` and `learned_force` find forces without a name;
-`disagreement` finds events and places; `comparison` and `report` say what a correction is worth.
+`disturbance` has the random forces and the evidence; `screen` scores effects; `residual_force` and
+`learned_force` find forces without a name; `disagreement` finds events and places; `comparison` and
+`report` say what a correction is worth.
 """
 
 import lazy_loader

@@ -28,7 +28,9 @@ class Whitening(NamedTuple):
     """What makes residuals white that random forces have coloured: I - U diag(c) U^T."""
 
     U: Float[np.ndarray, "W n m"]
+    """orthonormal directions in which random forces move a window's measurements"""
     c: Float[np.ndarray, "W m"]
+    """part of each that is taken off [-]"""
 
     def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
         """White residuals."""

@@ -274,8 +274,9 @@ def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, .
         ]
         sure = _probability(result, instance) * _present(instance, estimates)
         name, target = instance.effect.name, instance.target
-        share, family = judged.share(instance), tuple(dict.fromkeys(family))
-        named.append(NamedEffect(name, target, estimates, sure, share, family))
+        alike = tuple(dict.fromkeys(family))
+        share = judged.share(instance)
+        named.append(NamedEffect(name, target, estimates, sure, share, alike))
     return tuple(named)
 
 
@@ -283,8 +284,11 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
     """That an effect belongs to the missing ones, of all sets that were fitted."""
     least = min(bic for _, bic in result.ranked)
     weight = [math.exp(-0.5 * min(bic - least, 700.0)) for _, bic in result.ranked]
-    own = [w for w, (fit, _) in zip(weight, result.ranked, strict=True)
-           if instance in fit.model.effects]
+    own = [
+        w
+        for w, (fit, _) in zip(weight, result.ranked, strict=True)
+        if instance in fit.model.effects
+    ]
     return sum(own) / sum(weight)
 
 

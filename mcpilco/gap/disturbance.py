@@ -77,8 +77,8 @@ class Disturbance:
         G = lin.cleaned(np.where(lin.lost[:, :, None], 0.0, self.columns))
         r = lin.cleaned(lin.r[:, :, None])[:, :, 0]
         seen = windows.measured.sum(axis=(1, 2))
-        likelihood = _Likelihood.of(r, G, self.joint, int(np.maximum(seen - fit.x0.shape[1], 0).sum()))
-        return likelihood.largest()
+        samples = int(np.maximum(seen - fit.x0.shape[1], 0).sum())
+        return _Likelihood.of(r, G, self.joint, samples).largest()
 
     def whitened(self, evidence: Evidence) -> Windows:
         """The windows, what the random forces of a model may do weighing little in them."""
@@ -103,6 +103,7 @@ class _Likelihood:
 
     @classmethod
     def of(cls, r: np.ndarray, G: np.ndarray, joint: np.ndarray, samples: int) -> _Likelihood:
+        """That of `samples` residuals."""
         A = np.matmul(G.transpose(0, 2, 1), G)
         return cls(r, G, joint, samples, A, np.einsum("wni,wn->wi", G, r))
 

@@ -90,7 +90,7 @@ def fit_model(
         theta: where the search begins.
         x0: initial states from which it begins.
         iterations: at most.
-        hasty: end as well where a model that is far from fitting crawls.
+        hasty: end as well where the cost falls but slowly.
     """
     damping, share = 1e-4, model.budget.share(BUDGET.fit)
     for _ in range(iterations):
@@ -286,64 +286,10 @@ def on_windows(fit: Fit, windows: Windows) -> Fit:
     return Fit(fit.model, fit.theta, x0, float(by_window.sum()), by_window)
 
 
-LAGS = 8
-"""of the autocorrelation of residuals"""
-
-
-@dataclass(frozen=True)
-class ResidualStructure:
-    """Statistics of the residuals of a fit."""
-
-    whiteness: float
-    """about 1 where the residuals are noise, see `whiteness`"""
-    excess: float
-    """misfit over noise: chi^2 of a sample, less 1"""
-    usual: float
-    """likewise, in the median over windows"""
-    unevenness: float
-    """misfit of a window that is missed much over that of a usual one; about 1.5 for noise"""
-
-
 def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
     """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
     y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
     return residual(windows.plain, y).reshape(windows.y.shape)
-
-
-def structure(fit: Fit, windows: Windows) -> ResidualStructure:
-    """The statistics that distinguish residuals from noise."""
-    r = residuals(fit, windows)
-    excess = float((r**2).sum() / max(windows.measured.sum(), 1)) - 1.0
-    by_window = (r**2).sum(axis=(1, 2)) / windows.samples
-    usual, much = np.percentile(by_window, [50.0, 95.0])
-    uneven = float(much / max(usual, 1e-300))
-    return ResidualStructure(whiteness(r), excess, float(usual) - 1.0, uneven)
-
-
-def whiteness(r: Float[np.ndarray, "W X T"]) -> float:
-    """Mean over lags of N rho^2, pooled over windows and channels: about 1 for white noise.
-
-    Reference: Box & Pierce, Distribution of residual autocorrelations, JASA 65 (1970).
-    """
-    size, count = float(np.sum(r**2)) or 1.0, np.count_nonzero(r)
-    lagged = [np.sum(r[:, :, lag:] * r[:, :, :-lag]) / size for lag in range(1, LAGS + 1)]
-    return float(count * np.mean(np.square(lagged)))
-
-
-def correlation_time(r: Float[np.ndarray, "W X T"]) -> float:
-    """The number of successive residuals that are one observation, at least 1.
-
-    It is 1 + 2 (rho_1 + rho_2 + ...). The sum ends at the first correlation that is not positive.
-
-    Reference: Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992).
-    """
-    size, total = float(np.sum(r**2)) or 1.0, 1.0
-    for lag in range(1, r.shape[2]):
-        rho = float(np.sum(r[:, :, lag:] * r[:, :, :-lag])) / size
-        if rho <= 0.0:
-            break
-        total += 2.0 * rho
-    return total
 
 
 def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:

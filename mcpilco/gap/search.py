@@ -78,7 +78,7 @@ class Tried:
         return tried
 
     def weigh_by(self, best: Fit) -> None:
-        """Let the random forces of this model weigh what is fitted from now on; forget the worst."""
+        """Let its random forces weigh what is fitted from now on; forget the worst models."""
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
         self.fits = {frozenset(fit.model.effects): fit for fit in followed}
         self.disturbance = Disturbance.of(best, self.windows)
@@ -243,7 +243,8 @@ def search(
     share = model.budget.share(BUDGET.search)
     null, windows = fit_nominal(model, windows)
     tried = Tried.begun(null, windows, candidates)
-    best, scores, idle = tried.null, [], 0
+    best, idle = tried.null, 0
+    scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
         for fit in _next(tried, best):
@@ -328,4 +329,3 @@ def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
                 chosen = theirs
                 break
     return tuple(steps)
-

@@ -86,11 +86,8 @@ class FitThresholds:
 
     converged: float = 1e-4
     """relative change of the cost below which a fit ends [-]"""
-    far: float = 10.0
-    """misfit of a sample beyond which a model is far from fitting [noise variances]: such a fit may
-    end early"""
     crawl: float = 0.02
-    """relative change of the cost that is little for a model far from fitting [-]"""
+    """relative change of the cost below which a hasty fit ends [-]"""
     tolerated: float = 9.0
     """times the median misfit up to which a window counts in full [-]: three standard deviations
     (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""

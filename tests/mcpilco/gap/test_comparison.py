@@ -129,7 +129,10 @@ def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_
 
     fits = [fitted(effects) for effects in sets]
     ranked = tuple((known, float(bic)) for bic, known in enumerate(fits))
-    way = nested_fits(SearchResult(fits[0], null, ranked, (), found.search.windows, found.search.evidence), fits[0])
+    way = nested_fits(
+        SearchResult(fits[0], null, ranked, (), found.search.windows, found.search.evidence),
+        fits[0],
+    )
     assert [known.model.effects for known in way] == [(c,), (b, c)]
 
 

@@ -71,7 +71,12 @@ def test_a_force_is_left_beyond_what_small_errors_of_masses_make(
 
 @pytest.mark.parametrize(
     ("closed", "held_out", "fitted", "bad"),
-    [(0.9, 50.0, 1.0, False), (0.3, 1.2, 1.0, False), (0.3, 4.0, 1.0, True), (0.3, 4.0, 3.0, False)],
+    [
+        (0.9, 50.0, 1.0, False),
+        (0.3, 1.2, 1.0, False),
+        (0.3, 4.0, 1.0, True),
+        (0.3, 4.0, 3.0, False),
+    ],
 )
 def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     rubbing: tuple[PlantModel, Windows],

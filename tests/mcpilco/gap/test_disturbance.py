@@ -1,4 +1,4 @@
-"""The random forces beside the equations: their likelihood, their sizes, and what they do not hide."""
+"""The random forces beside the equations: their likelihood, their sizes, and what is white."""
 
 from __future__ import annotations
 
@@ -38,9 +38,7 @@ def disturbed(seed: int, std: float, noise: float = 1.0) -> tuple[Fit, Windows, 
     return fit, windows, Disturbance.of(fit, windows)
 
 
-def dense_deviance(
-    fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: float
-) -> float:
+def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: float) -> float:
     """-2 log likelihood of the residuals' parts that no start makes, by their whole covariance."""
     windows = disturbance.windows
     lin = lean(fit.model, windows, fit.theta, fit.x0)
