@@ -25,7 +25,7 @@ _BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
 
 
 class Whitening(NamedTuple):
-    """What makes residuals white that random forces have coloured: I - U diag(c) U^T."""
+    """The inverse root I - U diag(c) U^T of the covariance that random forces give residuals."""
 
     U: Float[np.ndarray, "W n m"]
     """orthonormal directions in which random forces move a window's measurements"""

@@ -49,7 +49,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What random forces do to the measurements of some windows."""
+    """The response of the measurements of some windows to random forces."""
 
     windows: Windows
     columns: Float[np.ndarray, "W n m"]

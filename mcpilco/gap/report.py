@@ -296,7 +296,7 @@ def cautions(gap: Gap) -> list[str]:
         for named in gap.named
         if named.family[1:]
     ]
-    said += [*_shifts(gap), *gap.on_bounds]
+    said += [*_shifts(gap), *(gap.on_bounds if gap.named else ())]
     if gap.verdict in ("partly", "unknown"):
         said.append(
             "The best model's residual is not noise, and no effect of the catalogue explains it"

@@ -93,7 +93,7 @@ def test_a_search_of_few_steps_ends_with_fewer_models(problem: GapProblem) -> No
     windows = problem.windows()[::3]
     candidates = problem.candidates(windows)[::2]
     whole = search(limited(problem, 1e9).model(windows), windows, candidates)
-    few = int(whole.best.model.budget.used[0]) // 4
+    few = int(whole.best.model.budget.used[0]) // 2
     part = search(limited(problem, few).model(windows), windows, candidates)
     again = search(limited(problem, few).model(windows), windows, candidates)
     assert 1 < len(part.ranked) < len(whole.ranked)
