@@ -127,8 +127,9 @@ def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
 def without_spikes(fit: Fit, windows: Windows) -> Windows:
     """The windows without single samples that stand out from the residuals around them.
 
-    A sample that was read wrongly has no neighbours that share its error; what a model misses has.
-    Where neighbours are on one side alone, what is missed changes from them by its slope.
+    A sample that was read wrongly has no neighbours that share its error; what a model misses has,
+    and in fast motion these differ from one another. Where neighbours are on one side alone, what
+    is missed changes from them by its slope.
     """
     r = np.where(windows.measured, residuals(fit, windows), np.nan)
     padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), mode="reflect")
@@ -138,10 +139,11 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
         apart = np.abs(r - np.nanmedian(around, axis=3))
         usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
         slope = np.nanmedian(np.abs(np.diff(r, axis=2)), axis=2, keepdims=True)
+        differing = np.nanmax(around, axis=3) - np.nanmin(around, axis=3)
     one_sided = np.isnan(around).any(axis=3)
     one_sided[:, :, [0, 1, -2, -1]] = True
     usual = np.where(one_sided, np.fmax(usual, slope), usual)
-    spikes = apart > EVENT.spike * np.maximum(usual, 1.0)
+    spikes = apart > np.fmax(EVENT.spike * np.maximum(usual, 1.0), EVENT.beyond * differing)
     return replace(windows, y=np.where(spikes, np.nan, windows.y))
 
 

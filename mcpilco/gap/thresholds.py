@@ -178,6 +178,9 @@ class EventThresholds:
 
     spike: float = 8.0
     """noise std by which a sample that was read wrongly stands out from its neighbours"""
+    beyond: float = 4.0
+    """times the range of its four neighbours by which it does so too [-]: `spike` for noise alone,
+    whose range is about 2 std; what a model misses of a fast motion stands out by less"""
     far: float = 12.0
     """times the median misfit from which a window may hold an event [-]"""
     rare: float = 0.35

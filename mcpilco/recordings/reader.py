@@ -19,6 +19,7 @@ from mcpilco.recordings.recording import Gaps, Recording
 from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, readings, resampled
 from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
 from mcpilco.recordings.suspicion import (
+    Partner,
     about_clock,
     about_gaps,
     about_resampling,
@@ -256,7 +257,7 @@ def read_recording(
         rows.require_seconds()
     log = Log(rows.time, rows.columns(state_names), rows.columns(input_names))
     _require_inputs(rows.table, log, input_names)
-    remarks = [*rows.remarks, *_clean(log, state_names, angles)]
+    remarks = [*rows.remarks, *_clean(log, state_names, angles, velocities)]
     own = sampling_time(log.time)
     step = own if dt is None else dt
     _require_grid(rows, log, step)
@@ -354,8 +355,12 @@ def _require_grid(rows: LogRows, log: Log, dt: float) -> None:
 # what is wrong, masked and said -------------------------------------------------------------------
 
 
-def _clean(log: Log, names: Sequence[str], angles: Sequence[int]) -> Iterator[str]:
+def _clean(
+    log: Log, names: Sequence[str], angles: Sequence[int], velocities: Pairs
+) -> Iterator[str]:
     """Mask spikes and unwrap angles, in place; yields remarks."""
+    partners = {v: Partner(log.time, log.states[:, q], True) for q, v in velocities}
+    partners |= {q: Partner(log.time, log.states[:, v], False) for q, v in velocities}
     for place, (name, column) in enumerate(zip(names, log.states.T, strict=True)):
         if place in angles:
             turning = unwrapped(column)
@@ -366,7 +371,10 @@ def _clean(log: Log, names: Sequence[str], angles: Sequence[int]) -> Iterator[st
         if 0 < missing < len(column):
             yield f"{_count(missing, 'value')} of {name} missing, masked."
         breaks = np.flatnonzero(np.diff(log.time) > log.jump(0.0)) + 1
-        spiky = np.concatenate([spikes(part) for part in np.split(column, breaks)])
+        spiky = np.zeros(len(column), dtype=bool)
+        for rows in np.split(np.arange(len(column)), breaks):
+            beside = partners[place][rows] if place in partners else None
+            spiky[rows] = spikes(column[rows], beside)
         if spiky.any():
             first = log.time[spiky.argmax()]
             column[spiky] = np.nan

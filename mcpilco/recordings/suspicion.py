@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mcpilco.recordings.recording import Gaps, Recording, runs
@@ -14,55 +15,129 @@ from mcpilco.recordings.resample import Log
 from mcpilco.recordings.smoothing import noise_std
 from mcpilco.recordings.stamps import on_grid
 
-_SPIKE = 10.0  # times the usual deviation from a running median
-_REACH = 3  # samples that the running median looks to each side: longer spikes are motion
+_REACH = 3  # samples that windows look to each side: what lasts longer is motion
 _AROUND = 10  # samples to each side by which a spike is judged
+_LIKELY = 10.0  # times the usual deviation from a running median of what may be a spike
 _BUSY = 0.7  # share of the deviation in the busier parts that a quiet part is granted
 _BESIDE = 3  # samples to each side through which a cubic goes, as the top of a narrow wave does
 _MISSED = 0.8  # least share of a spike's height by which that cubic misses it
+_SPIKE = 5.0  # times as rough as all else around it, and as nearly all of the channel, is a spike
+_NEARLY = 0.98  # of the channel
+_SIXTH = np.array([1, -6, 15, -20, 15, -6, 1]) / 20.0  # a sample less the quintic beside it
 _FEWEST_STEPS = 5  # of an encoder, before one believes in it
 _MOST_SPIKES = 0.1  # share of the samples; beyond it they are the signal
 
 
-def spikes(values: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
-    """Values that stand out from their neighbours for at most three samples.
+@dataclass(frozen=True)
+class Partner:
+    """The other column of a joint, which tells a fast motion from a value that was read wrongly."""
 
-    The measure is the deviation from a running median of seven samples, which a step, a ramp and a
-    turning point leave small; where they are few for a motion, the top of a wave stands out as
-    well, but a cubic through the samples beside it shows that it is none. A channel in which a
-    tenth of the samples stand out has no spikes.
+    time: Float[np.ndarray, " N"]
+    """of the samples [s]"""
+    values: Float[np.ndarray, " N"]
+    """positions beside a velocity, or velocities beside a position"""
+    positions: bool
+    """whether it is the first of these"""
+
+    def __getitem__(self, rows: np.ndarray) -> Partner:
+        """Some of the samples."""
+        return Partner(self.time[rows], self.values[rows], self.positions)
+
+    def confirms(
+        self, x: Float[np.ndarray, " N"], bridged: Float[np.ndarray, " N"], start: int, end: int
+    ) -> bool:
+        """Whether the motion is nearer to x from start to end than to a bridge over it."""
+        span = slice(start - 1, end + 1 if self.positions else start + 1)
+        rates = np.stack([x, bridged] if self.positions else [self.values])[:, span]
+        moved = 0.5 * (rates[:, 1:] + rates[:, :-1]) @ np.diff(self.time[span])
+        if self.positions:
+            gone, (said, instead) = self.values[end] - self.values[start - 1], moved
+        else:
+            (gone,), (said, instead) = moved, (y[start] - x[start - 1] for y in (x, bridged))
+        return bool(abs(gone - said) < 0.5 * abs(instead - said))
+
+
+def spikes(
+    values: Float[np.ndarray, " N"], partner: Partner | None = None
+) -> Bool[np.ndarray, " N"]:
+    """Values read wrongly: they leave their neighbours and come back within three samples.
+
+    A motion may do so too where samples are few for it, an encoder's velocity with each count. Then
+    what is beside is rough as well, or such things are usual in the channel, or the joint's other
+    column has them. A spike is far higher than the sixth differences beside it, and than nearly all
+    of the channel, and the other column knows nothing of it. Where a tenth of the samples stand
+    out, none are spikes.
+
+    Args:
+        values: of a channel; NaN where one is missing.
+        partner: the joint's other column.
     """
     known = np.flatnonzero(np.isfinite(values))
     flags = np.zeros(len(values), dtype=bool)
     if len(known) <= 2 * _AROUND:
         return flags
-    x = values[known]
+    x, beside = values[known], None if partner is None else partner[known]
+    found = _standing_out(x)
+    if found.mean() <= _MOST_SPIKES:
+        flags[known[_spikes_among(found, x, beside)]] = True
+    return flags
+
+
+def _standing_out(x: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
+    """Samples that a running median and a cubic through those beside miss by far."""
     deviation = np.abs(x - np.median(_windows(x, _REACH), axis=1))
     change = np.diff(x, prepend=2 * x[0] - x[1])
     usual = np.maximum(
         1.5 * np.median(deviation) + 0.3 * np.median(np.abs(_windows(change, _AROUND)), axis=1),
         max(quantisation_step(x), _BUSY * np.quantile(deviation, 0.8), 1e-9 * np.ptp(x)),
     )
-    found = deviation > _SPIKE * usual
+    found = deviation > _LIKELY * usual
+    found[:2] = found[-2:] = False  # nothing is known of one side
+    sound = np.flatnonzero(~found)
     for start, end in runs(found):
         top = slice(start, end)
-        found[top] &= np.abs(x[top] - _bridge(x, found, start, end)) > _MISSED * deviation[top]
-    if found.mean() <= _MOST_SPIKES:
-        flags[known[found]] = True
-    return flags
+        found[top] &= np.abs(x[top] - _bridge(x, sound, start, end)) > _MISSED * deviation[top]
+    return found
+
+
+def _spikes_among(
+    found: Bool[np.ndarray, " N"], x: Float[np.ndarray, " N"], partner: Partner | None
+) -> Bool[np.ndarray, " N"]:
+    """Those of the samples that stand out which are spikes; the others show what is usual."""
+    least = _LIKELY * max(quantisation_step(x), 1e-9 * np.ptp(x))
+    while found.any():
+        bridged, kept, sound = x.copy(), found.copy(), np.flatnonzero(~found)
+        for start, end in runs(found):
+            bridged[start:end] = _bridge(x, sound, start, end)
+        rough = np.abs(_windows(bridged, _REACH) @ _SIXTH)
+        usual = _SPIKE * np.quantile(rough[~found], _NEARLY)
+        for start, end in runs(found):
+            around = _SPIKE * rough[max(0, start - _AROUND) : end + _AROUND].max()
+            spike = _height(x, bridged, start, end) > max(around, usual, least)
+            spike &= partner is None or not partner.confirms(x, bridged, start, end)
+            kept[start:end] = spike and end - start <= _REACH
+        if (kept == found).all():
+            break
+        found = kept
+    return found
+
+
+def _height(
+    x: Float[np.ndarray, " N"], bridged: Float[np.ndarray, " N"], start: int, end: int
+) -> float:
+    """How far x from start to end is beyond the two samples on both sides, and off the bridge."""
+    top, beside = x[start:end], np.concatenate([x[start - 2 : start], x[end : end + 2]])
+    beyond = np.maximum(top - beside.max(), beside.min() - top)
+    return float(min(beyond.min(), np.abs(top - bridged[start:end]).min()))
 
 
 def _bridge(
-    x: Float[np.ndarray, " N"], spiky: Bool[np.ndarray, " N"], start: int, end: int
+    x: Float[np.ndarray, " N"], sound: Int[np.ndarray, " M"], start: int, end: int
 ) -> Float[np.ndarray, " n"]:
-    """A cubic through the samples beside, at those from start to end; infinity without enough."""
-    sound = np.flatnonzero(~spiky)
-    before, after = sound[sound < start][-_BESIDE:], sound[sound >= end][:_BESIDE]
-    if min(len(before), len(after)) < 2:
-        return np.full(end - start, np.inf)
-    beside = np.concatenate([before, after])
-    cubic = np.polynomial.Polynomial.fit(beside, x[beside], 3)
-    return cubic(np.arange(start, end))
+    """A cubic through the sound samples beside, by number, at those from start to end."""
+    first = int(np.searchsorted(sound, start))
+    beside = sound[first - min(first, _BESIDE) : first + _BESIDE]
+    return np.polynomial.Polynomial.fit(beside, x[beside], 3)(np.arange(start, end))
 
 
 def unwrapped(angle: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:

@@ -7,8 +7,8 @@ import pytest
 
 import envs
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
-from mcpilco.gap.disagreement import bursts, recurring, unforeseen
-from mcpilco.gap.fit import Fit
+from mcpilco.gap.disagreement import bursts, recurring, unforeseen, without_spikes
+from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.thresholds import FORCE
 from mcpilco.recordings import Recording
@@ -122,3 +122,28 @@ def test_few_events_at_a_place_where_more_visits_are_without_are_none(problem: G
 
 def test_without_events_there_is_no_place(problem: GapProblem) -> None:
     assert recurring([], problem) is None
+
+
+@pytest.mark.parametrize(("dt", "torque"), [(0.005, 2.0), (0.02, 1.0)])
+def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_reading_is(
+    dt: float, torque: float
+) -> None:
+    """An elbow that whips round at 40 or 80 rad/s, its arm heavier than the plant has it."""
+    rng, plant = np.random.default_rng(0), envs.PLANTS["mcpilco/Pendubot-v0"]()
+    layout, std = plant.layout, np.array([1e-3, 1e-2, 1e-3, 1e-2])
+    u = np.repeat(rng.uniform(-torque, torque, 40), round(0.4 / dt))[:, None]
+    true = plant.where(lower_mass=0.66).simulate(np.zeros((1, 4)), u[None, :-1], dt)[0]
+    true += std * rng.standard_normal(true.shape)
+    wrong, places = true.copy(), rng.choice(np.arange(3, len(true) - 3), len(true) // 100, False)
+    wrong[places] += 100.0 * std
+    for states, misread in ((true, places[:0]), (wrong, places)):
+        time = dt * np.arange(len(u))
+        one = Recording("swing", time, states, u, layout.states, layout.inputs)
+        windows = cut([one], std)
+        model = PlantModel(plant, (), {}, usual_scales(plant, windows))
+        guess = Fit(model, np.zeros(0), windows.guess, 0.0, np.zeros(len(windows)))
+        seen = without_spikes(on_windows(guess, windows), windows).measured
+        numbers = (windows.start_s[:, None] / dt + np.arange(windows.y.shape[2])).round()
+        of_these = np.isin(numbers.astype(int), misread)[:, None] & windows.measured
+        assert (seen | of_these)[windows.measured].all()
+        assert (of_these & ~seen).sum() >= 0.8 * of_these.sum()
