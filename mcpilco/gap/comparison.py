@@ -106,6 +106,14 @@ class Comparison:
     runs: dict[str, Float[np.ndarray, "W X T"]]
     """free runs of the nominal, refitted and corrected plant over them, in each state's unit"""
 
+    def runs_away_s(self, name: str) -> Float[np.ndarray, " W"]:
+        """When a plant's free run through each window is no longer finite, inf where it stays so.
+
+        After the start of the window [s].
+        """
+        lost = ~np.isfinite(self.runs[name]).all(axis=1)
+        return np.where(lost.any(axis=1), self.windows.dt * lost.argmax(axis=1), np.inf)
+
 
 def compare(models: ComparedModels, windows: Windows) -> Comparison:
     """Errors of the nominal, refitted and corrected plant on held-out windows.

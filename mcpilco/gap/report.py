@@ -196,7 +196,20 @@ def _errors(gap: Gap) -> list[str]:
             f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
         )
         lines.append(HIDDEN if errors.hidden else closing)
-    return lines
+    return lines + _runaways(gap)
+
+
+def _runaways(gap: Gap) -> list[str]:
+    """A sentence on each plant whose free runs do not all reach the end of their windows."""
+    if gap.comparison is None or gap.models is None:
+        return []
+    after = {name: gap.comparison.runs_away_s(name) for name in gap.models.shown}
+    return [
+        f"The {name} plant runs away in {np.isfinite(lost).sum()} of {len(lost)} windows, first "
+        f"{lost.min():.2g} s after the start of one."
+        for name, lost in after.items()
+        if np.isfinite(lost).any()
+    ]
 
 
 def cautions(gap: Gap) -> list[str]:
@@ -223,6 +236,7 @@ def cautions(gap: Gap) -> list[str]:
         "model explains it: a push, a contact, a fault of the log?"
         for event in gap.events
     ]
+    said += _runaways(gap)
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:
         said.append(HIDDEN)
     if not gap.held_out and gap.comparison is not None:

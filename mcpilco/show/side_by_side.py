@@ -91,7 +91,7 @@ def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
     colors = dict(zip(shown, (_WHITE, *_COLORS), strict=False))
     for name, states in shown.items():
         own = replace(track, group=name, colors=Colors(system=colors[name], bodies=colors[name]))
-        log_scene(own, scene, states)
+        log_scene(own, scene, _whole(states))  # one that runs away stays where it was last
         if name != MEASURED:
             path = entity(WORLD, name, MEASURED)
             log_tails(track, path, scene.marker(seen)[:, None], _WHITE, 1.0)
@@ -106,7 +106,7 @@ def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
 
 
 def _whole(states: Float[np.ndarray, "T X"]) -> Float[np.ndarray, "T X"]:
-    """States with their gaps bridged, for a picture; 0 where nothing was measured."""
+    """States with their gaps bridged, for a picture; 0 where nothing is known."""
     rows = np.arange(len(states))
     whole = np.zeros_like(states)
     for x, values in enumerate(states.T):
@@ -172,7 +172,13 @@ def _window_clip(
     windows = found.windows
     start = float(windows.start_s[w])
     title = f"### {gap.compared[windows.recording[w]]}, from {start:.1f} s"
-    told = ", ".join(f"{name} **{three_digits(errors[name][w])}**" for name in names)
+    away = {name: found.runs_away_s(name)[w] for name in names}
+    told = ", ".join(
+        f"{name} **{three_digits(errors[name][w])}**"
+        if np.isinf(after)
+        else f"{name} **none: it runs away after {after:.2g} s**"
+        for name, after in away.items()
+    )
     colors = ", ".join(f"{c}: {n}" for c, n in zip(("Orange", "blue"), names, strict=False))
     words = f"White: measured. {colors}, in free runs."
     return Clip(

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcpilco.gap import Gap
+from mcpilco.gap import Gap, cautions, summary
 from mcpilco.show import side_by_side as film
 from mcpilco.show.side_by_side import Clip, write_gap_film
+from mcpilco.show.report import write_gap_report
 from mcpilco.typing import InputError
 from tests.mcpilco.show.test_recording import chunks, rrd
 
@@ -36,6 +37,24 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
     windows = found.comparison.windows
     samples = sum(len(r) for r in found.recordings if r.name in found.held_out)
     assert 5 < len(shown) <= samples // windows.y.shape[2]
+
+
+def test_a_free_run_that_runs_away_is_shown_as_far_as_it_goes_and_told(
+    found: Gap, tmp_path: Path
+) -> None:
+    assert found.comparison is not None
+    runs = {name: y.copy() for name, y in found.comparison.runs.items()}
+    runs["corrected"][:, :, 20:] = np.nan  # at once in all, so that each clip has it
+    runs["nominal"][3, :, 35:] = np.inf
+    lost = replace(found, comparison=replace(found.comparison, runs=runs))
+    assert rrd("verify", write_gap_film(lost, tmp_path / "gap.rrd")) == 0
+    windows = len(found.comparison.windows)
+    said = f"The corrected plant runs away in {windows} of {windows} windows, first 0.4 s after"
+    for told in (cautions(lost), summary(lost)):
+        assert any(line.startswith(said) for line in told)
+    page = write_gap_report(lost, tmp_path / "report.html").read_text()
+    assert said in page
+    assert "Traceback" not in page
 
 
 def test_recordings_that_are_too_poor_make_no_film(found: Gap, tmp_path: Path) -> None:
