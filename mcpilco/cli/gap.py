@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli.options import (
-    Columns,
     Command,
     Files,
-    column_names,
+    column_maps,
     named_numbers,
     optional,
     register,
@@ -52,8 +51,8 @@ class Gap(Command):
     """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
     plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
     """a registered plant, or an MJCF file; `module:Id` imports the module first"""
-    columns: Columns = ()
-    """what the files call time, states and inputs, where it differs; also separated by commas"""
+    columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[FILE:]NAME=COLUMN,...")] = ()
+    """what files call time, states and inputs, where it differs, all or FILE; NAME= ignores one"""
     set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")] = ()
     """other values of nominal parameters"""
     uncertainty: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STD|NAME=STD...")] = ("0.01",)
@@ -97,7 +96,7 @@ class Gap(Command):
         if not self.overwrite:
             require_new(*(self.out / name for name in FILES), remedy=REMEDY)
         recordings, notes = read_for_plant(
-            plant, self.recordings, column_names(self.columns), self.dt
+            plant, self.recordings, column_maps(self.columns), self.dt
         )
         for note in notes:
             print(note, file=sys.stderr)

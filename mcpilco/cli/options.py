@@ -153,12 +153,27 @@ def separated(entries: Sequence[str]) -> list[str]:
 
 
 def column_names(entries: Sequence[str]) -> dict[str, str]:
-    """The file's name of each column that is named otherwise there.
+    """The file's name of each column that is named otherwise there; empty of one to ignore.
 
     Raises:
         InputError: an entry is no NAME=COLUMN.
     """
-    return dict(pairs("--columns", separated(entries)))
+    named = pairs("--columns", separated(entries))
+    return {name: "" if column == "none" else column for name, column in named}
+
+
+def column_maps(entries: Sequence[str]) -> dict[str, dict[str, str]]:
+    """`column_names` by file: of those that FILE: before the first names, or else of all, `*`.
+
+    Raises:
+        InputError: an entry is no NAME=COLUMN.
+    """
+    maps: dict[str, dict[str, str]] = {}
+    for entry in entries:
+        first, equals, rest = entry.partition("=")
+        file, _, name = first.rpartition(":")
+        maps.setdefault(file or "*", {}).update(column_names([name + equals + rest]))
+    return maps
 
 
 def number(what: str, text: str) -> float:

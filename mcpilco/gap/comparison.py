@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import stats
 
 from mcpilco.bodies import mass_matrix
 from mcpilco.gap.data import Windows, cut
@@ -90,11 +90,15 @@ class Comparison:
     noise_floor: float
     """of a model without error: noise, and what it does to the estimated start"""
     closed: Interval
-    """(nominal - corrected) / (nominal - noise floor); with refit where parameters were freed"""
+    """(baseline - corrected) / (baseline - noise floor)"""
+    baseline: str
+    """from which plant that counts: nominal, or refit where parameters were freed"""
     hidden: bool
     """whether noise hides the gap: the error that shrinks is not surely above the noise floor"""
     channels: dict[str, dict[str, float]]
-    """the same by state, in its unit"""
+    """the same by state, in its unit [m, rad]"""
+    everywhere: dict[str, float]
+    """the same over all held-out windows, with events and motions that diverge [-]"""
     over_time: dict[str, Float[np.ndarray, " T"]]
     """the errors over the time since the start, by model [noise std]; NaN where none is known"""
     bands: dict[str, Float[np.ndarray, "2 T"]]
@@ -115,12 +119,20 @@ class Comparison:
         return np.where(lost.any(axis=1), self.windows.dt * lost.argmax(axis=1), np.inf)
 
 
-def compare(models: ComparedModels, windows: Windows) -> Comparison:
+def compare(
+    models: ComparedModels, windows: Windows, everything: Windows | None = None
+) -> Comparison:
     """Errors of the nominal, refitted and corrected plant on held-out windows.
 
     Windows whose motion diverges before their end are left out: there no model, not even the true
     one, can be distinguished from another.
+
+    Args:
+        models: the plants.
+        windows: without events and what was read wrongly.
+        everything: with them; None: there are none.
     """
+    everything = windows if everything is None else everything
     T = windows.y.shape[2]
     best = models.corrected
     windows = predictable(best, windows)
@@ -130,8 +142,7 @@ def compare(models: ComparedModels, windows: Windows) -> Comparison:
     (errors["noise_floor"],) = noise_floor(best.model, best.theta, windows)
     by_window = {name: squares_at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
-    draws = _draws(len(windows))
-    drawn = {name: _mean_rms(parts, draws) for name, parts in by_window.items()}
+    without = _leaving_out_one(len(windows))
     states = models.nominal.plant.layout.states
     channels = {
         states[2 * j]: {
@@ -142,17 +153,24 @@ def compare(models: ComparedModels, windows: Windows) -> Comparison:
     }
     growth = {name: _over_time(e, np.ones((1, len(e))))[0] for name, e in errors.items()}
     bands = {
-        name: np.percentile(_over_time(e, draws), [2.5, 97.5], axis=0) for name, e in errors.items()
+        name: _factors(_over_time(e, without), windows) * growth[name] for name, e in errors.items()
     }
+    base = models.baseline
+    start, floor = (_mean_rms(by_window[name], without) for name in (base, "noise_floor"))
     return Comparison(
         horizon_s=round((T - 1) * windows.dt, 6),
         **rms,
-        closed=_closed(rms, drawn, models.baseline),
-        hidden=bool(np.percentile(drawn[models.baseline] - drawn["noise_floor"], 2.5) <= 0.0),
+        closed=closed_interval(by_window, base, windows),
+        baseline=base,
+        hidden=bool(rms[base] - rms["noise_floor"] <= _half_width(start - floor, windows)),
         channels=channels,
+        everywhere={
+            name: _rms(squares_at_end(scaled_errors(everything, free_run(*plant, everything))))
+            for name, plant in plants.items()
+        },
         over_time=growth,
         bands=bands,
-        steps=_steps(models, windows, by_window, draws),
+        steps=_steps(models, windows, by_window),
         windows=windows,
         runs=runs,
     )
@@ -215,7 +233,6 @@ def _steps(
     models: ComparedModels,
     windows: Windows,
     by_window: Mapping[str, Float[np.ndarray, "W J"]],
-    draws: Float[np.ndarray, "R W"],
 ) -> tuple[ErrorStep, ...]:
     """The errors of the nominal plant, the refitted one, and those with more and more effects."""
     parts = {"nominal": by_window["nominal"], "parameters refitted": by_window["refit"]}
@@ -230,10 +247,7 @@ def _steps(
         squares = by_window["corrected"] if last else _squares(fit, windows)
         if added:
             parts[" + ".join(added)] = squares
-    return tuple(
-        ErrorStep(name, _interval(_rms(squares), _mean_rms(squares, draws)))
-        for name, squares in parts.items()
-    )
+    return tuple(ErrorStep(name, rms_interval(part, windows)) for name, part in parts.items())
 
 
 def _squares(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
@@ -252,11 +266,12 @@ def error_reduction(before: Fit, after: Fit, windows: Windows) -> Interval:
     windows = predictable(after, windows)
     ends = [_squares(fit, windows) for fit in (before, after)]
 
-    def part(drawn: np.ndarray) -> np.ndarray:
-        old, new = (_mean_rms(squares, drawn) for squares in ends)
-        return 1.0 - new / old
+    def left(weights: np.ndarray) -> np.ndarray:
+        old, new = (_mean_rms(squares, weights) for squares in ends)
+        return new / old
 
-    return _interval(part(np.ones((1, len(windows))))[0], part(_draws(len(windows))))
+    W = len(windows)
+    return _without(_ratio_interval(left(np.ones((1, W)))[0], left(_leaving_out_one(W)), windows))
 
 
 def error_over_noise(fit: Fit, windows: Windows) -> float:
@@ -271,9 +286,55 @@ def error_over_noise(fit: Fit, windows: Windows) -> float:
     return _rms(squares / usual)
 
 
-def _interval(value: Any, drawn: Float[np.ndarray, " R"]) -> Interval:
-    """A number with its interval, from what it is in resamples of the block bootstrap."""
-    low, high = np.percentile(drawn, [2.5, 97.5])
+def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:
+    """Weights of W windows, each without one of them."""
+    return 1.0 - np.eye(W)
+
+
+def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, ...]:
+    """Half of a 95 % interval, by the jackknife and Student's t; infinity for a single window.
+
+    Windows share data where they overlap, by a part r, and their squared errors correlate by r^2.
+    With R these correlations, C what centers, and S the sum of squares of W pseudo-values,
+
+        variance of the mean = 1'R 1 / W^2 / tr(C R) S,    degrees of freedom = tr(CR)^2 / tr(CR CR)
+
+    Args:
+        left: a number without each of the windows.
+        windows: these.
+
+    Reference: Miller, The jackknife: a review, Biometrika 61 (1974); Satterthwaite, An approximate
+        distribution of estimates of variance components, Biometrics Bulletin 2 (1946).
+    """
+    W = len(windows)
+    apart = np.abs(windows.start_s[:, None] - windows.start_s) / (windows.y.shape[2] * windows.dt)
+    same = windows.recording[:, None] == windows.recording
+    R = np.where(same, np.maximum(1.0 - apart, 0.0), 0.0) ** 2
+    CR = R - R.mean(axis=0)
+    trace = np.trace(CR)
+    if not trace > 0.0:
+        return np.full(left.shape[1:], np.inf)
+    S = np.square((W - 1) * (left - left.mean(axis=0))).sum(axis=0)
+    width = stats.t.ppf(0.975, trace**2 / (CR * CR.T).sum())
+    return np.asarray(width * np.sqrt(R.mean() / trace * S))
+
+
+def _factors(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, "2 ..."]:
+    """By which to multiply positive numbers for the ends of their intervals; args as there."""
+    with np.errstate(divide="ignore", over="ignore"):
+        half = _half_width(np.log(left), windows)
+        return np.exp(np.stack([-half, half]))
+
+
+def rms_interval(squares: Float[np.ndarray, "W J"], windows: Windows) -> Interval:
+    """Mean over the joints of the root of the mean over windows, with its interval."""
+    left = _mean_rms(squares, _leaving_out_one(len(windows)))
+    return _ratio_interval(_rms(squares), left, windows)
+
+
+def _ratio_interval(value: float, left: Float[np.ndarray, " W"], windows: Windows) -> Interval:
+    """A positive number with its interval, from what it is without each of the windows."""
+    low, high = value * _factors(left, windows)
     return Interval(float(value), float(low), float(high))
 
 
@@ -282,21 +343,21 @@ def _rms(squares: Float[np.ndarray, "W J"]) -> float:
 
 
 def _mean_rms(
-    squares: Float[np.ndarray, "W J"], draws: Float[np.ndarray, "R W"]
+    squares: Float[np.ndarray, "W J"], weights: Float[np.ndarray, "R W"]
 ) -> Float[np.ndarray, " R"]:
-    """Mean over the joints of the root of the mean over windows, each as often as it was drawn."""
+    """Mean over the joints of the root of the mean over windows, by their weights."""
     known = np.isfinite(squares)
-    return np.sqrt(_ratio(draws @ np.where(known, squares, 0.0), draws @ known)).mean(axis=1)
+    return np.sqrt(_ratio(weights @ np.where(known, squares, 0.0), weights @ known)).mean(axis=1)
 
 
 def _over_time(
-    e: Float[np.ndarray, "W X T"], draws: Float[np.ndarray, "R W"]
+    e: Float[np.ndarray, "W X T"], weights: Float[np.ndarray, "R W"]
 ) -> Float[np.ndarray, "R T"]:
     """Root-mean-square error of position at each time; NaN where nothing was measured."""
     by_time = np.square(e[:, 0::2])
     seen = np.isfinite(by_time).sum(axis=1)
     total = np.nansum(by_time, axis=1)
-    return np.sqrt(_ratio(draws @ total, draws @ seen))
+    return np.sqrt(_ratio(weights @ total, weights @ seen))
 
 
 def _ratio(total: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -304,32 +365,34 @@ def _ratio(total: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _draws(W: int) -> Float[np.ndarray, "R W"]:
-    """How often each window is in each resample of the block bootstrap."""
-    rng = np.random.default_rng(0)
-    blocks, resamples = -(-W // COMPARISON.block), range(COMPARISON.resamples)
-    drawn = [rng.integers(blocks, size=blocks) for _ in resamples]
-    times = np.stack([np.bincount(each, minlength=blocks) for each in drawn])
-    return np.repeat(times, COMPARISON.block, axis=1)[:, :W].astype(float)
-
-
-def _closed(
-    rms: Mapping[str, float], drawn: Mapping[str, Float[np.ndarray, " R"]], baseline: str
+def closed_interval(
+    by_window: Mapping[str, Float[np.ndarray, "W J"]], baseline: str, windows: Windows
 ) -> Interval:
-    """The part of the gap that is closed, with its interval.
+    """The part of the gap that is closed: 1 less the part that is left, a ratio where positive.
 
     Args:
-        rms: errors, by model.
-        drawn: the same in resamples of the block bootstrap.
+        by_window: squared errors, by model.
         baseline: from which model the gap is measured.
+        windows: of these.
     """
 
-    def share(rms: Mapping[str, Any]) -> Float[np.ndarray, "*R"]:
-        gap = rms[baseline] - rms["noise_floor"]
-        closed = rms[baseline] - rms["corrected"]
-        return np.where(gap > 0.0, closed / np.where(gap > 0.0, gap, 1.0), 0.0)
+    def rest(weights: Float[np.ndarray, "R W"]) -> Float[np.ndarray, " R"]:
+        start, end, floor = (
+            _mean_rms(by_window[name], weights) for name in (baseline, "corrected", "noise_floor")
+        )
+        gap = start - floor
+        return np.where(gap > 0.0, (end - floor) / np.where(gap > 0.0, gap, 1.0), 1.0)
 
-    return _interval(share(rms), share(drawn))
+    (value,), left = rest(np.ones((1, len(windows)))), rest(_leaving_out_one(len(windows)))
+    if value > 0.0 and (left > 0.0).all():
+        return _without(_ratio_interval(value, left, windows))
+    half = float(_half_width(left, windows))
+    return _without(Interval(float(value), float(value) - half, float(value) + half))
+
+
+def _without(rest: Interval) -> Interval:
+    """The part that is gone, of the part that is left."""
+    return Interval(1.0 - rest.value, 1.0 - rest.high, 1.0 - rest.low)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcpilco.gap.comparison import ComparedModels, Comparison, compare
-from mcpilco.gap.data import Event, GapProblem, Windows, event_of
+from mcpilco.gap.data import Event, GapProblem, Windows, cut, event_of
 from mcpilco.gap.decide import (
     certain,
     explains_most,
@@ -142,7 +142,8 @@ def investigate(
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
     train, unseen = problem.names
-    compared = compare(models, clear)
+    whole = [recordings[n] for n in problem.held_out]
+    compared = compare(models, clear, cut(whole, problem.std, every=DATA.held_out_every_s))
     return Gap(
         plant=plant,
         verdict=verdict,

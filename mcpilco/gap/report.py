@@ -127,9 +127,11 @@ def _error(gap: Gap) -> dict[str, Any] | None:
         "refit": compared.refit,
         "corrected": compared.corrected,
         "noise_floor": compared.noise_floor,
-        "closed": vars(compared.closed),
+        "closed": {**vars(compared.closed), "from": compared.baseline},
         "hidden": compared.hidden,
         "channels": compared.channels,
+        "units": {name: _units(gap)[name] for name in compared.channels},
+        "with_events": compared.everywhere,
         "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
     }
 
@@ -171,32 +173,64 @@ def summary(gap: Gap) -> list[str]:
         lines.append(
             "The missing force was learned from the recordings; corrected.json contains it."
         )
-    lines += [
-        f"Left out: {event.recording} from {event.start_s:.1f} to {event.end_s:.1f} s, "
-        "which no model explains."
-        for event in gap.events
-    ]
-    return lines + list(gap.experiments)
+    return list(dict.fromkeys([*lines, *_left_out(gap), *gap.experiments]))
 
 
 def _errors(gap: Gap) -> list[str]:
     """Sentences on the errors of the plants."""
     if gap.comparison is None:
         return []
-    errors, closed = gap.comparison, gap.comparison.closed
+    errors, units = gap.comparison, _units(gap)
     where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
-    lines = [
-        f"Error after {errors.horizon_s:g} s {where}, in noise std: nominal "
-        f"{three_digits(errors.nominal)}, refitted {three_digits(errors.refit)}, corrected "
-        f"{three_digits(errors.corrected)}, noise alone {three_digits(errors.noise_floor)}."
-    ]
+    told = ", ".join(
+        f"{said} {three_digits(getattr(errors, name))}" for name, said in PLANTS.items()
+    )
+    lines = [f"Error after {errors.horizon_s:g} s {where}, in noise std: {told}."]
+    if gap.events:
+        whole = errors.everywhere.items()
+        told = ", ".join(f"{PLANTS[name]} {three_digits(error)}" for name, error in whole)
+        lines.append(f"With what was left out: {told}.")
+    for name, parts in errors.channels.items():
+        each = [f"{PLANTS[plant]} {part:.3g}" for plant, part in parts.items()]
+        lines.append(f"Of {name}, in {units[name]}: {', '.join(each)}.")
     if gap.mended:
-        closing = (
-            f"The gap is closed by {100 * closed.value:.1f} % "
-            f"({100 * closed.low:.1f} to {100 * closed.high:.1f})."
-        )
+        closing = f"The gap is closed by {closed_share(errors)}."
         lines.append(HIDDEN if errors.hidden else closing)
     return lines + _runaways(gap)
+
+
+PLANTS = {
+    "nominal": "nominal",
+    "refit": "refitted",
+    "corrected": "corrected",
+    "noise_floor": "noise alone",
+}
+"""what the errors are told of, by their names in a comparison"""
+
+
+def closed_share(found: Comparison) -> str:
+    """How much of the gap is closed, with the ends of its interval, and from where it counts."""
+    closed, plant = found.closed, PLANTS[found.baseline]
+    ends = f"{100 * closed.low:.1f} to {100 * closed.high:.1f}"
+    ends = ends if math.isfinite(closed.low) else "too few windows for an interval"
+    return f"{100 * closed.value:.1f} % ({ends}), from the {plant} plant"
+
+
+def _units(gap: Gap) -> dict[str, str]:
+    """The unit of each state."""
+    return dict(zip(gap.plant.layout.states, gap.plant.layout.units, strict=True))
+
+
+def _left_out(gap: Gap) -> list[str]:
+    """A line for each recording with events."""
+    spans: dict[str, list[str]] = {}
+    for event in gap.events:
+        span = f"{event.start_s:.1f} to {event.end_s:.1f} s"
+        spans.setdefault(event.recording, []).append(span)
+    return [
+        f"Left out of {name}, as no model explains it: {', '.join(each)}."
+        for name, each in spans.items()
+    ]
 
 
 def _runaways(gap: Gap) -> list[str]:
@@ -231,11 +265,7 @@ def cautions(gap: Gap) -> list[str]:
                 "better. “When they disagree” shows when the residual is large."
             )
         )
-    said += [
-        f"{event.recording} was left out from {event.start_s:.1f} to {event.end_s:.1f} s, for no "
-        "model explains it: a push, a contact, a fault of the log?"
-        for event in gap.events
-    ]
+    said += [f"{line} A push, a contact, a fault of the log?" for line in _left_out(gap)]
     said += _runaways(gap)
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:
         said.append(HIDDEN)

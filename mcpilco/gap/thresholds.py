@@ -293,10 +293,6 @@ class ComparisonThresholds:
     """windows that must be left when those are dropped whose motion diverges"""
     end: float = 0.1
     """last part of a window, whose error counts as that at its end [-]"""
-    resamples: int = 500
-    """of the bootstrap: enough for 95 % intervals"""
-    block: int = 8
-    """neighbouring windows that are drawn together, for they overlap"""
     noises: int = 8
     """draws of noise that tell a window's usual error"""
     map_cell_s: float = 0.25

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 def read_for_plant(
     plant: Plant,
     paths: Sequence[Path],
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, Mapping[str, str]] | None = None,
     dt: float | None = None,
 ) -> tuple[list[Recording], list[str]]:
     """The recordings that can be read, and a sentence on what is noteworthy about each.
@@ -25,25 +26,38 @@ def read_for_plant(
     Args:
         plant: whose states and inputs the columns are.
         paths: CSV, npz or parquet files.
-        columns: the files' names of time, states and inputs, where they differ.
+        columns: names of time, states and inputs in files, where they differ, by a file's name,
+            stem or pattern; `*` is of all, and one that comes later goes before.
         dt: sampling time to which all are brought [s]; None: the longest of theirs.
 
     Raises:
-        InputError: none of the files can be read.
+        InputError: none of the files can be read, or one with columns is not among them.
     """
+    maps = columns or {}
+    strange = [file for file in maps if file != "*" and not any(_is(path, file) for path in paths)]
+    if strange:
+        raise InputError(
+            f"--columns FILE:NAME=COLUMN expected one of {', '.join(path.name for path in paths)}, "
+            f"got {', '.join(strange)}; name a recording, or a pattern such as swing*."
+        )
     states = plant.layout.states
     velocities = tuple((k, k + 1) for k in range(0, len(states), 2))
 
-    def read(chosen: Sequence[Path], step: float | None) -> list[Recording]:
-        good, bad = read_recordings(
-            chosen,
-            states,
-            plant.layout.inputs,
-            angles=plant.angles,
-            velocities=velocities,
-            columns=columns,
-            dt=step,
-        )
+    def read_all(chosen: Sequence[Path], step: float | None) -> list[Recording]:
+        good, bad = [], []
+        for path in chosen:
+            own = [maps[file] for file in maps if _is(path, file)]
+            read, left_out = read_recordings(
+                [path],
+                states,
+                plant.layout.inputs,
+                angles=plant.angles,
+                velocities=velocities,
+                columns={name: column for each in own for name, column in each.items()},
+                dt=step,
+            )
+            good += read
+            bad += left_out
         notes.extend(f"left out: {error}" for error in bad)
         if not good:
             faults = " ".join(str(error) for error in bad)
@@ -51,14 +65,19 @@ def read_for_plant(
         return good
 
     notes: list[str] = []
-    good = read(paths, dt)
+    good = read_all(paths, dt)
     steps = sorted({round(recording.dt, 9) for recording in good})
     if len(steps) > 1:
         names = {recording.name for recording in good}
-        good = read([path for path in paths if path.stem in names], steps[-1])
+        good = read_all([path for path in paths if path.stem in names], steps[-1])
         told = ", ".join(f"{step:g}" for step in steps)
         notes.append(
             f"sampling times are {told} s: all are read at {steps[-1]:g} s (--dt names another)."
         )
-    notes += [f"{one.name}: {remark}" for one in good for remark in one.remarks]
+    notes += [f"{one.name}: {' '.join(one.remarks)}" for one in good if one.remarks]
     return good, notes
+
+
+def _is(path: Path, pattern: str) -> bool:
+    """Whether a pattern means a file, by its name with or without what is after the point."""
+    return any(fnmatchcase(name, pattern) for name in (path.name, path.stem, str(path)))

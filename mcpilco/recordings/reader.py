@@ -110,8 +110,8 @@ def read_rows(
         path: of a CSV with a header row, an `.npz` or a `.parquet`.
         names: of the columns besides `time`; all that the file has by default.
         optional: which of them may be absent; `time` too: then rows count as seconds.
-        columns: the file's name for `time` or another column, where it differs; None where names
-            cannot be mapped.
+        columns: the file's name for `time` or another column, where it differs, empty for one that
+            is ignored; None where names cannot be mapped.
 
     Raises:
         RecordingError: the file cannot be read; the sentence names row and column.
@@ -139,7 +139,13 @@ def _sources(
             f"A column map expected names of the plant ({_cut(', '.join(names))}) before the "
             f"equals sign, got {', '.join(unknown)}; write NAME_OF_THE_PLANT=NAME_IN_THE_FILE."
         )
-    sources = {name: columns.get(name, name) for name in names}
+    needed = sorted(name for name in columns if not columns[name] and name not in optional)
+    if needed:
+        raise InputError(
+            f"A column map expected the names of {', '.join(needed)}, which no recording can do "
+            "without, got nothing after the equals sign; only velocities can be ignored."
+        )
+    sources = {name: columns.get(name, name) for name in names if columns.get(name) != ""}
     missing = [
         name
         for name, source in sources.items()
@@ -242,7 +248,8 @@ def read_recording(
         input_names: of the plant; each needs a column.
         angles: which states are angles [rad]; where the log has them wrapped, turns are counted.
         velocities: pairs (position, velocity) of states; the columns of velocities may be absent.
-        columns: the file's name for `time`, a state or an input, where it differs.
+        columns: the file's name for `time`, a state or an input, where it differs; empty for a
+            velocity that is ignored.
         dt: step of the grid [s]; the log's own, rounded, when None.
 
     Raises:

@@ -27,6 +27,8 @@ _STYLES: dict[str, dict[str, Any]] = {
 _FLOOR = "noise_floor"
 _BINS, _CELLS = 24, 20
 """of a profile; of a map along each axis"""
+_WIDEST = 10.0
+"""times the largest error that an interval is drawn to [-]"""
 _FEWEST = 5
 """instants in a bin that is drawn"""
 _BAR: dict[str, Any] = {"pad": 0.03, "fraction": 0.1, "aspect": 25}
@@ -54,7 +56,7 @@ def plot_growth(
     ax = new_axes()[0] if ax is None else ax
     for name, values in errors.items():
         seen = np.isfinite(values)
-        low, high = bands[name][:, seen]
+        low, high = np.minimum(bands[name][:, seen], _WIDEST * np.nanmax(values))
         if name == _FLOOR:
             ax.fill_between(times[seen], 0.0, values[seen], color=PARTICLES, alpha=0.3, linewidth=0)
             ax.plot(times[seen], values[seen], color=PARTICLES, label="noise alone")
@@ -93,6 +95,7 @@ def plot_shrink(
         ax: where to draw; a new figure without it.
     """
     ax = new_axes()[0] if ax is None else ax
+    ends = np.minimum(ends, _WIDEST * float(errors.max()))
     places = np.arange(len(names))
     colors = [NOMINAL, *[PARTICLES] * (len(names) - 2), MODEL][: len(names)]
     reach = np.maximum(np.abs(ends - errors), 0.0)

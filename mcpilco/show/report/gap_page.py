@@ -21,6 +21,7 @@ from mcpilco.gap import (
     SearchResult,
     TimeMap,
     cautions,
+    closed_share,
     missing_force,
     scaled_errors,
     squares_at_end,
@@ -76,9 +77,8 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
     if found is None:
         return tiles
     if gap.mended and not found.hidden:
-        closed = found.closed
-        ends = f"({100 * closed.low:.1f} to {100 * closed.high:.1f} %)"
-        tiles.append((f"of the gap is closed {ends}", f"{100 * closed.value:.1f} %"))
+        value, ends = closed_share(found).split(" (")
+        tiles.append((f"of the gap is closed ({ends}", value))
     after = f"after {found.horizon_s:g} s, in noise std"
     tiles.append((f"nominal error {after}", three_digits(found.nominal)))
     name = "corrected" if gap.mended else "refitted"
@@ -186,6 +186,10 @@ def worth(gap: Gap, found: Comparison) -> Section:
         (channel, *(f"{errors[name]:.3g} {units[channel]}" for name in names))
         for channel, errors in found.channels.items()
     ]
+    everywhere = [
+        three_digits(found.everywhere[n]) if n in found.everywhere else "–" for n in names
+    ]
+    rows.append(("all, with what was left out [noise std]", *everywhere))
     return Section(
         "What adding it is worth" if gap.mended else f"Errors on {_kind(gap)} recordings",
         f"Free runs through {len(found.windows)} windows "
@@ -195,7 +199,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
             else f"of the recordings, which were fitted too ({IN_SAMPLE}). "
         )
         + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
-        "bands are 95 % intervals, by a bootstrap over blocks of neighbouring windows.",
+        "bands are 95 % intervals, by a jackknife over windows that may overlap.",
         [
             draw("Error over the time since the start, by plant", growth),
             draw("Error at the end of a window, by model", shrink, left=0.05),

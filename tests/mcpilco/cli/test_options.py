@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mcpilco.cli.options import keywords, named_numbers
+from mcpilco.cli.options import column_maps, keywords, named_numbers
 from mcpilco.typing import InputError
 
 
@@ -50,3 +50,13 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     path.write_text("{")
     with pytest.raises(InputError, match="broken.json is no JSON file"):
         keywords("--env-kwargs", [f"effects={path}"])
+
+
+def test_columns_are_named_for_all_files_or_for_one_and_none_is_ignored() -> None:
+    entries = ("time=t,angle=a:b", "old.csv:time=s,velocity=", "velocity=none")
+    assert column_maps(entries) == {
+        "*": {"time": "t", "angle": "a:b", "velocity": ""},
+        "old.csv": {"time": "s", "velocity": ""},
+    }
+    with pytest.raises(InputError, match="--columns must be NAME=VALUE, got 'time'"):
+        column_maps(("time",))

@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mcpilco.gap import Gap, comparison
-from mcpilco.gap.comparison import compare, error_over_noise, missing_force, time_map
+from mcpilco.gap import Gap, Windows, comparison
+from mcpilco.gap.comparison import (
+    closed_interval,
+    compare,
+    error_over_noise,
+    missing_force,
+    rms_interval,
+    time_map,
+)
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import SearchResult, nested_fits
@@ -44,6 +51,18 @@ def test_errors_over_time_lie_within_their_bands_and_grow_only_without_the_effec
     end = {name: values[-1] for name, values in found.comparison.over_time.items()}
     assert end["nominal"] > 10.0 > 2.0 > end["corrected"]
     assert 0.5 < end["noise_floor"] < 2.0
+
+
+def test_errors_over_all_windows_count_those_with_events(found: Gap) -> None:
+    assert found.comparison is not None
+    assert found.models is not None
+    windows = found.comparison.windows
+    pushed = windows.y.copy()
+    pushed[0, 0, -20:] += 0.5
+    whole = compare(found.models, windows, replace(windows, y=pushed))
+    alike = compare(found.models, windows)
+    assert whole.corrected == alike.corrected == pytest.approx(alike.everywhere["corrected"])
+    assert whole.everywhere["corrected"] > 5.0 * whole.corrected
 
 
 def test_noise_hides_a_gap_that_is_no_larger_than_what_it_does(found: Gap) -> None:
@@ -143,3 +162,53 @@ def test_the_misfit_is_noise_where_the_correction_holds_and_large_at_a_push(foun
     assert np.nanmax(quiet) < 2.0
     assert np.nanmedian(maps["nominal"].misfit[0]) > 3.0
     assert np.isnan(maps["nominal"].misfit[1]).all()  # velocities were not measured
+
+
+def ends_of_windows(
+    rng: np.random.Generator, W: int, overlap: float, joints: int
+) -> tuple[np.ndarray, Windows]:
+    """Errors in noise std, (W, joints), each the sum of what happened in its window; its windows.
+
+    They are normal, of standard deviation 1.
+    """
+    T = 35
+    stride = round(T / overlap)
+    steps = np.cumsum(rng.standard_normal((W * stride + T + 1, joints)), axis=0)
+    first = stride * np.arange(W)
+    windows = Windows(
+        y=np.zeros((W, 2 * joints, T)),
+        commands=np.zeros((W, T, 1)),
+        lead=0,
+        dt=0.02,
+        std=np.ones(2 * joints),
+        guess=np.zeros((W, 2 * joints)),
+        recording=np.zeros(W, dtype=int),
+        start_s=0.02 * first,
+        overlap=overlap,
+    )
+    return (steps[first + T] - steps[first]) / np.sqrt(T), windows
+
+
+@pytest.mark.parametrize("overlap", [1.0, 3.5])
+@pytest.mark.parametrize(("W", "joints"), [(4, 1), (8, 2), (30, 1)])
+def test_intervals_hold_the_true_error_and_the_true_share_in_95_percent(
+    overlap: float, W: int, joints: int
+) -> None:
+    rng, tried = np.random.default_rng(0), 500
+    held = np.zeros(2)
+    for _ in range(tried):
+        (before, windows), (after, _) = (ends_of_windows(rng, W, overlap, joints) for _ in "ab")
+        error = rms_interval(before**2, windows)
+        floor = np.full_like(before, 0.01)
+        squares = {"nominal": before**2, "corrected": (0.3 * after) ** 2, "noise_floor": floor}
+        share = closed_interval(squares, "nominal", windows)
+        assert error.low < error.value < error.high
+        held += [error.low <= 1.0 <= error.high, share.low <= 0.7 / 0.9 <= share.high]
+    assert 0.9 <= held[0] / tried <= 0.98
+    assert 0.9 <= held[1] / tried <= 0.98
+
+
+def test_a_single_window_is_sure_of_nothing() -> None:
+    errors, windows = ends_of_windows(np.random.default_rng(0), 1, 1.0, 2)
+    found = rms_interval(errors**2, windows)
+    assert (found.low, found.high) == (0.0, np.inf)

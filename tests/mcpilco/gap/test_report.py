@@ -10,6 +10,7 @@ import numpy as np
 import envs
 from mcpilco.gap import (
     EstimatedParameter,
+    Event,
     Gap,
     NamedEffect,
     cautions,
@@ -32,7 +33,7 @@ def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -
     sentences = [s for s in gap.experiments if "actuator_gain" in s]
     assert bool(family[1:]) == bool(sentences)
     shown = ElementTree.fromstring(f"<div>{gap._repr_html_()}</div>")
-    told = ("mcpilco/Pendulum-v0: ", "Error after ", "The gap is closed ", HIDDEN)
+    told = ("mcpilco/Pendulum-v0: ", "Error after ", "Of angle, ", "The gap is closed ", HIDDEN)
     expected = [line for line in summary(gap) if line.startswith(told)]
     assert [line.text for line in shown.iter("p")] == expected
     assert len(expected) >= 2
@@ -84,3 +85,34 @@ def test_a_suspicion_leads_the_verdict(found: Gap) -> None:
     assert to_json(doubted)["suspicions"] == ["negate torque?"]
     assert cautions(doubted)[0] == "negate torque?"
     assert doubted._repr_html_().startswith(f"<p>{summary(doubted)[0]}</p>")
+
+
+def test_errors_are_told_in_radians_beside_noise_std_and_closed_says_from_where(
+    found: Gap,
+) -> None:
+    assert found.comparison is not None
+    lines, error = summary(found), to_json(found)["error"]
+    angle = found.comparison.channels["angle"]
+    (told,) = [line for line in lines if line.startswith("Of angle, in rad: ")]
+    assert f"nominal {angle['nominal']:.3g}, refitted {angle['refit']:.3g}" in told
+    assert f"noise alone {angle['noise_floor']:.3g}." in told
+    assert error["units"] == {"angle": "rad"}
+    (closed,) = [line for line in lines if line.startswith("The gap is closed by ")]
+    assert closed.endswith(", from the nominal plant.")
+    assert error["closed"]["from"] == "nominal"
+
+
+def test_a_recording_with_events_has_one_line_and_the_errors_with_them(found: Gap) -> None:
+    assert found.comparison is not None
+    assert not any("left out" in line.lower() for line in summary(found))
+    events = tuple(Event("recording_1", start, start + 0.5) for start in (2.0, 4.0))
+    more = {name: 2.0 * value for name, value in found.comparison.everywhere.items()}
+    pushed = replace(found, events=events, comparison=replace(found.comparison, everywhere=more))
+    lines = summary(pushed)
+    said = "Left out of recording_1, as no model explains it: 2.0 to 2.5 s, 4.0 to 4.5 s."
+    assert lines.count(said) == 1
+    assert sum("recording_1" in line for line in lines) == 1
+    assert any(line.startswith("With what was left out: nominal ") for line in lines)
+    assert len(set(lines)) == len(lines)
+    assert to_json(pushed)["error"]["with_events"] == more
+    assert any(line.startswith(said) for line in cautions(pushed))

@@ -52,7 +52,7 @@ def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
     assert f"{friction.parameters['f_c'].value:.4g} N m" in page.text
     for name in (*found.train, *found.held_out):
         assert name in page.text
-    assert "recording_1 was left out from 4.0 to 4.7 s" in page.text
+    assert "Left out of recording_1, as no model explains it: 4.0 to 4.7 s." in page.text
 
 
 @pytest.mark.usefixtures("undrawn")
