@@ -291,7 +291,7 @@ def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:
     return 1.0 - np.eye(W)
 
 
-def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, ...]:
+def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, "*b"]:
     """Half of a 95 % interval, by the jackknife and Student's t; infinity for a single window.
 
     Windows share data where they overlap, by a part r, and their squared errors correlate by r^2.

@@ -23,7 +23,7 @@ from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import CHOICE
 from mcpilco.plant import EffectInstance, Plant
-from mcpilco.recordings import PARTS, Part, Recording
+from mcpilco.recordings import PARTS, Part, Recording, doubts
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
             "held_out": list(gap.held_out),
             "errors_are": "of held-out recordings" if gap.held_out else IN_SAMPLE,
             "remarks": list(gap.remarks),
+            "doubts": _doubts(gap),
         },
     }
 
@@ -173,7 +174,7 @@ def summary(gap: Gap) -> list[str]:
         lines.append(
             "The missing force was learned from the recordings; corrected.json contains it."
         )
-    return list(dict.fromkeys([*lines, *_left_out(gap), *gap.experiments]))
+    return list(dict.fromkeys([*lines, *_left_out(gap), *_doubts(gap), *gap.experiments]))
 
 
 def _errors(gap: Gap) -> list[str]:
@@ -182,9 +183,7 @@ def _errors(gap: Gap) -> list[str]:
         return []
     errors, units = gap.comparison, _units(gap)
     where = "on held-out recordings" if gap.held_out else f"({IN_SAMPLE})"
-    told = ", ".join(
-        f"{said} {three_digits(getattr(errors, name))}" for name, said in PLANTS.items()
-    )
+    told = ", ".join(f"{said} {three_digits(getattr(errors, n))}" for n, said in PLANTS.items())
     lines = [f"Error after {errors.horizon_s:g} s {where}, in noise std: {told}."]
     if gap.events:
         whole = errors.everywhere.items()
@@ -233,6 +232,12 @@ def _left_out(gap: Gap) -> list[str]:
     ]
 
 
+def _doubts(gap: Gap) -> list[str]:
+    """A line for each recording with columns that look wrong, none of which was refused."""
+    by_name = {one.name: " ".join(doubts(one)) for one in gap.recordings}
+    return [f"Doubtful in {name}: {said}" for name, said in by_name.items() if said]
+
+
 def _runaways(gap: Gap) -> list[str]:
     """A sentence on each plant whose free runs do not all reach the end of their windows."""
     if gap.comparison is None or gap.models is None:
@@ -248,7 +253,7 @@ def _runaways(gap: Gap) -> list[str]:
 
 def cautions(gap: Gap) -> list[str]:
     """Sentences that a reader of the numbers must not miss."""
-    said = list(gap.suspicions) + list(gap.remarks)
+    said = [*gap.suspicions, *gap.remarks, *_doubts(gap)]
     said += [
         f"{named.name} at {named.target} cannot be distinguished from "
         f"{' or '.join(named.family[1:])} in these recordings."

@@ -28,6 +28,7 @@ from .robot_log import Segment, load_robot, read_robot
 from .series import Series, lagged, read_series, suspicions, usable
 from .smoothing import noise_std, smoothed
 from .stamps import sampling_time
+from .suspicion import doubts
 
 __all__ = [
     "ARRAYS",
@@ -47,6 +48,7 @@ __all__ = [
     "arm_samples",
     "check_joint_data",
     "columns_of",
+    "doubts",
     "encoder_noise",
     "excitation",
     "from_rollout",

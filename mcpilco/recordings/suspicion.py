@@ -206,6 +206,8 @@ def _windows(values: Float[np.ndarray, " N"], reach: int) -> Float[np.ndarray, "
 _TURNS_RAD = 50.0  # an angle that spans more is probably in degrees
 _COARSE = 2.0  # steps of so many noise standard deviations are remarked on
 _FEWEST = 10  # equal samples, before a channel may be stuck
+_USUAL = 0.99  # of an input's samples
+_SURGE = 4.0  # times as large as nearly all of an input, it stands out
 
 
 def about_resampling(log: Log, dt: float) -> str:
@@ -236,9 +238,22 @@ def about_gaps(gaps: Gaps) -> list[str]:
 
 
 def suspicions(recording: Recording) -> Iterator[str]:
-    """Remarks on suspicious channels: units, steps of an encoder, channels that stand still."""
+    """Remarks on channels: doubtful ones, steps of an encoder, inputs that never change."""
+    yield from doubts(recording)
+    names, noise = recording.state_names, noise_std(recording)
+    for k in np.flatnonzero(recording.measured).tolist():
+        step = recording.resolution[k]
+        if step > _COARSE * noise[k]:
+            yield f"{names[k]} comes in steps of {step:.3g}, more than its noise."
+    for name, column in zip(recording.input_names, recording.inputs.T, strict=True):
+        if np.ptp(column) == 0:
+            yield f"{name} is {column[0]:g} throughout; it excites nothing."
+
+
+def doubts(recording: Recording) -> Iterator[str]:
+    """Sentences on columns that look wrong: units, channels that stand still, spikes of inputs."""
     names, states = recording.state_names, recording.states
-    measured, noise = recording.measured, noise_std(recording)
+    measured = recording.measured
     for q, v in recording.velocities:
         if measured[q] and measured[v]:
             yield from _about_units(recording, q, v)
@@ -248,12 +263,15 @@ def suspicions(recording: Recording) -> Iterator[str]:
             yield f"{names[k]} spans {span:.0f} rad; is it in degrees?"
     for k in np.flatnonzero(measured).tolist():
         yield from _about_rest(recording, k)
-        step = recording.resolution[k]
-        if step > _COARSE * noise[k]:
-            yield f"{names[k]} comes in steps of {step:.3g}, more than its noise."
     for name, column in zip(recording.input_names, recording.inputs.T, strict=True):
-        if np.ptp(column) == 0:
-            yield f"{name} is {column[0]:g} throughout; it excites nothing."
+        usual = float(np.quantile(np.abs(column), _USUAL))
+        high = np.abs(column) > _SURGE * usual
+        if usual > 0.0 and high.any():
+            most, first = column[np.abs(column).argmax()], recording.time[high.argmax()]
+            yield (
+                f"{name} is {most:.3g} at most, from {first:.3f} s on, and within {usual:.3g} in "
+                f"{100 * _USUAL:.0f} % of the samples; was it so?"
+            )
 
 
 def _about_units(recording: Recording, q: int, v: int) -> Iterator[str]:

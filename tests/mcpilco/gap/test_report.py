@@ -116,3 +116,16 @@ def test_a_recording_with_events_has_one_line_and_the_errors_with_them(found: Ga
     assert len(set(lines)) == len(lines)
     assert to_json(pushed)["error"]["with_events"] == more
     assert any(line.startswith(said) for line in cautions(pushed))
+
+
+def test_a_doubtful_column_is_told_in_the_summary(found: Gap) -> None:
+    assert not any("Doubtful" in line for line in summary(found))
+    first = found.recordings[0]
+    spiky = first.inputs.copy()
+    spiky[50] = 17.0
+    doubted = replace(found, recordings=(replace(first, inputs=spiky), *found.recordings[1:]))
+    told = [line for line in summary(doubted) if line.startswith(f"Doubtful in {first.name}: ")]
+    assert len(told) == 1
+    assert "torque is 17 at most, from 1.000 s on" in told[0]
+    assert told[0] in cautions(doubted)
+    assert to_json(doubted)["recordings"]["doubts"] == told

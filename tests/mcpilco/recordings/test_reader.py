@@ -362,3 +362,13 @@ def test_a_stuck_channel_and_a_dead_input_are_noticed(tmp_path: Path) -> None:
     assert "pole_angle is" in remarks
     assert "to the last digit from 2.000 to 3.980 s; is it stuck?" in remarks
     assert "force is 0 throughout; it excites nothing." in remarks
+
+
+def test_a_command_that_stands_out_is_noticed_and_kept(tmp_path: Path) -> None:
+    rows = uniform(500)
+    rows[:, 5] *= 0.4  # up to 2 N
+    assert "force" not in said(tmp_path, rows)
+    rows[77:79, 5] = -17.0
+    remark = "force is -17 at most, from 1.540 s on, and within 2 in 99 % of the samples"
+    assert remark in said(tmp_path, rows)
+    np.testing.assert_array_equal(read(write(tmp_path / "a.csv", rows)).inputs[:, 0], rows[:, 5])
