@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun_bindings
 from jaxtyping import Float
 
 from mcpilco.data import Prediction, Rollout
@@ -85,6 +86,7 @@ def new_recording(
     """
     digest = hashlib.blake2b(b"".join(array.tobytes() for array in shown), digest_size=6)
     identity = f"{name}-{digest.hexdigest()}"
+    rerun_bindings.flush_and_cleanup_orphaned_recordings()  # which keep their threads until then
     # Rerun's own properties hold the time of day, which would make equal rollouts unequal files.
     rec = rr.RecordingStream("mcpilco", recording_id=identity, send_properties=False)
     stream = rr.binary_stream(rec)

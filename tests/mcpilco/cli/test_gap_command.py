@@ -20,7 +20,7 @@ from mcpilco.typing import RunFolderError
 from tests.mcpilco.gap.machines import recorded
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sound recording of a pendulum."""
     path = tmp_path_factory.mktemp("log") / "log.csv"

@@ -18,6 +18,7 @@ from mcpilco.gap.report import summary, to_json
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap.pendulum import STD, dry_friction, hidden, record
+from tests.mcpilco.gap.pushed import HIDDEN_FRICTION
 
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]
 
@@ -32,7 +33,19 @@ def recordings(seed: int) -> tuple[str, dict[str, float], list[Recording]]:
     return name, parameters, [record(rng, force, number) for number in range(4)]
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_hidden_friction_is_named_with_its_size(found: Gap) -> None:
+    assert found.verdict == "named"
+    (named,) = found.named
+    assert (named.name, named.target) == ("coulomb_friction", "pendulum")
+    size = named.parameters["f_c"]
+    assert size.value == pytest.approx(HIDDEN_FRICTION, rel=0.05)
+    assert size.low < HIDDEN_FRICTION < size.high
+    assert found.comparison is not None
+    assert found.comparison.closed.value > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_hidden_force_is_named_with_its_size(seed: int) -> None:
     name, parameters, measured = recordings(seed)
     gap = investigate(PLANT(), measured)

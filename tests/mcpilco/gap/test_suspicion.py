@@ -75,12 +75,20 @@ CART_POLE = {
 }
 
 
+QUICK = ("negate force?", "is pole_angle in degrees?", "are cart_position and cart_velocity in mm?")
+"""of a cart-pole, that are asked in the fast run"""
+
+
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("machine", "question", "changed"),
     [
         *(("pendulum", question, changed) for question, changed in PENDULUM.items()),
-        *(("cart_pole", question, changed) for question, changed in CART_POLE.items()),
+        *(
+            pytest.param("cart_pole", question, changed, marks=[] if short else pytest.mark.slow)
+            for question, changed in CART_POLE.items()
+            for short in (question in QUICK,)
+        ),
     ],
 )
 def test_a_wrong_column_is_asked_for(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from mcpilco.show.recording import write_recording
 from mcpilco.show.viewer import _executable
 from mcpilco.typing import RunFolderError
 
+THREADS = Path("/proc/self/task")
 STATES = ("cart_position", "cart_velocity", "pole_angle", "pole_velocity")
 NAME = "trial 3"
 PROPERTIES = {"seed": 0, "real_cost": 9.5, "success": True, "time_up_s": None}
@@ -122,6 +124,16 @@ def test_capsule_is_centred_at_its_body(path) -> None:
     np.testing.assert_allclose(
         batch.column(shifts).to_pylist()[0][0], [0, 0, -length / 2], atol=1e-6
     )
+
+
+@pytest.mark.skipif(not THREADS.is_dir(), reason="the system does not list threads as files")
+def test_a_recording_that_is_written_leaves_no_thread(rollout, task, tmp_path) -> None:
+    """But for the two that Rerun 0.41 keeps of a blueprint."""
+    counts = []
+    for _ in range(4):
+        write_recording(tmp_path / "01.rrd", rollout, None, task, None, NAME)
+        counts.append(len(list(THREADS.iterdir())))
+    assert counts[-1] <= counts[0] + 3 * 2
 
 
 def test_equal_rollouts_make_equal_recordings(
