@@ -131,7 +131,8 @@ def test_an_unknown_force_is_learned_and_closes_the_gap_on_held_out_recordings(f
     assert {force.joint for force in fed.corrected.learned} == {"pendulum"}
     assert fed.where[0].joint == "pendulum"
     assert fed.comparison is not None
-    assert fed.comparison.closed.low > 0.8
+    assert fed.comparison.closed.value > 0.95
+    assert fed.comparison.closed.low > 0.5  # of few windows; see `rms_interval`
     assert "learned force (pendulum)" in [step.added for step in fed.comparison.steps]
 
 
