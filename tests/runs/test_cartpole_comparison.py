@@ -36,6 +36,7 @@ def command(run, hasty, hasty_pilco, tmp_path, monkeypatch, unchecked_shapes):
     return command
 
 
+@pytest.mark.slow  # trains, if quickly
 def test_all_agents_learn_from_the_same_seeds_and_stand_in_one_table(command, capsys, tmp_path):
     pages = [command("--seeds", "20:21") for _ in range(2)]
     assert capsys.readouterr().out.count("1 of 1 seeds are there already.") == 3

@@ -31,6 +31,7 @@ def called(run, monkeypatch, tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_tables_and_pictures_are_written(called):
     page = called("scara", "efficiency")
     assert "Not measured yet" not in page

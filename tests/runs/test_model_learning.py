@@ -35,6 +35,7 @@ def test_the_policy_swings_the_pole_up(bench):
     assert sum(outcomes) >= 2
 
 
+@pytest.mark.slow  # fits models of rollouts
 @pytest.mark.parametrize("kind", ["random", "swing-up"])
 def test_a_forecast_starts_at_the_measurement_and_sees_nothing_of_what_came_after(bench, kind):
     models = bench._models(0)

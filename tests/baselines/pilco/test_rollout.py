@@ -51,6 +51,7 @@ def test_compiled_loops_compute_the_same_with_the_same_gradient(name):
         assert torch.allclose(slow, fast, rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow  # compiles the loops of moments
 def test_the_gradient_of_the_expected_cost_is_that_of_central_differences():
     dynamics = random_dynamics()
     policy = random_policy(dynamics)

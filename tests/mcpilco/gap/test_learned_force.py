@@ -126,6 +126,7 @@ def fed() -> Gap:
     return investigate(PLANT, recordings(feeding, 4))
 
 
+@pytest.mark.slow  # a whole investigation
 def test_an_unknown_force_is_learned_and_closes_the_gap_on_held_out_recordings(fed: Gap) -> None:
     assert fed.verdict == "unknown"
     assert {force.joint for force in fed.corrected.learned} == {"pendulum"}
@@ -136,6 +137,7 @@ def test_an_unknown_force_is_learned_and_closes_the_gap_on_held_out_recordings(f
     assert "learned force (pendulum)" in [step.added for step in fed.comparison.steps]
 
 
+@pytest.mark.slow  # a whole investigation
 def test_the_summary_says_in_which_joint_and_where(fed: Gap) -> None:
     assert any(
         line.startswith("  Missing at pendulum: a force of up to 0.") for line in summary(fed)
@@ -145,6 +147,7 @@ def test_the_summary_says_in_which_joint_and_where(fed: Gap) -> None:
     assert all("joint" not in other for other in others)
 
 
+@pytest.mark.slow  # a whole investigation
 def test_an_env_simulates_what_was_learned(fed: Gap, tmp_path: Path) -> None:
     path = write_correction(tmp_path / "corrected.json", correction_of(fed.corrected, PLANT))
     assert len(read_correction(path).learned) == len(fed.corrected.learned)
@@ -156,6 +159,7 @@ def test_an_env_simulates_what_was_learned(fed: Gap, tmp_path: Path) -> None:
     assert np.abs(apart).max() > 0.1
 
 
+@pytest.mark.slow  # a whole investigation
 def test_far_from_what_was_recorded_the_learned_force_is_nothing(fed: Gap) -> None:
     for force in fed.corrected.learned:
         far = [np.array([1e6]) for _ in force.axes]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
 import envs
 from mcpilco.gap import (
@@ -25,6 +26,7 @@ from tests.mcpilco.gap.pendulum import record
 PLANT = envs.PLANTS["mcpilco/Pendulum-v0"]
 
 
+@pytest.mark.slow
 def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -> None:
     rng = np.random.default_rng(7)
     measured = [record(rng, lambda q, v: 0.0, number, gain=1.3) for number in range(3)]

@@ -108,6 +108,7 @@ def test_two_effects_are_found_of_which_each_alone_is_imitated(
     assert all(bic >= result.ranked[0][1] for _, bic in result.ranked[1:])
 
 
+@pytest.mark.slow
 def test_three_effects_are_found() -> None:
     hidden = [(FRICTION, (0.1, 2e-3)), (LAG, (0.08,)), (OFFSET, (0.1,))]
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)

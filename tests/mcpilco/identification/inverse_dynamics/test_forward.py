@@ -76,6 +76,7 @@ def test_of_two_entries_the_one_with_the_smaller_torques_counts_more():
     torch.testing.assert_close(found.asymmetry, torch.tensor(0.2).double())
 
 
+@pytest.mark.slow
 def test_forward_dynamics_are_those_of_the_robot(robot, exact, states):
     found = accelerations(exact, *states)
     expected = true_accelerations(robot, *(array.numpy() for array in states))

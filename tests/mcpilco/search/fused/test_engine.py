@@ -102,6 +102,7 @@ def seen(observer: Observer, particles: int) -> Sensing:
     return Sensing(observer, torch.randn(*shape, generator=generator, dtype=torch.float64))
 
 
+@pytest.mark.slow  # compiles what no other test needs
 @pytest.mark.parametrize("kind", ["kalman", "differences"])
 @pytest.mark.parametrize("delay", [None, Delay(1), Delay(1, 0.5)])
 @pytest.mark.parametrize("particles", [1, 37, 130])
@@ -120,6 +121,7 @@ def test_equals_plain_rollout_behind_an_estimator(
     assert_equal(dynamics, policy, task.cost, Dropout(0.25, 5), particles, sensing)
 
 
+@pytest.mark.slow  # compiles what no other test needs
 @pytest.mark.parametrize("delay", [Delay(0, 0.5), Delay(1), Delay(1, 0.5), Delay(3)])
 @pytest.mark.parametrize("particles", [1, 37, 130])
 def test_equals_plain_rollout_behind_a_delay_model(

@@ -59,8 +59,8 @@ COMPONENTS = {
     "filter, physics": ModelConfig(kernel="sed-fir+rbf", mean="physics", memory=3, plant=LATE),
     "full": ModelConfig(kernel="rbf", mean="physics", integration="full", plant=described()),
 }
-RARE = ("features", "friction", "filter, features", "all", "filter, physics")
-"""features, and these beside physics: what no other test needs is compiled for them"""
+RARE = ("features", "friction", "filter, features", "all", "filter, physics", "physics", "lags")
+"""features and physics: what no other test needs is compiled for them"""
 
 
 def episode(task) -> Transitions:
