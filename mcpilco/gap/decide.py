@@ -281,13 +281,16 @@ def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, .
 
 
 def _probability(result: SearchResult, instance: EffectInstance) -> float:
-    """That an effect belongs to the missing ones, of all sets that were fitted."""
+    """That an effect is missing, or one of which it is a special case, by all that was fitted.
+
+    Its family says which of these it could be as well.
+    """
     least = min(bic for _, bic in result.ranked)
     weight = [math.exp(-0.5 * min(bic - least, 700.0)) for _, bic in result.ranked]
     own = [
         w
         for w, (fit, _) in zip(weight, result.ranked, strict=True)
-        if instance in fit.model.effects
+        if any(each == instance or each.holds(instance) for each in fit.model.effects)
     ]
     return sum(own) / sum(weight)
 

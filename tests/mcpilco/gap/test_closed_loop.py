@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from mcpilco.gap import Gap, investigate
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.fit import fit_model
 from mcpilco.gap.suspicion import suspicions
@@ -78,29 +76,3 @@ def test_a_model_that_is_far_off_a_fine_encoder_is_fitted_all_the_same(tmp_path:
 
 def test_a_drive_that_spends_its_force_on_friction_is_no_other_machine(tmp_path: Path) -> None:
     assert suspicions(*problem(tmp_path, 0.005)) == ()
-
-
-def dry(found: Gap) -> tuple[float, float]:
-    """Coulomb friction and constant force [N] of what is named, whichever way it is told."""
-    told = {each.name: each.parameters for each in found.named}
-    ahead, back = (
-        told["asymmetric_friction"][name].value if "asymmetric_friction" in told else 0.0
-        for name in ("f_p", "f_n")
-    )
-    size = told["coulomb_friction"]["f_c"].value if "coulomb_friction" in told else 0.0
-    offset = told["constant_force"]["f_0"].value if "constant_force" in told else 0.0
-    return size + 0.5 * (ahead + back), offset + 0.5 * (back - ahead)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("dt", [0.005, 0.01, 0.02])
-def test_friction_and_offset_of_a_drive_are_named_at_every_thinning(
-    tmp_path: Path, dt: float
-) -> None:
-    found = investigate(*problem(tmp_path, dt))
-    assert found.verdict in ("named", "partly")
-    (viscous,) = (each.parameters["b"] for each in found.named if each.name == "viscous_friction")
-    assert viscous.value == pytest.approx(VISCOUS, rel=0.1)
-    assert dry(found) == pytest.approx((COULOMB, OFFSET), rel=0.1)
-    dry_names = {"viscous_friction", "coulomb_friction", "asymmetric_friction", "constant_force"}
-    assert {each.name for each in found.named if each.probability > 0.5} <= dry_names
