@@ -28,7 +28,7 @@ def pytest_runtest_setup() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What several tests share is made once: they go to one worker, those that share most first."""
+    """Tests that share a fixture go to one worker; those that share most come first."""
     for item in items:
         if item.get_closest_marker("xdist_group") is None and (shared := _shared_by(item)):
             item.add_marker(pytest.mark.xdist_group(shared))

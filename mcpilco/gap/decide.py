@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -107,8 +107,8 @@ def _refitted(fit: Fit, windows: Windows) -> Fit:
 def unweighed(fit: Fit, windows: Windows) -> Fit:
     """A fit whose misfits count the measurement noise alone."""
     by_window = misfits(fit.model, windows.plain, fit.theta, fit.x0)
-    prior = float((fit.model.precision * fit.theta**2).sum())
-    return Fit(fit.model, fit.theta, fit.x0, float(by_window.sum()) + prior, by_window)
+    chi2 = float(by_window.sum()) + fit.model.penalty(fit.theta)
+    return replace(fit, chi2=chi2, by_window=by_window)
 
 
 @dataclass(frozen=True)

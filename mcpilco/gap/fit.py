@@ -128,8 +128,7 @@ def fit_model(
         crawling = hasty and now - then < FIT.crawl * now
         if crawling or now - then < FIT.converged * now or share.used_up:
             break
-    prior = float((model.precision * theta**2).sum())
-    return Fit(model, theta, x0, float(by_window.sum()) + prior, by_window)
+    return Fit(model, theta, x0, float(by_window.sum()) + model.penalty(theta), by_window)
 
 
 def _gauss_newton_step(
@@ -156,7 +155,7 @@ def _gauss_newton_step(
 def _cost(
     model: PlantModel, theta: Theta, by_window: np.ndarray, robust: Robust, temper: float
 ) -> float:
-    return robust.cost(by_window) + temper * float((model.precision * theta**2).sum())
+    return robust.cost(by_window) + temper * model.penalty(theta)
 
 
 def misfit(windows: Windows, by_window: PerWindow, weight: PerWindow) -> float:

@@ -290,6 +290,10 @@ class PlantModel:
         precision[len(precision) - self.coordinates :] = 1.0
         return precision
 
+    def penalty(self, theta: Theta) -> float:
+        """-2 log of the prior density at theta, without a constant."""
+        return float((self.precision * theta**2).sum())
+
     def decode(
         self, theta: Float[np.ndarray, "S n"]
     ) -> tuple[Float[np.ndarray, "S P"], list[Float[np.ndarray, "S symbols"]]]:

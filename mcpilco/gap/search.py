@@ -113,8 +113,8 @@ class Tried:
     def _criterion(self, fit: Fit, evidence: Evidence) -> float:
         if not fit.model.plausible(fit.theta):
             return math.inf
-        prior = float((fit.model.precision * fit.theta**2).sum())
         numbers = len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
+        prior = fit.model.penalty(fit.theta)
         return evidence.deviance + prior + numbers * math.log(evidence.samples)
 
     def prefers(self, larger: Fit, smaller: Fit) -> bool:

@@ -1,4 +1,4 @@
-"""What a model leaves over, which effects are sure, and what is told of them."""
+"""The forces that a model leaves over, and which effects are sure."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ MACHINES = tuple(LIMIT)
 
 @dataclass(frozen=True)
 class Faultless:
-    """What a sensor told of a motion; columns are positions and velocities in turn."""
+    """A sensor's readings of a motion; columns are positions and velocities in turn."""
 
     name: str
     dt: float
@@ -81,7 +81,7 @@ def _drive(u: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def _sensed(fine: np.ndarray, sensor: str, every: int, rng: np.random.Generator) -> np.ndarray:
-    """What is logged of a motion; the encoder's velocity is that of its counts."""
+    """The log of a motion; the encoder's velocity is that of its counts."""
     states = fine.copy()
     if "encoder" in sensor:
         step = 2.0 * np.pi / rng.choice([1024, 4096])

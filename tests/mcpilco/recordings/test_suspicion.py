@@ -1,4 +1,4 @@
-"""What a reader masks was read wrongly, however fast a machine moves."""
+"""Masked samples were read wrongly, however fast a machine moves."""
 
 from __future__ import annotations
 
