@@ -185,7 +185,6 @@ TRIPS = (
                 "mcpilco/gap/decide.py",
                 "what is left over, which effects are named, how surely",
                 (
-                    "leaves_a_force",
                     "mispredicts",
                     "closes_most",
                     "Weighed",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,22 +26,24 @@ _BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
 
 
 class Whitening(NamedTuple):
-    """The inverse root I - U diag(c) U^T of the covariance that random forces give residuals."""
+    """Inverse root a (I - U diag(c) U^T) of the covariance that random forces give residuals."""
 
     U: Float[np.ndarray, "W n m"]
     """orthonormal directions in which random forces move a window's measurements"""
     c: Float[np.ndarray, "W m"]
     """part of each that is taken off [-]"""
+    a: float = 1.0
+    """one over the noise std, in reported ones [-]"""
 
     def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
         """White residuals."""
         flat = r.reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
         coloured = self.U @ (self.c[:, :, None] * (self.U.transpose(0, 2, 1) @ flat))
-        return (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
+        return self.a * (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
 
     def of(self, chosen: Any) -> Whitening:
         """That of some windows."""
-        return Whitening(self.U[chosen], self.c[chosen])
+        return Whitening(self.U[chosen], self.c[chosen], self.a)
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,28 @@ class Windows:
         }
         order = np.lexsort([both["start_s"], both["recording"]])
         return replace(self, **{name: part[order] for name, part in both.items()})
+
+    def split(self, parts: int) -> Windows:
+        """Each window as so many shorter ones, one after the other in time."""
+        T = self.y.shape[2] // parts
+        each = []
+        for n in range(parts):
+            first = n * T
+            y = self.y[:, :, first : first + T].copy()
+            guess = np.stack([_start(window, self.dt, self.std) for window in y])
+            y[:, :, : math.ceil(DATA.latency_s / self.dt)] = np.nan
+            driven = slice(first * self.every, self.lead + (first + T) * self.every)
+            each.append(
+                replace(
+                    self,
+                    y=y,
+                    guess=guess,
+                    commands=np.ascontiguousarray(self.commands[:, driven]),
+                    start_s=self.start_s + first * self.dt,
+                    whitening=None,
+                )
+            )
+        return reduce(Windows.joined, each)
 
     def beginning(self, samples: int) -> Windows:
         """The first samples of each window."""

@@ -18,11 +18,6 @@ from mcpilco.gap.thresholds import CHOICE, VERDICT
 from mcpilco.plant import EffectInstance
 
 
-def leaves_a_force(evidence: Evidence) -> bool:
-    """Whether a model needs random forces, or noise, beyond what any machine has."""
-    return bool((evidence.std > VERDICT.force).any() or evidence.noise > VERDICT.noise)
-
-
 def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
     """Whether effects that fit their recordings take too little of the held-out error away.
 
@@ -84,13 +79,15 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
     best, null = (tried.keep(_refitted(fit, tried.windows)) for fit in (best, null))
-    fewer = {}
-    for instance in best.model.effects:
-        rest = tried.keep(without(best, instance, tried.windows, result.null))
-        if tried.prefers(best, rest):
-            fewer[instance] = rest
-        else:
-            best = rest
+    while True:
+        fewer = {
+            instance: tried.keep(without(best, instance, tried.windows, result.null))
+            for instance in best.model.effects
+        }
+        enough = [fit for fit in fewer.values() if not tried.prefers(best, fit)]
+        if not enough:
+            break
+        best = min(enough, key=tried.bic)
     return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null), fewer)
 
 
@@ -283,16 +280,17 @@ def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, .
 def _probability(result: SearchResult, instance: EffectInstance) -> float:
     """That an effect is missing, or one of which it is a special case, by all that was fitted.
 
-    Its family says which of these it could be as well.
+    Its family says which of these it could be as well. Models of more effects than the best one
+    do not count: these were not worth it. Nor is a likelier one that the best was preferred to.
     """
-    least = min(bic for _, bic in result.ranked)
-    weight = [math.exp(-0.5 * min(bic - least, 700.0)) for _, bic in result.ranked]
+    least, most = result.ranked[0][1], len(result.best.model.effects)
+    fits = [(fit, bic) for fit, bic in result.ranked if len(fit.model.effects) <= most]
+    weight = np.exp(-0.5 * np.clip([bic - least for _, bic in fits], 0.0, 700.0))
     own = [
-        w
-        for w, (fit, _) in zip(weight, result.ranked, strict=True)
-        if any(each == instance or each.holds(instance) for each in fit.model.effects)
+        any(each == instance or each.holds(instance) for each in fit.model.effects)
+        for fit, _ in fits
     ]
-    return sum(own) / sum(weight)
+    return float(weight @ own / weight.sum())
 
 
 def _present(instance: EffectInstance, estimates: dict[str, EstimatedParameter]) -> float:

@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from mcpilco.gap.data import Whitening, Windows
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.sensitivities import impulse_responses, lean
-from mcpilco.gap.thresholds import DISTURBANCE, FORCE
+from mcpilco.gap.thresholds import DISTURBANCE, FORCE, VERDICT
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Evidence:
     """std of the measurement noise over the reported one [-]"""
     samples: int
     """measured values beyond those that fix the initial states"""
+
+    @property
+    def deficient(self) -> bool:
+        """Whether the model needs random forces, or noise, beyond what any machine has."""
+        return bool((self.std > VERDICT.force).any() or self.noise > VERDICT.noise)
 
 
 @dataclass(frozen=True)
@@ -81,13 +86,19 @@ class Disturbance:
         return _Likelihood.of(r, G, self.joint, samples).largest()
 
     def whitened(self, evidence: Evidence) -> Windows:
-        """The windows, what the random forces of a model may do weighing little in them."""
+        """The windows, what the random forces of a model may do weighing little in them.
+
+        Noise that is smaller than was reported counts as it is; a model that misses much seems to
+        have more of it, which is no reason to trust its data less.
+        """
         std = np.minimum(evidence.std, DISTURBANCE.most) / max(evidence.noise, 1e-12)
         measured = self.windows.measured.reshape(len(self.windows), -1, 1)
         U, d, _ = np.linalg.svd(
             np.where(measured, self.columns * std[self.joint], 0.0), full_matrices=False
         )
-        return replace(self.windows, whitening=Whitening(U, 1.0 - 1.0 / np.sqrt(1.0 + d**2)))
+        noise = min(max(evidence.noise, DISTURBANCE.least_noise), 1.0)
+        white = Whitening(U, 1.0 - 1.0 / np.sqrt(1.0 + d**2), 1.0 / noise)
+        return replace(self.windows, whitening=white)
 
 
 @dataclass(frozen=True)

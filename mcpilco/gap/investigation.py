@@ -12,7 +12,6 @@ from mcpilco.gap.comparison import ComparedModels, Comparison, compare
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, event_of
 from mcpilco.gap.decide import (
     closes_most,
-    leaves_a_force,
     left_forces,
     mispredicts,
     named_effects,
@@ -87,7 +86,7 @@ def investigate(
     Raises:
         InputError: the recordings do not fit the plant or one another, or look wrong.
     """
-    recordings, remarks = distinct(recordings)
+    recordings, remarks = distinct([_thinned(recording) for recording in recordings])
     plant = plant.knowing(own_effects(effects))
     problems = [
         GapProblem.of(plant, timed, uncertainty, free, noise or {}, held_out)
@@ -123,7 +122,7 @@ def investigate(
     clear = _held_out(problem, events, best)
     unknown = (
         place is not None
-        or leaves_a_force(judged.evidence)
+        or judged.evidence.deficient
         or foreseen(missed, problem, best)
         or mispredicts(best, null, windows, clear)
     )
@@ -173,6 +172,12 @@ def investigate(
         shifted=shifted_parameters(final),
         on_bounds=on_bounds(final),
     )
+
+
+def _thinned(recording: Recording) -> Recording:
+    """At the rate at which motions are compared; the commands keep theirs."""
+    n = round(DATA.compared_s / recording.dt)
+    return recording.every_nth(n) if n > 1 else recording
 
 
 MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."

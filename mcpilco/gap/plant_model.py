@@ -51,8 +51,8 @@ class ComputeBudget:
 
     @classmethod
     def at(cls, dt: float, most: float = BUDGET.steps) -> ComputeBudget:
-        """The steps that may be taken with recordings of this sampling time [s]."""
-        return cls(most * max(1.0, BUDGET.usual_dt_s / dt))
+        """The steps that may be taken with commands that are held for so long [s]."""
+        return cls(most * min(max(1.0, BUDGET.usual_dt_s / dt), BUDGET.more))
 
     def share(self, part: float) -> BudgetShare:
         """A part of the steps that are left, for a stage that begins now."""

@@ -158,10 +158,18 @@ def signatures(
     x0 = np.tile(fit.x0, (len(thetas), 1, 1))
     y = run(model, windows, thetas, x0)
     change = view.lin.r - residual(windows, y)
-    change[~np.isfinite(change) | (np.abs(change) > 500.0)] = 0.0
+    change[~np.isfinite(change) | (np.abs(change) > _most(windows))] = 0.0
     parts = np.split(change, np.cumsum([len(own) for own in by_probe])[:-1])
     straight = [_straight(probe, part) for probe, part in zip(probes, parts, strict=True)]
     return [part.transpose(1, 2, 0) for part in straight]
+
+
+def _most(windows: Windows) -> Float[np.ndarray, " n"]:
+    """The change of each reading beyond which a simulation ran away, in noise std."""
+    y = windows.y.transpose(1, 0, 2).reshape(windows.y.shape[1], -1)
+    ends = (np.max(sign * y, axis=1, where=np.isfinite(y), initial=-np.inf) for sign in (1, -1))
+    most = np.maximum(SCREEN.farthest, sum(ends) / windows.std)
+    return np.repeat(most, windows.y.shape[2])
 
 
 def _sizes(instance: EffectInstance, probe: Probe) -> Float[np.ndarray, "n symbols"]:

@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_model, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, PlantModel
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import linearise
@@ -118,21 +119,22 @@ class Tried:
         return evidence.deviance + prior + numbers * math.log(evidence.samples)
 
     def prefers(self, larger: Fit, smaller: Fit) -> bool:
-        """Whether a model with more effects is worth them.
+        """Whether a model with more effects is worth them: likelier, and it explains enough."""
+        if self.bic(smaller) - self.bic(larger) < SEARCH.bic_gain:
+            return False
+        freed = len(larger.model.freed) > len(smaller.model.freed)
+        return freed or self._explains(larger, smaller)
 
-        An effect must explain a part of what the smaller model leaves, so that none is named for
-        what is far too small beside a machine's other forces. One that comes down to an uncertain
-        parameter need not: its prior says what is small.
+    def _explains(self, larger: Fit, smaller: Fit) -> bool:
+        """Whether further effects explain as much as they leave over, in some joint or reading.
+
+        What is left of a machine's forces has a form of its own, which an effect that explains less
+        than that would but imitate. Where nothing is left the evidence decides alone, and so it
+        does of a freed parameter: its prior says what is small.
         """
-        told = len(larger.model.freed) > len(smaller.model.freed)
-        least = SEARCH.bic_gain if told else self.worth(smaller)
-        return self.bic(smaller) - self.bic(larger) >= least
-
-    def worth(self, fit: Fit) -> float:
-        """By how much the BIC must fall with a further effect."""
-        evidence = self.judged(fit)
-        left = evidence.deviance - evidence.samples
-        return max(SEARCH.bic_gain, SEARCH.part_of_rest * left)
+        before, after = (_left_over(self.judged(fit)) for fit in (smaller, larger))
+        halved = (before > 0.0) & (before >= 2.0 * after)
+        return bool(halved.any()) or not after.any()
 
     @property
     def ranked(self) -> list[Fit]:
@@ -151,23 +153,21 @@ class Tried:
         return sorted(self.fits.values(), key=order)
 
     def best(self) -> Fit:
-        """The model whose effects are worth it, one more after the other."""
-        best, ranked = self.null, self.ranked
-        for size in range(1, 1 + max(len(key) for key in self.fits)):
+        """The likeliest model, or one of fewer effects to which it is not preferred."""
+        ranked = self.ranked
+        for size in range(len(ranked[0].model.effects)):
             first = next((fit for fit in ranked if len(fit.model.effects) == size), None)
-            if first is not None and self.prefers(first, best):
-                best = first
-        return self._without_superfluous(best)
+            if first is not None and not self.prefers(ranked[0], first):
+                return self._without_superfluous(first)
+        return self._without_superfluous(ranked[0])
 
     def _without_superfluous(self, best: Fit) -> Fit:
         """Without effects that are not worth it, or with special cases that do as well."""
         ours = frozenset(best.model.effects)
-        for instance in best.model.effects:
-            for key in self._plainer(ours, instance):
-                fit = self.fits.get(key)
-                if fit is not None and not self.prefers(best, fit):
-                    return self._without_superfluous(fit)
-        return best
+        keys = [key for each in best.model.effects for key in self._plainer(ours, each)]
+        plainer = [self.fits[key] for key in keys if key in self.fits]
+        enough = [fit for fit in plainer if not self.prefers(best, fit)]
+        return self._without_superfluous(min(enough, key=self.bic)) if enough else best
 
     def _plainer(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
         """The sets without an effect, and with a special case of it."""
@@ -183,21 +183,27 @@ class Tried:
             exchange: whether effects may be dropped and exchanged too.
         """
         self.grown.add((frozenset(fit.model.effects), exchange))
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share)
+        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
             rest = self.keep(without(fit, instance, self.windows, self.null))
             others = [c for c in self.candidates if c != instance]
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
-            self._add(rest, related, len(related), share)
-            self._add(rest, others, SEARCH.exchanges, share)
+            least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
+            self._add(rest, related, len(related), share, least)
+            self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
     def _add(
-        self, fit: Fit, candidates: Sequence[EffectInstance], most: int, share: BudgetShare
+        self,
+        fit: Fit,
+        candidates: Sequence[EffectInstance],
+        most: int,
+        share: BudgetShare,
+        least: float,
     ) -> list[Score]:
-        """Fits the most promising models of one effect more, where they were not tried already."""
+        """Fits the most promising models of one effect more, those that may gain the least."""
         ours = fit.model.effects
         new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
         if not new or len(ours) == SEARCH.most_effects:
@@ -209,7 +215,7 @@ class Tried:
         few, view = self.windows[some], fit.at(some)
         for score in scores:
             key = frozenset({*ours, score.instance})
-            if score.gain < SEARCH.promising or (key not in begun and len(begun) == most):
+            if score.gain < least or (key not in begun and len(begun) == most):
                 continue
             if share.used_up:
                 break
@@ -228,10 +234,21 @@ class Tried:
         return fit_model(fit.model, self.windows, fit.theta, fit.x0, iterations=8)
 
 
+def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_1"]:
+    """Variances of the random forces, and of the noise beyond the reported one; none if small."""
+    forces = np.where(evidence.std > SEARCH.least_force, evidence.std**2, 0.0)
+    noise = evidence.noise**2 - 1.0
+    return np.append(forces, noise if noise > SEARCH.least_noise else 0.0)
+
+
 def search(
     model: PlantModel, windows: Windows, candidates: Sequence[EffectInstance]
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
+
+    Where a model misses much its motions leave the measured ones, and answer to an effect in
+    another way than these. If the best model does, parts of the windows are searched too: short
+    motions stay close. What fits them is tried on the windows.
 
     A search whose share of the steps is used up ends with what it has seen.
 
@@ -241,9 +258,36 @@ def search(
         candidates: effects that may be missing.
     """
     share = model.budget.share(BUDGET.search)
+    tried, scores = _search(model, windows, candidates, share)
+    if tried.judged(tried.best()).deficient and not share.used_up:
+        short, _ = _search(model, windows.split(SEARCH.parts), candidates, share)
+        for fit in short.ranked[: SEARCH.hints]:
+            x0 = fit_initial_states(fit.model, tried.windows, fit.theta)
+            tried.keep(fit_model(fit.model, tried.windows, fit.theta, x0))
+        tried.weigh_by(tried.best())
+        scores = _improve(tried, share) or scores
+    best = tried.best()
+    ranked = tuple((fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit)))
+    return SearchResult(
+        best, tried.null, _first(best, ranked), tuple(scores), tried.windows, tried.judged(best)
+    )
+
+
+def _search(
+    model: PlantModel,
+    windows: Windows,
+    candidates: Sequence[EffectInstance],
+    share: BudgetShare,
+) -> tuple[Tried, list[Score]]:
+    """The models that were tried on some windows, and the scores of further effects."""
     null, windows = fit_nominal(model, windows)
     tried = Tried.begun(null, windows, candidates)
-    best, idle = tried.null, 0
+    return tried, _improve(tried, share)
+
+
+def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
+    """Tries the neighbours of the best models until none is better; scores of further effects."""
+    best, idle = tried.best(), 0
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
@@ -257,10 +301,7 @@ def search(
             best, idle = tried.best(), 0
         else:
             idle += 1
-    ranked = tuple((fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit)))
-    return SearchResult(
-        best, tried.null, _first(best, ranked), tuple(scores), tried.windows, tried.judged(best)
-    )
+    return scores
 
 
 def _first(best: Fit, ranked: Sequence[tuple[Fit, float]]) -> tuple[tuple[Fit, float], ...]:
@@ -274,12 +315,14 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
     it. That costs it its rank, but it is one effect away from what is there.
     """
-    most = tried.judged(best).deviance - tried.worth(best)
+    most = tried.judged(best).deviance - SEARCH.bic_gain
+    ours = frozenset(best.model.effects)
     open_ = [
         fit
         for fit in tried.ranked
         if (frozenset(fit.model.effects), tried.bic(fit) <= tried.bic(best)) not in tried.grown
         and (tried.judged(fit).deviance < most or tried.bic(fit) <= tried.bic(best))
+        and not ours < frozenset(fit.model.effects)
     ]
     rest = [fit for fit in open_ if fit is not best]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]

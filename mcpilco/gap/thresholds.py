@@ -26,6 +26,9 @@ class DataThresholds:
     shortest_hold_s: float = 5e-3
     """for which a command is held in a simulation, where the log has shorter ones [s]: of those,
     their mean, which keeps the impulse; what a joint moves meanwhile is far below any encoder"""
+    compared_s: float = 0.01
+    """between samples that are compared, where a log has more [s]: one between two others tells
+    nothing new of a motion"""
     latency_s: float = 0.06
     """at the start of a window that is not compared [s]: a sensor that lags sees what was before"""
     least_measured: float = 0.8
@@ -68,8 +71,10 @@ class BudgetThresholds:
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
-    """sampling time from which on this is so [s]; finer recordings take a step from sample to
-    sample, and may take as many more"""
+    """time for which a command is held from which on this is so [s]; a simulation takes a step for
+    each, so that of shorter ones it may take more"""
+    more: float = 2.0
+    """times as many, at most"""
     fit: float = 0.2
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7
@@ -117,6 +122,8 @@ class DisturbanceThresholds:
     most: float = 0.3
     """random force by which a fit is weighed at most [usual forces]: beyond, a model that misses
     much would be fitted to next to nothing"""
+    least_noise: float = 0.1
+    """noise by which a fit is weighed at least [reported noise]: smaller is rounding"""
 
 
 @dataclass(frozen=True)
@@ -131,6 +138,9 @@ class ScreenThresholds:
     """times the influence at three quarters of the windows that a signature may have in one [-]:
     near an unstable rest a small effect leads a motion anywhere (Hampel et al., Robust Statistics,
     1986, section 6.3)"""
+    farthest: float = 500.0
+    """change by an effect beyond which a simulation ran away, or the range of all motions where
+    that is more [noise std]"""
     separable: float = 1e-6
     """least part of a signature that the fitted parameters could not have made [-]: less is
     rounding"""
@@ -147,15 +157,18 @@ class SearchThresholds:
     Raftery, JASA 90, 1995)"""
     same_bic: float = 0.01
     """difference in BIC below which models do the same: rounding"""
-    part_of_rest: float = 0.05
-    """least part of the misfit beyond the noise that a further effect must explain [-]: so that
-    none is named for what is small beside a noise that is larger than reported"""
+    least_force: float = 0.004
+    """random force in a joint below which nothing is left of its forces [usual forces]"""
+    least_noise: float = 0.1
+    """variance of the noise beyond the reported one below which nothing is left of it [-]"""
     shortlist: int = 6
     """effects that are tried on a model, for the cost"""
     thinned: int = 2
     """they are fitted to one of so many windows, for the cost"""
     refined: int = 4
     """of these that are fitted to all windows, for the cost"""
+    part_of_exchanged: float = 0.1
+    """least part of what an effect explains that one must promise to be tried in its place [-]"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
@@ -169,6 +182,10 @@ class SearchThresholds:
     overrates what moves a motion far"""
     most_effects: int = 5
     """in a model, at most"""
+    parts: int = 4
+    """of a window, which are searched where the best model of whole windows misses much"""
+    hints: int = 4
+    """models of these that are fitted to whole windows"""
 
 
 @dataclass(frozen=True)

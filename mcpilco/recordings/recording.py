@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -116,6 +117,26 @@ class Recording:
     def every(self) -> int:
         """Inputs a sample, as they came."""
         return 1 if self.held is None else len(self.held) // len(self)
+
+    def every_nth(self, n: int) -> Recording:
+        """One of n samples; the inputs between keep their rate."""
+        rows = len(self) // n
+        held = self.driven(self.every)[: rows * n * self.every]
+        clock = self.by_clock
+        step = n * self.dt
+        return replace(
+            self,
+            time=step * np.arange(rows),
+            states=self.states[: rows * n : n],
+            inputs=held.reshape(rows, -1, held.shape[1]).mean(axis=1),
+            held=held,
+            by_clock=None if clock is None else clock[: len(clock) // len(self) * rows * n],
+            gaps=tuple(
+                (step * math.floor(a / step + 1e-6), step * math.ceil(b / step - 1e-6))
+                for a, b in self.gaps
+                if a < step * (rows - 1)
+            ),
+        )
 
     @property
     def clocked(self) -> Recording:

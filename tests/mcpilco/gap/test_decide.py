@@ -66,7 +66,7 @@ def searched(
 def test_a_force_is_left_beyond_what_small_errors_of_masses_make(
     std: float, noise: float, left: bool
 ) -> None:
-    assert decide.leaves_a_force(Evidence(0.0, np.array([0.0, std]), noise, 100)) == left
+    assert Evidence(0.0, np.array([0.0, std]), noise, 100).deficient == left
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,18 @@ def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
         G = np.where(windows.measured[w].reshape(-1, 1), G, 0.0)
         covariance = np.eye(len(G)) + G @ G.T
         squares = plain[w] @ np.linalg.solve(covariance, plain[w])
-        assert np.square(weighed[w]).sum() == pytest.approx(squares, rel=1e-9)
+        expected = squares / min(evidence.noise, 1.0) ** 2
+        assert np.square(weighed[w]).sum() == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("noise", "scale"), [(0.5, 2.0), (3.0, 1.0)])
+def test_noise_that_is_smaller_than_was_reported_counts_as_it_is(
+    noise: float, scale: float
+) -> None:
+    fit, _, disturbance = disturbed(4, STD)
+    white = disturbance.whitened(replace(disturbance.evidence(fit), noise=noise))
+    assert white.whitening is not None
+    assert white.whitening.a == pytest.approx(scale)
 
 
 def test_a_window_is_whitened_alike_among_others_and_alone() -> None:

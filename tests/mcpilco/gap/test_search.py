@@ -66,21 +66,34 @@ def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
     assert not any(UNEVEN in each and len(each) > 1 for each in sets)
 
 
-@pytest.mark.parametrize(("explained", "worth"), [(0.01, False), (0.2, True)])
-def test_an_effect_must_explain_a_part_of_what_is_left_over(
-    lagging: tuple[GapProblem, Windows, Fit], explained: float, worth: bool
+@pytest.mark.parametrize(
+    ("before", "after", "worth"),
+    [
+        ((0.05, 1.0), (0.04, 1.0), False),  # a random force, and a noise
+        ((0.05, 1.0), (0.03, 1.0), True),
+        ((0.05, 1.5), (0.05, 1.1), True),
+        ((0.003, 1.0), (0.003, 1.0), True),
+    ],
+    ids=["explains less", "explains more", "in a reading", "nothing is left"],
+)
+def test_an_effect_explains_as_much_as_it_leaves(
+    lagging: tuple[GapProblem, Windows, Fit],
+    before: tuple[float, float],
+    after: tuple[float, float],
+    worth: bool,
 ) -> None:
-    """However sure it is: beside what the machine does otherwise it is small."""
+    """However likely it is: what is left of a machine's forces has a form of its own."""
     _, windows, null = lagging
     tried = Tried.begun(null, windows, [])
     model, theta = null.model.grown(null.theta, DELAY, [0.01])
-    larger, samples = replace(null, model=model, theta=theta), 1_000_000
-    for fit, deviance in ((null, 3.0), (larger, 3.0 - 2.0 * explained)):
+    larger = replace(null, model=model, theta=theta)
+    for fit, (std, noise), deviance in ((null, before, 3e3), (larger, after, 1e3)):
         key = frozenset(fit.model.effects)
         tried.fits[key] = fit
-        tried.evidence[key] = Evidence(deviance * samples, np.zeros(1), 1.0, samples)
+        tried.evidence[key] = Evidence(deviance, np.array([std]), noise, 1000)
     assert tried.bic(null) - tried.bic(larger) > 1000.0
     assert tried.prefers(larger, null) == worth
+    assert (tried.best() is larger) == worth
 
 
 @pytest.mark.parametrize(("times", "meant"), [(2.0, True), (1e6, False)])

@@ -1,0 +1,237 @@
+"""What `mcpilco gap` finds in recordings of five real machines, in every direction of holding out.
+
+    python runs/real_machines/run.py --data FOLDER
+
+FOLDER holds a folder of recordings for each machine; README.md says which. Results are kept in
+results/, a file a question; the same command goes on where it was stopped, and rewrites README.md
+between its marked lines.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+
+sys.path.append(str(Path(__file__).parents[1]))  # what runs share, wherever it is run from
+
+from harness import fill, keep, use_one_thread
+from machines import MACHINES
+
+from mcpilco.compiling import digest
+from mcpilco.gap import Gap, investigate, to_json
+from mcpilco.logbook import read_json
+from mcpilco.sweep import machine, markdown
+
+HERE = Path(__file__).parent
+METHOD = digest("gap", "plant", "plant/effects", "plant/simulation", "bodies", "recordings")[:12]
+"""of the code that is tried"""
+MODELS = "nominal", "refit", "corrected"
+EARLY_S = 0.5
+"""after the start of a free run, at which errors are told besides [s]"""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Look for what is missing in the models of real machines."""
+
+    data: Path
+    """folder of the machines' folders"""
+    machines: tuple[Literal[*MACHINES], ...] = tuple(MACHINES)
+    """which of them"""
+    only_tables: bool = False
+    """run nothing: write the tables of the results that are there"""
+    workers: int = 2
+    """processes at a time"""
+    out: Path = HERE
+    """folder of results/ and README.md"""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a machine's recordings."""
+
+    machine: str
+    held_out: str
+    """name of the recordings that no fit may see"""
+    dt_ms: float
+    """sampling time at which motions are compared [ms]"""
+
+    @property
+    def file(self) -> str:
+        """Under results/."""
+        return f"{self.machine}/{self.held_out.replace(' ', '_')}_{self.dt_ms:g}ms.json"
+
+
+def questions(machines: tuple[str, ...] = tuple(MACHINES)) -> Iterator[Question]:
+    """All of some machines; other sampling times than the first are asked of one hold-out."""
+    for name in machines:
+        asked = MACHINES[name]
+        for number, held_out in enumerate(asked.held_out):
+            for dt_ms in asked.dts_ms if number == 0 else asked.dts_ms[:1]:
+                yield Question(name, held_out, dt_ms)
+
+
+def main() -> int:
+    arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.only_tables:
+        run(arguments)
+    write_readme(arguments.out)
+    print(f"Tables: {arguments.out / 'README.md'}")
+    return 0
+
+
+def run(arguments: Arguments) -> None:
+    """Asks what has no result yet, and keeps each as soon as it is there."""
+    results = arguments.out / "results"
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(arguments.workers, context) as pool:
+        waiting = {
+            pool.submit(solve, each, arguments.data): each
+            for each in questions(arguments.machines)
+            if not (results / each.file).exists()
+        }
+        for done in as_completed(waiting):
+            asked, found = waiting[done], done.result()
+            keep(results / asked.file, found)
+            names = [f"{e['name']} ({e['target']})" for e in found["effects"]]
+            print(f"{asked.file}: {found['verdict']}, {', '.join(names) or 'no effect'}")
+
+
+def solve(asked: Question, data: Path) -> dict[str, Any]:
+    """The content of `gap.json`, with the errors some time after a free run begins."""
+    use_one_thread()
+    spent = time.process_time()
+    gap = find(asked, data)
+    spent = time.process_time() - spent
+    return to_json(gap) | {
+        "early": _early(gap),
+        "cpu_s": spent,
+        "method": METHOD,
+        "host": machine(),
+    }
+
+
+def find(asked: Question, data: Path) -> Gap:
+    """What the workflow says."""
+    told = MACHINES[asked.machine]
+    recordings = told.recordings(data, asked.dt_ms / 1e3)
+    held_out = told.held_out[asked.held_out]
+    return investigate(told.plant(), recordings, free=told.free, held_out=held_out)
+
+
+def _early(gap: Gap) -> dict[str, float]:
+    """Errors [noise std] after `EARLY_S`, by model."""
+    if gap.comparison is None:
+        return {}
+    at = round(EARLY_S / gap.comparison.windows.dt)
+    return {name: float(gap.comparison.over_time[name][at]) for name in MODELS}
+
+
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    fill(out / "README.md", page(out / "results"), template=HERE / "README.md")
+
+
+def page(results: Path) -> list[str]:
+    """The parts of the page that results make."""
+    found = {q: read_json(results / q.file) for q in questions() if (results / q.file).exists()}
+    if not found:
+        return ["Not measured yet."]
+    parts = [_origin(found)]
+    for name in MACHINES:
+        own = {q: told for q, told in found.items() if q.machine == name}
+        if own:
+            parts += [f"### {name}", _effects_table(own), _errors_table(own)]
+    return parts
+
+
+def _origin(found: dict[Question, dict[str, Any]]) -> str:
+    old = sum(told["method"] != METHOD for told in found.values())
+    seconds = np.median([told["cpu_s"] for told in found.values()])
+    sentence = f"{len(found)} questions, a median of {seconds:.0f} CPU seconds each, on one thread."
+    return (
+        f"{sentence} {old} of them were asked of an earlier version of the code."
+        if old
+        else sentence
+    )
+
+
+def _effects_table(found: dict[Question, dict[str, Any]]) -> str:
+    rows = []
+    for asked, told in found.items():
+        own = (asked.held_out, f"{asked.dt_ms:g}", told["verdict"])
+        left = ", ".join(f"{f['std']:.3g} {f['unit']} ({f['joint']})" for f in told["left"])
+        effects = [_effect_cells(each) for each in told["effects"]]
+        effects = effects or [(f"closest: {', '.join(told['closest']) or '-'}", "", "", "")]
+        rows += [(*own, *effects[0], left), *(("", "", "", *cells, "") for cells in effects[1:])]
+    header = (
+        "held out",
+        "dt [ms]",
+        "verdict",
+        "effect",
+        "95 % interval",
+        "share [%]",
+        "probability [%]",
+        "force left",
+    )
+    return markdown(header, rows)
+
+
+def _effect_cells(effect: dict[str, Any]) -> tuple[str, ...]:
+    values = [
+        f"{symbol} = {e['value']:.4g} {e['unit']} ({e['low']:.4g} to {e['high']:.4g})"
+        for symbol, e in effect["parameters"].items()
+    ]
+    alike = effect["family"][1:]
+    name = f"{effect['name']} ({effect['target']})" + (f" or {', '.join(alike)}" if alike else "")
+    return (
+        name,
+        ", ".join(values),
+        f"{100 * effect['share']:.0f}",
+        f"{100 * effect['probability']:.0f}",
+    )
+
+
+def _errors_table(found: dict[Question, dict[str, Any]]) -> str:
+    """Free runs on the recordings that no fit has seen."""
+    rows = []
+    for asked, told in found.items():
+        error = told["error"]
+        if error is None:
+            continue
+        for state, by_model in error["channels"].items():
+            unit = error["units"][state]
+            cells = [f"{by_model[model]:.3g}" for model in (*MODELS, "noise_floor")]
+            rows.append((asked.held_out, f"{asked.dt_ms:g}", f"{state} [{unit}]", *cells, ""))
+        for label, errors in (("mean", error), (f"mean after {EARLY_S:g} s", told["early"])):
+            best = min(errors["nominal"], errors["refit"])
+            cells = [f"{errors[model]:.3g}" for model in MODELS]
+            floor = f"{error['noise_floor']:.3g}" if label == "mean" else ""
+            below = f"{100 * (1 - errors['corrected'] / best):.0f}"
+            rows.append(
+                (asked.held_out, f"{asked.dt_ms:g}", f"{label} [noise std]", *cells, floor, below)
+            )
+    header = (
+        "held out",
+        "dt [ms]",
+        "error of",
+        *MODELS,
+        "noise floor",
+        "below the better of nominal and refit [%]",
+    )
+    horizons = {told["error"]["horizon_s"] for told in found.values() if told["error"]}
+    spans = " or ".join(f"{seconds:g} s" for seconds in sorted(horizons))
+    return f"Free runs of {spans}, rms at their end:\n\n{markdown(header, rows)}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
