@@ -212,11 +212,6 @@ class Offscreen:
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         """An OpenGL context with the model's meshes and textures.
 
-        Args:
-            model: what is drawn.
-            width: of a picture [pixel].
-            height: of a picture [pixel].
-
         Raises:
             EnvError: there is no OpenGL here; the sentence says what to install.
         """

@@ -34,12 +34,6 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> None:
         """An env without a state yet.
 
-        Args:
-            swing_up: the task.
-            scene: a state in 3D.
-            picture: draws a state from the side.
-            render_mode: None or "rgb_array".
-
         Raises:
             InputError: another render mode.
         """
@@ -187,11 +181,6 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, single: SwingUpEnv, num_envs: int = 1, max_episode_steps: int | None = None
     ) -> None:
         """A batch of envs with the same physics.
-
-        Args:
-            single: the env to make many of.
-            num_envs: how many.
-            max_episode_steps: steps after which an episode is truncated; None never does.
 
         Raises:
             InputError: a number is no count.

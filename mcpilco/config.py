@@ -367,10 +367,6 @@ class Config(Checked):
 def from_dict(kind: type[Any], values: Mapping[str, Any]) -> Any:
     """A configuration from its JSON form, the inverse of `dataclasses.asdict`.
 
-    Args:
-        kind: `Config` or one of its parts.
-        values: what the JSON file holds.
-
     Raises:
         InputError: an entry is unknown, missing, or of another type.
     """

@@ -52,11 +52,7 @@ def title_of(measure: str) -> str:
 
 
 def html_table(rows: Sequence[Mapping[str, str]]) -> str:
-    """A table in HTML, as notebooks show it, under the columns that any row has.
-
-    Args:
-        rows: cells by the titles of their columns.
-    """
+    """A table in HTML, as notebooks show it, under the columns that any row has."""
     titles = dict.fromkeys(title for row in rows for title in row)
 
     def line(kind: str, cells: Iterable[str]) -> str:
@@ -198,11 +194,7 @@ class Prediction:
         return Prediction(self.states[..., :width], self.inputs, self.costs)
 
     def later(self, samples: int) -> Prediction:
-        """The same of an actuator that answers so much later: till then the states are the first.
-
-        Args:
-            samples: at least 0.
-        """
+        """The same of an actuator that answers so much later; till then states are the first."""
         T = len(self.costs)
         at = np.maximum(np.arange(T + 1) - samples, 0)
         return Prediction(self.states[at], self.inputs, self.costs[at[:T]])

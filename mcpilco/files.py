@@ -83,9 +83,7 @@ def destination(path: Path) -> Path:
 def make_folder(folder: Path, *names: str) -> None:
     """Make a folder to write into, where it is not there.
 
-    Args:
-        folder: to make.
-        names: of the files to be written, which must land in it.
+    All files of these names must land in it.
 
     Raises:
         RunFolderError: it cannot be made, or a file of that name is a link that leads out of it.
@@ -103,9 +101,7 @@ def make_folder(folder: Path, *names: str) -> None:
 def require_own(folder: Path, *paths: Path) -> None:
     """Make sure that what is written into a folder lands in it, whoever made the folder.
 
-    Args:
-        folder: to write into.
-        paths: in it, that are written; none: all that is there.
+    Without `paths`, of all that is there.
 
     Raises:
         RunFolderError: a link below it leads out of it, or a device, a pipe or a socket is there.

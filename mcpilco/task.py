@@ -179,9 +179,6 @@ class TaskSpec:
     def after_inputs(self, memory: int) -> TaskSpec:
         """The same of states behind which the last inputs stand, newest first; they start at 0.
 
-        Args:
-            memory: how many are remembered; 0 changes nothing.
-
         Raises:
             InputError: the states are measured in part.
         """

@@ -67,11 +67,6 @@ def through_bases(bases: Bases, mean: Float[Tensor, "*b D"], cov: Float[Tensor, 
 
     The noise of measurements is not added to S. Differentiable in all arguments.
 
-    Args:
-        bases: the functions.
-        mean: m, in the units of the inputs.
-        cov: s; may be singular or zero.
-
     Raises:
         torch.linalg.LinAlgError: s is no covariance: s + D_k is not positive definite.
 

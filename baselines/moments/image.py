@@ -58,10 +58,6 @@ class Gaussian:
 
         An entry z is correlated with y through the function's inputs x: cov(z, y) = cov(z, x) V.
 
-        Args:
-            entries: which of them the function has as its inputs.
-            image: what it makes of them.
-
         Reference: DFR on trajectory prediction: the chain of cross-covariances.
         """
         cross = self.cov[..., list(entries)] @ image.slope

@@ -62,11 +62,6 @@ def through_trig(
 ) -> Image:
     """The moments of (sin q_1, cos q_1, sin q_2, cos q_2, ...) of some entries q of x [rad].
 
-    Args:
-        mean: of x.
-        cov: of x.
-        angles: which entries are angles.
-
     As cos q = sin(q + pi / 2), all are sines.
     """
     twice = [angle for angle in angles for _ in range(2)]

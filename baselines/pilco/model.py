@@ -110,12 +110,7 @@ class PilcoModel(Model):
     gp: CurbedGP
 
     def __init__(self, config: PilcoConfig, task: TaskSpec) -> None:
-        """A model that has seen nothing yet.
-
-        Args:
-            config: the curbs.
-            task: names, angles and velocities of the state.
-        """
+        """A model that has seen nothing yet."""
         super().__init__(ModelConfig(kernel="rbf", integration="full"), task)
         kernel = self.gp.kernel
         assert isinstance(kernel, RBF), "the configuration says so"

@@ -205,10 +205,6 @@ class TunedPreset(Preset):
 def read_presets(path: str | Path, config_type: type[SB3Config]) -> dict[str, SB3Config]:
     """The numbers in a YAML file, by env id.
 
-    Args:
-        path: of the file.
-        config_type: of the algorithm.
-
     Raises:
         InputError: the file cannot be read, or an entry is unknown or of another type.
     """

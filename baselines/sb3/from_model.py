@@ -114,10 +114,6 @@ def warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = Non
 def stored_source(path: Path, agent: Any) -> MCPILCO:
     """The agent of a run of MC-PILCO, after its last trial, as the source of a warm start.
 
-    Args:
-        path: of the run folder.
-        agent: new, of SAC or TQC, for the same system.
-
     Raises:
         InputError: the run is of another algorithm or system, or its cost is not that of the
             rewards; or the new agent cannot use it.

@@ -62,9 +62,6 @@ class Imagination:
     def __init__(self, source: MCPILCO) -> None:
         """The model of an agent.
 
-        Args:
-            source: has done a trial.
-
         Raises:
             InputError: it has done none, or measures a part of its states.
             NotPositiveDefiniteError: the model cannot be conditioned on the data.
@@ -95,11 +92,6 @@ class Imagination:
 
     def rollouts(self, policy: Any, count: int, generator: torch.Generator) -> Imagined:
         """Transitions of so many particles that follow a policy.
-
-        Args:
-            policy: acts, see `mcpilco.typing.Policy`.
-            count: how many particles.
-            generator: of starts and noise.
 
         Raises:
             InputError: the model predicts nothing finite.

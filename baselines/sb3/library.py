@@ -43,11 +43,6 @@ CLASSES: dict[str, Any] = {"sac": SAC, "tqc": TQC, "ppo": PPO}
 def vector_of(env: gym.Env, count: int, viewed: Callable[[gym.Env], gym.Env]) -> DummyVecEnv:
     """The env, and copies of it, as the library steps them together.
 
-    Args:
-        env: the first.
-        count: how many they are together.
-        viewed: what is made of each.
-
     Raises:
         InputError: copies are asked for, and the env does not say how it is made.
     """

@@ -96,14 +96,7 @@ class MarkedArm:
         camera: Camera,
         rng: np.random.Generator,
     ) -> Mapping[str, Float[np.ndarray, " N"]]:
-        """Named columns as `mcpilco kinematics` reads them; names are sorted and give nothing away.
-
-        Args:
-            time: of the frames [s].
-            q: true joint positions, along the chain [rad or m].
-            camera: its errors.
-            rng: draws them.
-        """
+        """Named columns as `mcpilco kinematics` reads them; sorted names give nothing away."""
         positions, quaternions = camera.look(*self.poses(q), rng)
         measured = q + camera.encoder_std * rng.standard_normal(q.shape)
         joints, markers = np.argsort(self.joints), np.argsort(self.markers)

@@ -127,10 +127,7 @@ def difference(task: TaskSpec, other: TaskSpec) -> tuple[str, Any, Any] | None:
 def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
     """Read a file, for the time in which an agent is made of it.
 
-    Args:
-        path: of the file.
-        algo: the algorithm of the agent; a file that names none is of `mcpilco`.
-        kind: what the files of this algorithm hold.
+    A file that names no algorithm is of `mcpilco`.
 
     Raises:
         RunFolderError: the file is missing or damaged, or the agent cannot be made of it.

@@ -46,9 +46,6 @@ def guess_task(env: gym.Env) -> Guess | None:
     """The task of an env, as far as it can be guessed; None where it cannot.
 
     The env is reset, from seeds of its own, to see where episodes start.
-
-    Args:
-        env: with one-dimensional Box spaces.
     """
     for source, guessed in SOURCES:
         task = guessed(env)

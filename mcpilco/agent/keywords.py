@@ -29,11 +29,7 @@ REMEDIES = {
 def refuse_keywords(what: str, given: Iterable[str], known: Iterable[str], config: type) -> None:
     """Say of keywords that are not known what to use in their place.
 
-    Args:
-        what: the function that was called, such as `MCPILCO`.
-        given: the keywords that it does not have.
-        known: those that it has.
-        config: the dataclass of the agent's numbers, which may have an entry of that name.
+    `config` is the dataclass of the agent's numbers, which may have an entry of such a name.
 
     Raises:
         TypeError: there are any.

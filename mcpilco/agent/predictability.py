@@ -45,11 +45,6 @@ def state_gains(
     Two Gaussian processes predict the change of each state, one from (x_t, u_t), one from
     (x_t, u_t, x_{t-1}, u_{t-1}), and are judged on held-out samples. Where the state is
     Markov the second is better only by averaging noise.
-
-    Args:
-        task: says which states are angles.
-        episodes: of random inputs.
-        rng: chooses the samples, and resamples their errors.
     """
     usable = [episode for episode in episodes if len(episode) >= 2]
     if sum(len(episode) - 1 for episode in usable) < 40:
@@ -72,11 +67,6 @@ def state_gains(
 
 def reward_share(task: TaskSpec, episodes: Sequence[Rollout], rng: np.random.Generator) -> float:
     """The share of the rewards' variance that the state after the step and its input tell [-].
-
-    Args:
-        task: says which states are angles.
-        episodes: of random inputs.
-        rng: chooses the samples.
 
     Returns:
         1 where all is predicted, 0 or less where nothing is, NaN where all rewards are equal.

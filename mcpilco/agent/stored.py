@@ -117,15 +117,7 @@ def begin_run(
 ) -> RunFolder:
     """A new run folder, whose `config.json` says all that the training is begun with.
 
-    Args:
-        path: of the folder.
-        agent: which has learned nothing yet.
-        algo: name by which its class is found.
-        env: Gymnasium id of its env.
-        env_kwargs: keywords that it was made with.
-        preset: name of the agent's numbers.
-        trials: policies to learn.
-        more: further entries.
+    The `agent` has learned nothing yet; `algo` is the name by which its class is found.
 
     Raises:
         RunFolderError: the folder is there already, or cannot be written.

@@ -179,13 +179,7 @@ class TrialAgent(ABC):
 
     @abstractmethod
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
-        """Improve the policy from all data so far, and try it for an episode.
-
-        Args:
-            trial: 1, 2, ..., of all calls of `learn`.
-            steps: of the env, that are left to this call.
-            events: called as it goes on.
-        """
+        """Improve the policy from all data so far, and try it for an episode."""
 
     def _run_episode(
         self, act: Act, trial: int, steps: int, episode: int = 0

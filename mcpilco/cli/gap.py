@@ -181,11 +181,7 @@ def show_gap(
 ) -> int:
     """Print the summary of an investigation, draw its page and film, and return the exit code.
 
-    Args:
-        gap: the investigation.
-        out: folder of its files.
-        written: which are there already. What cannot be drawn loses nothing else.
-        begin: is called with the name of each stage.
+    What cannot be drawn loses nothing else. `begin` is called with the name of each stage.
     """
     from mcpilco.gap import summary
     from mcpilco.show import write_gap_film

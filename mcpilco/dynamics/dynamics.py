@@ -34,12 +34,7 @@ class Increment:
         return (transitions.next_states - transitions.states)[:, list(self.predicted)]
 
     def remembering(self, inputs: int, memory: int) -> Increment:
-        """The same of states behind which the last commands stand, newest first.
-
-        Args:
-            inputs: U.
-            memory: how many commands are remembered; 0 changes nothing.
-        """
+        """The same of states behind which the last commands stand, newest first."""
         X, E, more = len(self.A), self.B.shape[1], inputs * memory
         A, B, C = (np.zeros((X + more, width)) for width in (X + more, E, inputs))
         A[:X, :X], B[:X], C[:X] = self.A, self.B, self.C

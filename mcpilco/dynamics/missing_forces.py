@@ -54,10 +54,6 @@ class MissingForces:
     def __init__(self, plant: Plant, task: TaskSpec) -> None:
         """Forces that are zero: nothing is known to be missing.
 
-        Args:
-            plant: whose equations lack them.
-            task: names states and inputs.
-
         Raises:
             InputError: so many joints have more monomials than can be learned.
         """

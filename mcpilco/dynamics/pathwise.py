@@ -68,10 +68,6 @@ class PathSampler:
         """A function for each particle and output.
 
         They are independent, but for the random frequencies, of which neighbours share a set.
-
-        Args:
-            particles: P.
-            generator: source of the numbers.
         """
         posterior = self.posterior
         prior = [part.draw(particles, generator) for part in self._parts]

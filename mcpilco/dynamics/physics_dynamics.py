@@ -53,12 +53,7 @@ class PhysicsDynamics:
         return PhysicsDynamics(self.physics.weakened(share), self.model, self._rows)
 
     def draw(self, particles: int, generator: torch.Generator) -> PhysicsDraw:
-        """Dynamics in which each particle has parameters of its own.
-
-        Args:
-            particles: P.
-            generator: source of the choice.
-        """
+        """Dynamics in which each particle has parameters of its own."""
         chosen = torch.randint(len(self._numbers), (particles,), generator=generator)
         return PhysicsDraw(
             self.model, self.program, self._numbers[chosen], self._weights[..., chosen]

@@ -131,9 +131,6 @@ class Posterior:
         A further sample has as much more noise as rounding makes of a large prior variance. Where
         their covariance has no Cholesky factor all the same, they are left out.
 
-        Args:
-            steps: the samples, of each of the batch its own.
-
         Reference: R&W eq. (2.25), the posterior in the place of the prior.
         """
         told, X = steps.told[..., None, :], steps.X[..., None, :, :]  # *b 1 T, *b 1 T D

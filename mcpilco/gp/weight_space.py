@@ -49,11 +49,8 @@ class WeightSpaceGP(GP):
 
     Worth it where there are fewer monomials than samples.
 
-    Args:
-        kernel: its monomials must be few enough for matrices of them.
-        noise_std: as of `GP`.
-        noise_floor: as of `GP`.
-        names: as of `GP`.
+    The monomials of its kernel must be few enough for matrices of them; other arguments are those
+    of `GP`.
     """
 
     kernel: VolterraKernel

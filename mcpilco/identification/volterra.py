@@ -78,14 +78,7 @@ class VolterraConfig:
 
 
 def prior(config: VolterraConfig, outputs: Sequence[str], channels: int, samples: int) -> GP:
-    """A GP of the config's kernel, in weight space where that is the smaller one.
-
-    Args:
-        config: which series and prior.
-        outputs: their names.
-        channels: how many inputs.
-        samples: how many there are to fit to.
-    """
+    """A GP of the config's kernel, in weight space where that is the smaller one."""
     width = channels * (config.lags + 1)
     full = config.kernel.startswith("sed-mpk")
     each = {"channels": channels} if full else {}
@@ -355,9 +348,7 @@ def load_volterra(path: str | Path) -> VolterraModel:
 def fit_percent(z: Float[np.ndarray, " N"], predicted: Float[np.ndarray, " N"]) -> float:
     """100 (1 - |z - predicted|_1 / |z - mean z|_1) [%]: 100 is perfect, 0 as good as the mean.
 
-    Args:
-        z: true outputs; pairs with a NaN are left out.
-        predicted: what a model says of them.
+    Pairs with a NaN are left out.
 
     Reference: thesis section 6.5.1.
     """

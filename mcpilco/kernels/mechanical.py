@@ -198,10 +198,6 @@ class GIP(Product):
     z is [cos(hinges), sin(hinges), slides, products of velocities, accelerations]: what
     `mcpilco.dynamics.features.JointPolynomials` makes of q, q' and q''.
 
-    Args:
-        kinds: of the J joints, `hinge` or `slide` each.
-        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
-
     Reference: thesis eqs. (3.8), (3.10) and (3.11), proposition 3.3.1.
     """
 

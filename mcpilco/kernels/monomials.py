@@ -67,12 +67,7 @@ def _accumulate(total: dict[tuple[int, ...], Tensor], more: dict[tuple[int, ...]
 
 
 class MonomialBasis:
-    """All monomials of D regressors up to degree r, each once, without factors before them.
-
-    Args:
-        width: D.
-        degree: r.
-    """
+    """All monomials of D regressors up to degree r, each once, without factors before them."""
 
     def __init__(self, width: int, degree: int) -> None:
         self.width, self.degree = width, degree

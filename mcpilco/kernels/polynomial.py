@@ -66,11 +66,6 @@ class MPK(Kernel):
     are sums sigma_p = a_p + a_{p+1} + ... + a_degree of positive steps a, `offset_steps` and
     `weight_steps`. Small a_pd for all p > q keep the degree of the d-th regressor at q or below.
 
-    Args:
-        width: D, how many regressors it sees.
-        degree: how many factors, and so the degree of the polynomials.
-        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
-
     Reference: thesis eqs. (5.10), (6.24) and (6.28).
     Differs: the offsets have the hierarchy too.
     """

@@ -35,11 +35,6 @@ class Map(NamedTuple):
 class VolterraKernel(Kernel):
     """k(x, x') = k_0 + sum_{i=1..degree} v_i prod_{p=1..i} x^T S_ip x', with diagonal S_ip.
 
-    Args:
-        width: D, how many lagged inputs it sees.
-        degree: r, of the series.
-        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
-
     Reference: thesis eqs. (6.32) to (6.34).
     """
 
@@ -99,9 +94,6 @@ class VolterraKernel(Kernel):
 
     def weight_covariance(self, basis: MonomialBasis) -> Float[Tensor, "*b F F"]:
         """Lambda, with k(x, x') = phi(x)^T Lambda phi(x') for the monomials phi of a basis.
-
-        Args:
-            basis: of the kernel's width and degree.
 
         Reference: thesis eqs. (6.21) and (6.27).
         """

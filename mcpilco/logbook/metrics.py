@@ -82,10 +82,6 @@ def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def check_values(path: Path, values: Mapping[str, Any]) -> None:
     """Make sure that these are values of a trial, which can take their row in metrics.csv.
 
-    Args:
-        path: where they were read, for the message.
-        values: what `values_of` says of a trial, or a file that claims so.
-
     Raises:
         RunFolderError: an entry is missing, or of another type.
     """

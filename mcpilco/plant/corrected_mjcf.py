@@ -40,11 +40,6 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
     MuJoCo's own writer saves it: with what the file included, without its comments, numbers to six
     digits.
 
-    Args:
-        source: MJCF file of the nominal model.
-        correction: of the plant that this file is.
-        path: the file to write.
-
     Returns:
         A sentence for each effect and learned force that MJCF cannot say, with what to do instead.
 
@@ -67,11 +62,6 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
 
 def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
     """Writes a changed model; the paths of meshes and textures still lead to their files.
-
-    Args:
-        spec: the model.
-        source: file that it was read from.
-        path: the file to write.
 
     Raises:
         InputError: MuJoCo refuses the model.

@@ -168,10 +168,6 @@ def read_correction(path: str | Path, effects: Own | Iterable[Own] = ()) -> Corr
 def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correction:
     """The correction that the JSON object of a file describes.
 
-    Args:
-        content: the object.
-        effects: a user's own effects, as in `read_correction`.
-
     Raises:
         InputError: a part is missing, unknown or of another kind.
     """
@@ -275,10 +271,6 @@ def register_plant(name: str, make: Callable[[], Plant]) -> None:
     """Makes a plant known by name, so that files can name it without holding code.
 
     Another package does so when it is imported, as `envs` does.
-
-    Args:
-        name: that of the plant, which corrections name too.
-        make: returns the nominal plant.
     """
     _KNOWN[name] = make
 

@@ -17,12 +17,7 @@ class Inertials:
     """
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-        """Takes the numbers of a compiled model.
-
-        Args:
-            spec: what the numbers are written to.
-            model: what it compiles to.
-        """
+        """Takes the numbers of a compiled model."""
         self._spec, self._model = spec, model
         self._mass = model.body_mass.copy()
         self._center = model.body_ipos.copy()

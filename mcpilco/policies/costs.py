@@ -162,12 +162,7 @@ def costs_along(
 
 
 def held(values: Float[np.ndarray, " T"], steps: int) -> Float[np.ndarray, " steps"]:
-    """The values, the last one repeated until there are `steps`: for an episode that ended early.
-
-    Args:
-        values: one or more, at most `steps`.
-        steps: of a whole episode.
-    """
+    """The values, the last one repeated up to `steps`: for an episode that ended early."""
     return np.concatenate([values, np.full(steps - len(values), values[-1])])
 
 

@@ -201,10 +201,6 @@ def arm_samples(log: ArmRecording, window: int = WINDOW) -> ArmSamples:
     Derivatives see the past only, as a detector does; the first samples after a gap have none and
     are left out.
 
-    Args:
-        log: the recording.
-        window: samples over which a derivative is taken.
-
     Raises:
         InputError: at half of the samples something is not known.
     """

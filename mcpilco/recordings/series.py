@@ -75,11 +75,6 @@ def read_series(path: str | Path, inputs: Sequence[str], outputs: Sequence[str])
 
     Where there is a column `time` its steps must be even.
 
-    Args:
-        path: of the file.
-        inputs: names of the columns of inputs.
-        outputs: names of those of outputs.
-
     Raises:
         RecordingError: the file cannot be read, lacks a column, or its steps are uneven.
     """

@@ -58,10 +58,7 @@ class Schedule:
     def __init__(self, config: SearchConfig, steps: int, entered: int = 0) -> None:
         """A schedule.
 
-        Args:
-            config: its phases.
-            steps: all of them.
-            entered: how many of them are taken as done.
+        So many `steps` in all, of which those `entered` are taken as done.
         """
         self.phases = config.phases
         self.widest = config.widening

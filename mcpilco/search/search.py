@@ -170,13 +170,7 @@ class Descent:
     """One start on its way: the settings of its next step, and whether there is one."""
 
     def __init__(self, search: PolicySearch, trial: int, starts: Starts) -> None:
-        """A descent before its first step.
-
-        Args:
-            search: what it is part of.
-            trial: 1, 2, ..., for the schedules.
-            starts: those before it, and how this one begins.
-        """
+        """A descent before its first step."""
         self.step = 0
         """steps done"""
         self.over = False
@@ -252,10 +246,7 @@ class PolicySearch:
     ) -> None:
         """A search.
 
-        Args:
-            config: its numbers.
-            generator: source of particles and masks.
-            report: called after each step with (steps done, present upper bound, values by name).
+        `report` is called after each step with (steps done, present upper bound, values by name).
         """
         self.config = config
         self.generator = generator
@@ -359,12 +350,7 @@ def follow(
 
     Reference: numerical continuation, Allgower and Georg (1990), applied to policies.
 
-    Args:
-        search: how policies are sought in each model on the way.
-        problem: what is minimised; it has easier dynamics.
-        policy: the first start in the easiest of them.
-        fresh: makes a random policy.
-        trial: 1, 2, ..., for the schedules.
+    Arguments are those of `PolicySearch.run`; the problem has easier dynamics.
     """
     way = _Way(search, problem, fresh, trial)
     share, stride = 0.0, FIRST_STRIDE

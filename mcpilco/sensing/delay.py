@@ -55,13 +55,7 @@ class DelayModel:
         return states.repeat(*[1] * (states.ndim - 1), self.delay.memory + 1)
 
     def observe(self, measured: State, memory: Memory, begun: Begun = None) -> tuple[State, Memory]:
-        """The prediction that the policy acts on, and the memory with this measurement.
-
-        Args:
-            measured: of the states in which the next inputs will act.
-            memory: of `begin`, or of the step before.
-            begun: where an episode begins at what is measured now.
-        """
+        """The prediction that the policy acts on, and the memory with this measurement."""
         if begun is not None:
             memory = torch.where(begun[..., None], self.begin(measured), memory)
         X = measured.shape[-1]
@@ -148,13 +142,7 @@ class StateTracker:
 
     @torch.no_grad()
     def observe(self, measured: State, memory: Track, begun: Begun = None) -> tuple[State, Track]:
-        """The state in which the next command will act, and the memory with this measurement.
-
-        Args:
-            measured: the states now.
-            memory: of `begin`, or of the step before.
-            begun: which of the batch begin an episode now, whatever the memory holds.
-        """
+        """The state in which the next command will act, and the memory with this measurement."""
         begun = memory.begun if begun is None else memory.begun | begun
         past = torch.where(begun[..., None, None], 0.0, memory.past)
         memory = dataclasses.replace(memory, past=past)

@@ -85,11 +85,7 @@ def _product(
 
 
 def kalman(motion: Motion) -> LinearEstimator:
-    """The Kalman filter of a motion: its estimate is the best of all linear ones, if the motion is.
-
-    Args:
-        motion: how the state moves, and how it is measured.
-    """
+    """The Kalman filter of a motion: the best of all linear estimates, if the motion is linear."""
     arrays = motion.A, motion.C, motion.gains(), motion.start_mean
     return LinearEstimator(*map(torch.from_numpy, arrays))
 
@@ -189,11 +185,6 @@ class Observer:
         return len(self.noise_std)
 
     def measured(self, states: State, noise: Measured) -> Measured:
-        """Noisy measurements of the states.
-
-        Args:
-            states: the true ones.
-            noise: standard normal numbers.
-        """
+        """Noisy measurements of the states."""
         seen = states if self.C is None else states @ self.C.T
         return seen + self.noise_std * noise

@@ -68,13 +68,7 @@ class Motion:
     def of(
         cls, task: TaskSpec, change_std: Float[np.ndarray, " E"], noise_std: Float[np.ndarray, " Y"]
     ) -> Motion:
-        """The motion of a task's states.
-
-        Args:
-            task: pairs of position and velocity, what is measured, where episodes start.
-            change_std: as above.
-            noise_std: as above.
-        """
+        """The motion of a task's states."""
         law, width = speed_integration(task), len(task.state_names)
         # W = B B^T s^2, and what an acceleration that is not constant within the step adds
         shape = np.einsum("ie,je->eij", law.B, law.B)

@@ -26,12 +26,7 @@ TURN = 2 * np.pi
 
 
 def state_of(task: TaskSpec, observation: Float[np.ndarray, "*b O"]) -> Float[np.ndarray, "*b X"]:
-    """The state that an observation tells, angles of cosines and sines within +-pi.
-
-    Args:
-        task: says where each state is observed.
-        observation: in the env's units.
-    """
+    """The state that an observation tells, angles of cosines and sines within +-pi."""
     if not task.observed:
         return observation
     columns = [
@@ -97,12 +92,7 @@ class Perception:
     """
 
     def __init__(self, config: EstimatorConfig, task: TaskSpec) -> None:
-        """A perception that has seen nothing yet: until it has, velocities are differences.
-
-        Args:
-            config: its numbers.
-            task: which states are measured, and how exactly.
-        """
+        """A perception that has seen nothing yet: until it has, velocities are differences."""
         self.config = config
         self.task = task
         self.estimator: LinearEstimator = differences(task, config.low_pass)
@@ -129,11 +119,7 @@ class Perception:
         return dataclasses.replace(record, estimates=estimates, smoothed=smoothed)
 
     def adapted(self, rows: Transitions) -> Perception:
-        """The same with the estimator fitted to all that was learned.
-
-        Args:
-            rows: smoothed states of all episodes so far.
-        """
+        """The same with the estimator fitted to all that was learned."""
         adapted = copy.copy(self)
         if self.config.kind == "kalman":
             changes = speed_integration(self.task).targets(rows)

@@ -75,25 +75,14 @@ class StatePredictor:
     def step(
         self, states: State, commands: Commands, following: State
     ) -> tuple[Float[Tensor, "*b D"], Float[Tensor, "*b E"]]:
-        """Regressors and changes of a measured step, for a model to learn.
-
-        Args:
-            states: when it began.
-            commands: that of the step, and those before it, newest first.
-            following: measured at its end.
-        """
+        """Regressors and changes of a measured step, for a model to learn."""
         acting, turned = self.delay.acting(commands)
         asked = self._asked(states, acting, turned if self.delay.part else None)
         return asked, (following - states)[..., self.dynamics.predicted]
 
     @torch.no_grad()
     def __call__(self, states: State, past: Float[Tensor, "*b M U"]) -> State:
-        """The expected states after the delay.
-
-        Args:
-            states: now.
-            past: the commands before the one that is sought, newest first.
-        """
+        """The expected states after the delay."""
         if not self.knows:
             return states
         part, whole = self.delay.part, self.delay.whole
@@ -105,21 +94,13 @@ class StatePredictor:
         return states[..., 0, :]
 
     def after_step(self, states: States, commands: Commands) -> States:
-        """The expected states at the end of a step, of N at its beginning.
-
-        Args:
-            states: at the beginning.
-            commands: that of the step, and those before it, newest first.
-        """
+        """The expected states at the end of a step, of N at its beginning."""
         return self._stepped(states, commands[..., self.delay.whole :, :])
 
     def along(self, states: State, commands: Commands, following: State) -> State:
         """Where positions are expected at the end of a step along which velocities are known.
 
-        Args:
-            states: at the beginning.
-            commands: that of the step, and those before it, newest first.
-            following: at the end; so are all states of the answer that are no such positions.
+        All states of the answer that are no such positions are those of `following`.
         """
         known = self.dynamics
         expected = self.after_step(states[..., None, :], commands)[..., 0, :]
@@ -134,11 +115,6 @@ class StatePredictor:
 
         Of a change that is what the posterior says; of a position also what is left out where it is
         integrated at constant acceleration.
-
-        Args:
-            states: at the beginning.
-            commands: that of the step, and those before it, newest first.
-            following: expected at the end.
         """
         known, (acting, turned) = self.dynamics, self.delay.acting(commands)
         asked = self._asked(states, acting, turned if self.delay.part else None)
@@ -198,13 +174,7 @@ class StatePredictor:
     def _change(
         self, states: States, inputs: Inputs, turned: Inputs | None = None
     ) -> Float[Tensor, "*b N E"]:
-        """The expected changes in a step.
-
-        Args:
-            states: before it.
-            inputs: mean of those that act in it.
-            turned: by how much they change in it; None: not at all.
-        """
+        """The expected changes in a step."""
         change = None if turned is None else for_each(states, turned)
         asked = self._asked(states, for_each(states, inputs), change)
         return (self._learned or self.dynamics.posterior).mean(asked)

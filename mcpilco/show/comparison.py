@@ -64,9 +64,7 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
     curves.png         learning curves
     seeds.png          how the seeds are spread
 
-    Args:
-        found: the runs.
-        out: folder; what an earlier comparison left there is replaced.
+    What an earlier comparison left in the folder is replaced.
 
     Raises:
         InputError: matplotlib is missing.
@@ -242,11 +240,6 @@ def _upper(text: str) -> str:
 
 def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
     """Learning curves, a panel a measure, with the intervals over seeds as bands.
-
-    Args:
-        path: of the picture.
-        runs: in the order of their colours.
-        rows: of `estimates`.
 
     Raises:
         InputError: matplotlib is missing.

@@ -51,10 +51,7 @@ class Film:
     def __init__(self, rec: rr.RecordingStream, reels: Sequence[Reel], live: bool = False) -> None:
         """An empty film.
 
-        Args:
-            rec: where it is written to.
-            reels: one run, or two of one system to be overlaid.
-            live: trials are to come; follow them.
+        It is of one run, or of two of one system to be overlaid; `live` ones follow trials to come.
 
         Raises:
             InputError: the runs are not of one system.
@@ -70,11 +67,7 @@ class Film:
         _require_one_system(reels)
 
     def add(self, trials: Sequence[PastTrial | None]) -> None:
-        """Show a trial after those shown so far.
-
-        Args:
-            trials: of each run the trial of one number; None where a run has it not.
-        """
+        """Show a trial after those shown so far."""
         shown = [trial for trial in trials if trial is not None]
         dt = shown[0].rollout.dt
         steps = max(len(trial.rollout) for trial in shown)

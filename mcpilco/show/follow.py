@@ -19,13 +19,7 @@ class Follower:
     """
 
     def __init__(self, run: RunFolder, scene: Scene | None, rec: rr.RecordingStream) -> None:
-        """A follower that has seen nothing yet.
-
-        Args:
-            run: a folder that is being written.
-            scene: how to draw a state in 3D.
-            rec: where the film goes.
-        """
+        """A follower that has seen nothing yet."""
         self.run = run
         self._scene = scene
         self._rec = rec

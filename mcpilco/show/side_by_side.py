@@ -138,10 +138,6 @@ CLIPS = 12
 def write_gap_film(gap: Gap, path: Path) -> Path:
     """The path of the recording written; the window that is missed most comes first.
 
-    Args:
-        gap: of which it tells.
-        path: where the .rrd file goes.
-
     Raises:
         InputError: the recordings were too poor to compare anything.
         RunFolderError: the file cannot be written.
@@ -203,12 +199,6 @@ def _apart(found: Comparison) -> list[int]:
 
 def write_crossing_film(path: Path, legs: Mapping[str, Crossing], scene: Scene, name: str) -> Path:
     """The path of the recording written: an episode of each policy on the system and as promised.
-
-    Args:
-        path: where the .rrd file goes.
-        legs: policies by the simulation that they were trained in.
-        scene: how to draw a state in 3D.
-        name: what the viewer calls the recording.
 
     Raises:
         RunFolderError: the file cannot be written.

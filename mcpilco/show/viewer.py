@@ -65,9 +65,7 @@ def open_viewer(
 def live_viewer(*, web: bool = False, tell: Tell = logger.info) -> Iterator[LiveViewer]:
     """A viewer that waits for what is streamed to it; it ends with the context.
 
-    Args:
-        web: as for `open_viewer`.
-        tell: the same.
+    Arguments are those of `open_viewer`.
 
     Raises:
         InputError: there is no display to open a window on, or the viewer does not start.

@@ -34,12 +34,6 @@ class FreshEpisodes:
     ) -> None:
         """Opens the env.
 
-        Args:
-            env: Gymnasium id.
-            env_kwargs: keywords it is made with.
-            episodes: M, how many a policy is judged by.
-            horizon: most steps of an episode.
-
         Raises:
             EnvError: the env cannot be made.
         """
@@ -58,11 +52,6 @@ class FreshEpisodes:
 
     def outcomes(self, begin: Callable[[], Act], seed: int, trial: int) -> Outcomes:
         """Returns and outcomes of a policy over the episodes.
-
-        Args:
-            begin: makes what acts for one episode, or for a batch that begins together.
-            seed: of the training that the policy comes from.
-            trial: of that training.
 
         Raises:
             EnvError: the env returned a value that is not finite.

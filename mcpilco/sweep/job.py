@@ -83,10 +83,6 @@ def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
 
     Judging the policies touches no random number of the training, and no time of its trials.
 
-    Args:
-        settings: of the sweep.
-        seed: of everything random.
-
     Raises:
         McPilcoError: the env does not fit, or misbehaves.
     """

@@ -36,10 +36,6 @@ def summarise(
 ) -> dict[str, Any]:
     """Statistics over the seeds of a sweep, as JSON values.
 
-    Args:
-        results: of `run_seed`, by seed.
-        failures: why the other seeds failed.
-
     Returns:
         `trials`: statistics of each; `run`: of whole trainings; `solved`: share of the seeds of
         which any test rollout succeeded; `by_seed`: what is told of each; `machines`: where.

@@ -193,18 +193,9 @@ def _pair(functions, trace, t, p, z, w, own, T, constant):
 def join_back(functions, entries, first, mean, cov, to_mean, to_cov, trace, t, learned):
     """Add to the gradients of the entries before `first` what comes from those after.
 
-    Args:
-        functions: as for `join`, as are the arguments up to `cov`.
-        entries: (D,).
-        first: number of entries before.
-        mean: (J,).
-        cov: (J, J).
-        to_mean: (J,), gradient.
-        to_cov: (J, J), gradient to each entry.
-        trace: of all steps.
-        t: this step.
-        learned: gradients to the functions' centres (N, D), widths (K, D) and weights (E, N), to be
-            added to; empty arrays where these are constants.
+    Arguments are those of `join`, with gradients to M, s and each of its entries; `learned` are
+    those to the functions' centres (N, D), widths (K, D) and weights (E, N), to be added to; empty
+    arrays where these are constants.
     """
     nu, z, s = _parts(functions, entries, mean, cov)
     (N, D), K, E = functions.centres.shape, len(functions.widths), len(functions.variance)

@@ -160,12 +160,7 @@ class Detection:
 
 
 class CollisionDetector:
-    """Compares each sample's currents with those expected without contact.
-
-    Args:
-        model: of the currents.
-        limits: of the residuals.
-    """
+    """Compares each sample's currents with those expected without contact."""
 
     def __init__(self, model: CurrentModel, limits: Thresholds) -> None:
         self.model, self.limits = model, limits

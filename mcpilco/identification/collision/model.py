@@ -80,13 +80,8 @@ class Predictor:
     ) -> Predictor:
         """The predictor of a posterior with one output and the kernel phi' w + a f.
 
-        Args:
-            posterior: conditioned on N samples.
-            linear: kernel of phi' w, as fitted.
-            rbf: kernel of f, as fitted; None where there is no f.
-            phi: features of the N samples.
-            z: what f sees of them.
-            a: the gate at them.
+        Both kernels are as fitted, `rbf` None where there is no f; phi, z and a are of the N
+        samples.
         """
         # K = Phi D Phi' + A Kf A + s^2 I = L L',  alpha = K^-1 y
         # var = phi' D phi + a^2 prior - |L^-1 (Phi D phi + a A k)|^2,  L^-1 [Phi D, A] = Q R
@@ -110,13 +105,7 @@ class Predictor:
         )
 
     def mean(self, phi: Features, z: Seen, a: Number) -> Number:
-        """The current expected [A].
-
-        Args:
-            phi: features.
-            z: what f sees.
-            a: the gate.
-        """
+        """The current expected [A]."""
         found = phi @ self.w
         if len(rows := self._open(a)):
             found[rows] += a[rows] * (self._k(z[rows]) @ self.beta)

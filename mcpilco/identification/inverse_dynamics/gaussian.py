@@ -62,9 +62,6 @@ class Prior:
 def nonparametric(joints: int) -> Prior:
     """k(x, x') = RBF of positions, velocities and accelerations: nothing is known of the robot.
 
-    Args:
-        joints: J.
-
     Reference: thesis section 3.2.2.
     """
 
@@ -76,10 +73,6 @@ def nonparametric(joints: int) -> Prior:
 
 def parametric(chain: Chain, friction: bool) -> Prior:
     """k_i(x, x') = phi_i(x)^T Sigma phi_i(x'), Sigma diagonal: the geometry is known.
-
-    Args:
-        chain: joints, frames and gravity.
-        friction: whether joints have friction.
 
     Reference: thesis eq. (3.6), with mean 0.
     """
@@ -102,10 +95,7 @@ def semiparametric(chain: Chain, friction: bool) -> Prior:
 def geometric(kinds: Sequence[Kind], with_friction: bool) -> Prior:
     """The GIP kernel: the kinds of the joints are known, and nothing else.
 
-    Args:
-        kinds: of the joints.
-        with_friction: whether joints have friction, a linear kernel besides, for it is no
-            polynomial.
+    Friction is no polynomial: joints that have it get a linear kernel besides.
 
     Reference: thesis eq. (3.11).
     """
@@ -183,14 +173,8 @@ def fit_gaussian(
 ) -> GaussianInverseDynamics:
     """A Gaussian process a joint, hyperparameters of highest evidence on some of the samples.
 
-    Args:
-        kernel: name of the estimator.
-        prior: features and kernel.
-        data: what to learn from; all of it makes the posterior, whose cost grows as N^3.
-        tuned_on: how many samples, drawn at random, the hyperparameters are fitted to.
-        max_iterations: of the optimiser, a joint.
-        seed: of that choice.
-        built: what a file must say to build the prior anew.
+    All data make the posterior, whose cost grows as N^3; `tuned_on` of them, drawn at random, the
+    hyperparameters. `built` is what a file must say to build the prior anew.
 
     Raises:
         NotPositiveDefiniteError: a joint's covariance matrix has no Cholesky factor.

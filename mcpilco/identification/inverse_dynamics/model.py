@@ -49,11 +49,7 @@ class Fitted:
 
 
 class InverseDynamics(ABC):
-    """The torques that a motion takes, learned from data: tau(q, q', q'').
-
-    Args:
-        fitted: what all models know of their fit.
-    """
+    """The torques that a motion takes, learned from data: tau(q, q', q'')."""
 
     def __init__(self, fitted: Fitted) -> None:
         self.fitted = fitted

@@ -158,10 +158,6 @@ def middle_reliability(moments: Moments, b: Float[np.ndarray, " D"]) -> float:
     most 1. The data bound r by R^2 <= r <= 1 only; with all of these as likely, b over
     their mean has the least expected squared error from inputs without noise.
 
-    Args:
-        moments: of the data.
-        b: regression on noisy inputs.
-
     Reference: Frisch, Statistical confluence analysis by means of complete regression systems,
         1934, whose bounds of a slope are b and b / R^2; the middle is ours.
     """

@@ -130,13 +130,7 @@ def maximise(
     Sums over samples in the print are means times N here. `Differs:` from the print's psi_y, whose
     `2 1 y <z>` is 2 y 1^T <z>.
 
-    Args:
-        moments: of the data.
-        latent: of z and t, with the weights.
-        weights: of before.
-        alpha: mean precision of before; 0 without priors.
-        a0: shape of the prior of alpha; None without priors, where the rate is None too.
-        b0: its rate.
+    Without priors alpha is 0, a0 and the rate are None.
     """
     N = moments.N
     xx, yy = np.diag(moments.xx) / N, moments.yy / N
@@ -182,14 +176,7 @@ def bound(
     `Differs:` from the print's complete log likelihood, in which p(alpha_m) stands twice; once is
     right.
 
-    Args:
-        moments: of the data.
-        latent: of the posterior of z and t.
-        weights: after the M-step.
-        alpha: mean precisions.
-        rate: of the posterior Gamma(a0 + 1, rate) of alpha; None without priors.
-        a0: shape of the prior; None without priors.
-        b0: rate of the prior.
+    The posterior of alpha is Gamma(a0 + 1, rate); without priors a0 and rate are None.
     """
     w, N, D = weights, moments.N, len(weights.w_z)
     xx, yy = np.diag(moments.xx) / N, moments.yy / N
@@ -256,13 +243,8 @@ def ascend(
 ) -> Ascent:
     """Maximise the bound from a start, by EM with leaps.
 
-    Args:
-        moments: of the data.
-        start: weights before the first iteration.
-        a0: shape of the prior of alpha; None without priors.
-        b0: its rate.
-        tolerance: relative change of the bound in an iteration of EM at which it ends.
-        max_iterations: of EM, those that are taken back too.
+    The search ends once an iteration of EM changes the bound by less than `tolerance`, relative to
+    it, or after `max_iterations`, those that are taken back too.
     """
     em = _EM(moments, a0, b0)
     here = em(Point(start, np.full_like(start.w_z, 0.0 if a0 is None else 1.0)))

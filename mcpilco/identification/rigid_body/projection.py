@@ -303,10 +303,7 @@ def project_virtual(body: RigidBody, estimate: Theta, metric: Metric) -> Project
     Friction is the square of a virtual parameter too. The problem is not convex: what comes back
     is a local minimum near the estimate, without a bound on its gap.
 
-    Args:
-        body: what the parameters belong to.
-        estimate: theta_B.
-        metric: H, positive semidefinite, as for `project`.
+    Arguments are those of `project`.
 
     Reference: Ting et al., section III-B, eqs. (5) and (8).
     """

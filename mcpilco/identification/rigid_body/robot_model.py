@@ -92,10 +92,7 @@ class Feedback:
     def of(cls, motion: JointMotion, commanded: JointMotion, joints: tuple[str, ...]) -> Feedback:
         """The feedback that explains a log's forces.
 
-        Args:
-            motion: as measured.
-            commanded: at the same times, by the same filter.
-            joints: names.
+        Both motions are of the same times, by the same filter.
 
         Raises:
             InputError: errors of position and velocity do not explain a joint's force.
@@ -125,10 +122,7 @@ def with_parameters(
 ) -> mujoco.MjModel:
     """A copy of a model that has these parameters.
 
-    Args:
-        model: what the body was made of, at most one joint a body.
-        body: what the parameters belong to.
-        theta: of bodies that can exist.
+    The body was made of it, with at most one joint a body; theta is of bodies that can exist.
     """
     changed = copy.deepcopy(model)
     for b in range(1, model.nbody):  # what is welded to a body that moves is part of its link

@@ -74,11 +74,7 @@ class Rows:
     ) -> Rows:
         """Rows of a motion.
 
-        Args:
-            body: the robot.
-            motion: as measured.
-            noise: of the encoders, by the motion's filter.
-            reference: as commanded, by the motion's filter.
+        The encoders' `noise` and the commanded `reference` have gone through the motion's filter.
         """
         noisier = None
         if noise is not None:
@@ -202,13 +198,8 @@ def simulated_regressor(
 ) -> Simulate:
     """The regressor of the motion that a robot with given parameters would have made.
 
-    Args:
-        model: what the body was made of.
-        body: what the parameters belong to; those given are projected on consistent ones first.
-        segment: a stretch of a log, with its reference.
-        rows: of the stretch.
-        feedback: that moved the robot.
-        filtered: from positions to a motion, as the rows were made.
+    The parameters are projected on consistent ones first; `filtered` makes a motion of positions,
+    as that of the rows was made.
     """
     assert segment.reference is not None
     reference, dt = segment.reference, segment.dt

@@ -24,11 +24,6 @@ def physics_features(plant: Plant, task: TaskSpec, memory: int = 0) -> Rows:
     uncertain one: a linear combination of these is the change of velocity, up to what a step of dt
     is too long for, and to second order in the parameters' errors.
 
-    Args:
-        plant: with the states and inputs of the task.
-        task: names states and inputs.
-        memory: how many past commands the state holds.
-
     Raises:
         InputError: names differ, or the plant has what a program cannot say.
     """

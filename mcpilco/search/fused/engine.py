@@ -83,14 +83,7 @@ def rollout(
 ) -> Particles:
     """The particles' trajectories; equal to `mcpilco.search.particles.rollout`, gradients included.
 
-    Args:
-        dynamics: the model.
-        policy: the policy.
-        start: states at time 0.
-        noise: standard normal numbers.
-        dropout: mask of the policy's bases; None keeps them all.
-        sensing: how the particles are measured; None: the policy sees their states.
-        single: compute in float32; states, inputs and gradients are float64 all the same.
+    With `single` it computes in float32; states, inputs and gradients are float64 all the same.
     """
     dtype = np.float32 if single else np.float64
     learned = policy.centres, policy.log_lengthscale, policy.weights

@@ -1,5 +1,6 @@
 """Plots for reports, one on each Axes: the system black, the model blue, its particles grey.
 
+Each draws on the `ax` given, or on a new figure; without a `prediction`, the system alone.
 matplotlib comes with the extra `report` and is imported when the first plot is drawn.
 """
 

@@ -50,11 +50,6 @@ def run_colour(place: int) -> str:
 def plot_curves(curves: Mapping[int, Curve], label: str, ax: Axes | None = None) -> Axes:
     """A line a run over experience, with the interval as a band; without a legend.
 
-    Args:
-        curves: by the place of the run, which is its colour.
-        label: what is shown, with its unit.
-        ax: where to draw; a new figure without it.
-
     Reference: thesis figure 5.2, whose bands are standard deviations.
     """
     ax = new_axes()[0] if ax is None else ax
@@ -82,13 +77,7 @@ def plain_log_axis(ax: Axes) -> None:
 def plot_seeds(
     values: Mapping[int, tuple[str, Sequence[float]]], label: str, ax: Axes | None = None
 ) -> Axes:
-    """A point a seed in a line a run, above a box of their quartiles and a bar at their median.
-
-    Args:
-        values: name and values of each run, by its place, which is its colour.
-        label: what is shown, with its unit.
-        ax: where to draw; a new figure without it.
-    """
+    """A point a seed in a line a run, above a box of their quartiles and a bar at their median."""
     ax = new_axes()[0] if ax is None else ax
     rng = np.random.default_rng(0)  # points that are equal lie beside one another
     for line, (place, (_, seeds)) in enumerate(values.items()):

@@ -170,13 +170,7 @@ def plot_profile(
     labels: tuple[str, str],
     ax: Axes | None = None,
 ) -> Axes:
-    """The force that plants leave over along one quantity: medians, and where half of them lie.
-
-    Args:
-        profiles: of each plant, by name: position, velocity or command, and the force left over.
-        labels: of both axes, with their units.
-        ax: where to draw; a new figure without it.
-    """
+    """The force that plants leave over along one quantity: medians, and where half of them lie."""
     ax = new_axes()[0] if ax is None else ax
     ax.axhline(0.0, color=PARTICLES, linewidth=1)
     for name, (along, force) in profiles.items():
@@ -201,15 +195,7 @@ def plot_force_map(
     labels: tuple[str, str, str],
     ax: Axes | None = None,
 ) -> Axes:
-    """The force that a plant leaves over, as medians over position and velocity.
-
-    Args:
-        q: positions at N instants.
-        v: velocities.
-        force: left over.
-        labels: of position, velocity and force, with their units.
-        ax: where to draw; a new figure without it.
-    """
+    """The force that a plant leaves over, as medians over position and velocity."""
     from matplotlib.ticker import MaxNLocator
 
     ax = new_axes()[0] if ax is None else ax

@@ -25,12 +25,6 @@ def plot_states(
 ) -> list[Axes]:
     """One plot for each state: the system over time, and the particles predicted for it.
 
-    Args:
-        rollout: the episode on the system.
-        prediction: its particles; None leaves the system alone.
-        task: names and units.
-        axes: where to draw, one for each state; a new figure of two columns without it.
-
     Raises:
         InputError: `axes` do not fit the states, or matplotlib is missing.
     """
@@ -54,13 +48,6 @@ def plot_state(
     ax: Axes | None = None,
 ) -> Axes:
     """One state of the system over time, and the particles predicted for it; without a legend.
-
-    Args:
-        rollout: the episode on the system.
-        prediction: its particles; None leaves the system alone.
-        task: names and units.
-        state: index of the state.
-        ax: where to draw; a new figure without it.
 
     Reference: thesis figures 5.3 and 5.4.
     """
@@ -111,15 +98,7 @@ def plot_input(
     index: int,
     ax: Axes | None = None,
 ) -> Axes:
-    """One input over time, held through each step, and those of the particles.
-
-    Args:
-        rollout: the episode on the system.
-        prediction: its particles; None leaves the system alone.
-        task: names and units.
-        index: of the input.
-        ax: where to draw; a new figure without it.
-    """
+    """One input over time, held through each step, and those of the particles."""
     ax = new_axes()[0] if ax is None else ax
     if prediction is not None:
         particles = prediction.inputs[:, :, index]

@@ -114,12 +114,7 @@ def add_legend(ax: Axes) -> None:
 
 
 def plain_ticks(axis: Axis, subs: Sequence[float]) -> None:
-    """Numbers instead of powers along a logarithmic axis; a page does not set formulas.
-
-    Args:
-        axis: of x or y.
-        subs: where they stand in each power of ten.
-    """
+    """Numbers instead of powers along a logarithmic axis; a page does not set formulas."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     axis.set_major_locator(LogLocator(subs=subs))

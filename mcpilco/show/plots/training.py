@@ -29,10 +29,6 @@ def plot_learning(
 
     The band is the predicted cost plus and minus its standard deviation over particles.
 
-    Args:
-        results: the trials of one run, in order.
-        ax: where to draw; a new figure without it.
-
     Raises:
         InputError: there are no trials, or matplotlib is missing.
     """
@@ -174,12 +170,7 @@ class PolicyMap:
 
 
 def plot_policy(policy: PolicyMap, ax: Axes | None = None) -> Axes:
-    """The input over two states as colours, and the way that the system took across them.
-
-    Args:
-        policy: what to draw.
-        ax: where to draw; a new figure without it.
-    """
+    """The input over two states as colours, and the way that the system took across them."""
     ax = new_axes()[0] if ax is None else ax
     mesh = ax.pcolormesh(
         policy.x,

@@ -18,12 +18,6 @@ def write_crossing_report(
 ) -> Path:
     """The path of the page written; it holds its pictures and needs no other file.
 
-    Args:
-        path: where it goes.
-        legs: policies by the simulation that they were trained in.
-        gap: the content of `gap.json`.
-        about: a line below the title.
-
     Raises:
         RunFolderError: the page cannot be written.
         InputError: matplotlib or jinja2 is missing.

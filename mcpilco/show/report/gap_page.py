@@ -46,10 +46,6 @@ from mcpilco.show.report.document import Document, Picture, Section, Table, draw
 def write_gap_report(gap: Gap, path: Path) -> Path:
     """The path of the page written; it holds its pictures and needs no other file.
 
-    Args:
-        gap: of which it tells.
-        path: where it goes.
-
     Raises:
         RunFolderError: the page cannot be written.
         InputError: matplotlib or jinja2 is missing.

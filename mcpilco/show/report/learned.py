@@ -108,10 +108,7 @@ def rollout_coverage(
 ) -> Float[np.ndarray, "L X"]:
     """The share of a rollout's steps at which the central interval of the particles holds it.
 
-    Args:
-        truth: states of the system.
-        prediction: the particles; compared as far as both go, from the first step on.
-        levels: of the intervals.
+    They are compared as far as both go, from the first step on.
     """
     steps = min(len(truth), len(prediction.states))
     here, particles = truth[1:steps, None], prediction.states[1:steps]
