@@ -145,11 +145,7 @@ def hanging(angle: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 4"]:
 def twist(canvas: Canvas, hinge: Point, push: float, radius: float) -> None:
     """Draws a torque as an arc with an arrow: from below to positive x where it is positive.
 
-    Args:
-        canvas: what is drawn on.
-        hinge: around which.
-        push: torque, relative to its limit, in [-1, 1]; 0 draws nothing.
-        radius: of the arc.
+    The push is relative to its limit, in [-1, 1]; 0 draws nothing.
     """
     if not push:
         return

@@ -18,11 +18,7 @@ class Motion:
     def __init__(self, plant: Plant, dt: float, samples: int, batch: tuple[int, ...]) -> None:
         """Motions in the state 0.
 
-        Args:
-            plant: what moves.
-            dt: time for which a command is held [s].
-            samples: T, how many states `advance` returns.
-            batch: shape of the batch; () for one motion.
+        Arguments are those of `mcpilco.plant.Plant.stepper`.
         """
         self._batch = batch
         self._stepper = plant.stepper(dt, int(np.prod(batch, dtype=int)), samples)

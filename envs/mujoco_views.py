@@ -125,9 +125,7 @@ class MujocoPicture:
     ) -> UInt8[np.ndarray, "H W 3"]:
         """The picture.
 
-        Args:
-            state: positions and velocities of the joints, in turn.
-            push: force, relative to its limit, in [-1, 1].
+        The push is relative to its limit, in [-1, 1].
 
         Raises:
             EnvError: there is no OpenGL here.

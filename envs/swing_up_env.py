@@ -153,11 +153,7 @@ class PlantEnv(SwingUpEnv):
     ) -> UInt8[np.ndarray, "H W 3"]:
         """A state from the side: its scene, where a subclass draws nothing better.
 
-        Args:
-            plant: what moves.
-            scene: of the plant.
-            state: what is drawn.
-            push: first input, relative to its limit, in [-1, 1].
+        The push is the first input, relative to its limit, in [-1, 1].
         """
         return side_view(scene, state)
 

@@ -75,11 +75,6 @@ def through_squash(
 ) -> Image:
     """The moments of limit (9 sin a + sin 3a) / 8, which stays within +-limit.
 
-    Args:
-        mean: of a [-].
-        cov: of a [-].
-        limit: largest magnitude of each entry, in its unit.
-
     Reference: DFR on squashing.
     """
     eye = torch.eye(mean.shape[-1], dtype=mean.dtype)

@@ -67,14 +67,7 @@ class GPMean(nn.Module):
         target_std: float,
         generator: torch.Generator,
     ) -> None:
-        """Draw a new start in place.
-
-        Args:
-            states: where the centres lie.
-            lengthscale: of each component of z, in its unit.
-            target_std: spread of the targets, around zero [-].
-            generator: source of the numbers.
-        """
+        """Draw a new start in place."""
         self.centres.copy_(self.augmentation(states))
         normal = torch.randn(self.targets.shape, generator=generator, dtype=torch.float64)
         self.targets.copy_(target_std * normal)

@@ -71,12 +71,6 @@ def predicted(
 
     The uncertainty of the functions is predicted, not the noise of measurements.
 
-    Args:
-        dynamics: the model.
-        policy: the policy.
-        start: the state at time 0.
-        horizon: T [steps].
-
     Raises:
         torch.linalg.LinAlgError: a predicted covariance is none, for its numbers overflow.
 

@@ -98,12 +98,6 @@ def random_motion(
     q_j(t) = sum_k a_jk sin(w_jk t + p_jk), w uniform in +-`FASTEST`, p uniform, a uniform and then
     scaled.
 
-    Args:
-        chain: whose joints.
-        rng: what the sinusoids are drawn from.
-        samples: T.
-        dt: between samples [s].
-
     Reference: thesis section 3.4.1, which gives neither amplitudes nor sampling time.
     """
     shape = (COUNT, len(chain.bodies))

@@ -209,12 +209,7 @@ class AbsentEnv(gym.Env[np.ndarray, np.ndarray]):
     ) -> None:
         """An env to ask for names and bounds.
 
-        Args:
-            task: what the env showed.
-            low: smallest inputs, of the action space's type.
-            high: largest inputs.
-            horizon: time limit [steps].
-            width: how many numbers an observation has; None: as many as are measured.
+        Without `width` it observes as many numbers as are measured.
         """
         self.task = task
         width = len(task.measured_states) if width is None else width

@@ -114,10 +114,7 @@ class Model:
     ) -> None:
         """A model that has seen nothing yet.
 
-        Args:
-            config: kernel, mean, optimiser, what is predicted.
-            task: names, angles and velocities of the state.
-            kernel: makes the kernel of [z, u] in place of the one that `config` names.
+        `kernel` makes that of [z, u] in place of the one that `config` names.
 
         Raises:
             InputError: there is no plant for physics, or it does not fit the task; the kernel

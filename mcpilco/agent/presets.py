@@ -36,12 +36,7 @@ def preset_numbers(
 ) -> tuple[Any, dict[str, Any]]:
     """The agent's configuration and the env's keywords, of a preset.
 
-    Args:
-        kind: the algorithm.
-        preset_name: of its presets.
-        env_id: of the env.
-        horizon: of a rollout [steps]; None: the env's time limit.
-        exploration: random inputs at first [steps]; None: one rollout.
+    Without `horizon` [steps] it is the env's time limit, without `exploration` [steps] one rollout.
 
     Raises:
         InputError: the algorithm has no such preset, or does not explore beforehand.

@@ -84,18 +84,7 @@ class TrialAgent(ABC):
     ) -> None:
         """An agent that has learned nothing yet.
 
-        Args:
-            policy: the name of the algorithm's policy.
-            env: a Gymnasium env with one-dimensional Box spaces, or its id.
-            preset: name of a configuration, one of `presets`; with the id of the cart-pole it also
-                sets the env's keywords.
-            config: the numbers themselves; takes precedence over `preset`.
-            seed: of everything random; equal seeds give equal results. None draws one, which
-                `agent.seed` tells.
-            verbose: 0 silent, 1 shows progress.
-            task: what to know of the env, where it does not show it as `task`; without either it
-                is guessed, with a warning, where the env's class, model or names tell.
-            **unknown: refused, with what to use in place of a keyword of stable-baselines3.
+        Arguments are those of `mcpilco.agent.MCPILCO`; a preset is one of `presets`.
 
         Raises:
             TypeError: a keyword is unknown.

@@ -15,12 +15,7 @@ def as_mean(correction: Correction) -> Correction:
 
 
 def remembered_inputs(correction: Correction, dt: float) -> int:
-    """The number of past inputs that an actuator still answers to.
-
-    Args:
-        correction: of a plant.
-        dt: time step of the policy [s].
-    """
+    """The number of past inputs that an actuator still answers to."""
     delay: dict[str, float] = defaultdict(float)
     lag: dict[str, float] = defaultdict(float)
     for addition in correction.effects:

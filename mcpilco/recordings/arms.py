@@ -71,12 +71,7 @@ def _slope_weights(dt: float, window: int) -> Float[np.ndarray, " W"]:
 
 
 class RunningSlope:
-    """`slopes`, one sample at a time.
-
-    Args:
-        dt: sampling time [s].
-        window: samples.
-    """
+    """`slopes`, one sample at a time."""
 
     def __init__(self, dt: float, window: int) -> None:
         self._weights = _slope_weights(dt, window)

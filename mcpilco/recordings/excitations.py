@@ -55,13 +55,6 @@ def excitation(
 
     Every input has its own sequence of parts, so that no two move together throughout.
 
-    Args:
-        low: smallest inputs, in their units.
-        high: largest inputs.
-        steps: T.
-        dt: time for which an input is held [s].
-        rng: source of the numbers.
-
     Raises:
         InputError: the bounds are not finite, or steps or dt not positive.
     """

@@ -27,7 +27,8 @@ from mcpilco.recordings.recording import Samples
 from mcpilco.typing import InputError
 
 ByJoint = Float[np.ndarray, "T J"]
-"""a number for each joint, on a uniform grid"""
+"""on a uniform grid of step dt [s]: positions q [rad or m], velocities dq [rad/s or m/s], of which
+columns of NaN are derived from the positions, or forces tau [N m or N]"""
 
 ORDER = 4
 """of the Butterworth filter, each way"""
@@ -64,14 +65,7 @@ class JointMotion(Samples):
 
 
 def zero_phase(q: ByJoint, dq: ByJoint, tau: ByJoint, dt: float, cutoff: float) -> JointMotion:
-    """A motion without what is faster than the cutoff.
-
-    Args:
-        q: measured positions on a uniform grid [rad or m].
-        dq: measured velocities [rad/s or m/s]; columns of NaN are derived from the positions.
-        tau: measured forces [N m or N].
-        dt: step of the grid [s].
-        cutoff: frequency above which is noise [Hz].
+    """A motion without what is faster than the cutoff [Hz].
 
     Raises:
         InputError: the cutoff is beyond half of the sampling rate, or there is too little.
@@ -97,13 +91,7 @@ def local_cubics(
 ) -> JointMotion:
     """A motion by the cubic about each sample.
 
-    Args:
-        q: measured positions on a uniform grid [rad or m].
-        dq: measured velocities [rad/s or m/s]; columns of NaN are derived from the positions.
-        tau: measured forces [N m or N], which are not filtered.
-        dt: step of the grid [s].
-        window: samples of a cubic, odd.
-        step: every how many samples there is a row.
+    Forces are not filtered; there is a row each `step` samples.
 
     Raises:
         InputError: there is too little.
@@ -124,12 +112,7 @@ def local_cubics(
 
 
 def motion_cutoff(q: ByJoint, dt: float) -> float:
-    """Four times the bandwidth of the fastest joint's motion [Hz]; a fifth of the rate at most.
-
-    Args:
-        q: measured positions on a uniform grid [rad or m].
-        dt: its step [s].
-    """
+    """Four times the bandwidth of the fastest joint's motion [Hz]; a fifth of the rate at most."""
     frequency, power, noise = _spectrum(q, dt)
     motion = np.where(power > ABOVE_NOISE * noise, power - noise, 0.0)
     share = np.cumsum(motion, axis=0)
@@ -142,10 +125,6 @@ def encoder_noise(q: ByJoint, dt: float) -> Float[np.ndarray, " J"]:
 
     White noise is as strong at all frequencies, and nothing moves at those above a quarter of the
     sampling rate.
-
-    Args:
-        q: measured positions on a uniform grid [rad or m].
-        dt: its step [s].
     """
     return np.sqrt(_spectrum(q, dt)[2] * 0.5 / dt)
 

@@ -115,12 +115,6 @@ def find_gaps(
 ) -> Gaps:
     """Where nothing may be simulated: the stamps jump, an input or a position is missing for long.
 
-    Args:
-        log: the rows.
-        states: the same on the grid.
-        positions: which states count.
-        dt: step of the grid [s].
-
     Returns:
         (start, end) on the grid [s], in order, none touching another.
     """
@@ -206,12 +200,7 @@ ROWS = 2000
 
 
 def by_the_clock(time: Channel, dt: float) -> Channel | None:
-    """Times of a clock that ticks each dt, one of its own for each stamp; None if they do not fit.
-
-    Args:
-        time: stamps [s], increasing.
-        dt: step of the clock [s].
-    """
+    """Times of a clock that ticks each dt, one of its own for each stamp; None without a fit."""
     steps = np.rint(np.diff(time) / dt)
     ticks = np.append(0.0, np.cumsum(steps)) * dt
     late = time - ticks
@@ -224,10 +213,7 @@ def by_the_clock(time: Channel, dt: float) -> Channel | None:
 def readings(log: Log, dt: float, recorded: Callable[[Log], Recording]) -> tuple[Log, ...]:
     """How the stamps of a log may be meant, that in which its samples are smoothest.
 
-    Args:
-        log: its rows at the times of their stamps, which are not on a grid.
-        dt: its own sampling time [s].
-        recorded: what a log becomes on the grid of its sampling time.
+    `recorded` makes of a log what it becomes on the grid of its sampling time.
 
     Returns:
         One reading; or two, whose commands went out with the samples, and by a clock.

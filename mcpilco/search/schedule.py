@@ -18,12 +18,7 @@ class DriftMonitor:
     """
 
     def __init__(self, decay: float = 0.99, window: int = 200) -> None:
-        """A monitor that has seen nothing yet.
-
-        Args:
-            decay: of the exponential averages, each step [-].
-            window: how long the drift must be small [steps].
-        """
+        """A monitor that has seen nothing yet."""
         self.decay = decay
         self.window = window
         self.mean = 0.0

@@ -98,10 +98,7 @@ def build_side_by_side(
 ) -> rrb.Blueprint:
     """The layout: scenes beside one another over the notes and the curves.
 
-    Args:
-        titles: of the curves, by entity.
-        worlds: names of the scenes, by entity.
-        extent: points that each camera must see [m].
+    Names of scenes and titles of curves are by entity; the cameras see the points of `extent` [m].
     """
     width, _, height = np.ptp(extent, axis=0)
     wide = width > _WIDE * height
@@ -120,9 +117,7 @@ def build_side_by_side(
 def build_watch(titles: Mapping[str, str], extent: Float[np.ndarray, "N 3"]) -> rrb.Blueprint:
     """The layout: one scene over the notes, and two columns of curves beside them.
 
-    Args:
-        titles: of the curves, by entity.
-        extent: points that the camera must see [m].
+    Titles of curves are by entity; the camera sees the points of `extent` [m].
     """
     about = rrb.TextDocumentView(origin=ABOUT, name="about")
     size = float(np.linalg.norm(np.ptp(extent, axis=0)))

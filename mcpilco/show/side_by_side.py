@@ -62,13 +62,7 @@ def write_side_by_side(
 
     Each model has a scene of its own, in which the measured marker's path is white.
 
-    Args:
-        path: where the .rrd file goes; missing folders are made, an existing file is replaced.
-        clips: at least one, all of the same models.
-        dt: sampling time [s].
-        naming: of states and inputs.
-        scene: how to draw a state in 3D.
-        name: what the viewer calls the recording.
+    All clips are of the same models. Missing folders are made, an existing file is replaced.
 
     Raises:
         RunFolderError: the file cannot be written.

@@ -154,11 +154,6 @@ def _wait(viewer: subprocess.Popen) -> None:
 def screenshot(path: str | Path, png: str | Path, at_s: float) -> Path:
     """The path of a picture of a recording at one instant, 1920 x 1080; needs no display.
 
-    Args:
-        path: .rrd file.
-        png: where the picture goes.
-        at_s: position on the timeline `sim_time` [s].
-
     Raises:
         RunFolderError: the recording is missing or damaged, or the picture cannot be written.
         InputError: the viewer does not start; most often no graphics driver is installed.

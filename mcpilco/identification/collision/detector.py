@@ -247,13 +247,7 @@ class Event:
 
 
 def events(found: Detection, joints: Sequence[str], pause_s: float = 0.2) -> list[Event]:
-    """The alarms of a recording, those less than a pause apart together.
-
-    Args:
-        found: what a detector says.
-        joints: names.
-        pause_s: between two events [s].
-    """
+    """The alarms of a recording, those less than a pause apart together."""
     at = np.flatnonzero(found.collision)
     if not len(at):
         return []

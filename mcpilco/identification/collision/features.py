@@ -98,14 +98,7 @@ _DEPENDENT = 1e-2
 def check_free(
     samples: ArmSamples, joints: Sequence[str], speed: float, rests: bool = True
 ) -> None:
-    """Raises InputError where a model of the currents cannot be learned from these samples.
-
-    Args:
-        samples: of all recordings.
-        joints: names.
-        speed: below which a joint is quasi-static [rad/s or m/s].
-        rests: whether the model is to learn rests too.
-    """
+    """Raises InputError where a model of the currents cannot be learned from these samples."""
     if len(samples) < FEWEST:
         raise InputError(
             f"currents need at least {FEWEST} samples to be learned from, got {len(samples)}; "

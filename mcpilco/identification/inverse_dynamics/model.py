@@ -154,15 +154,8 @@ def accelerations(
 
     n(q, q') = tau(q, q', 0) are the forces of gravity, of velocities and of friction.
 
-    Args:
-        model: of the inverse dynamics.
-        q: positions [rad or m].
-        dq: velocities [rad/s or m/s].
-        tau: torques [N m or N].
-        indefinite: what to do where M is not positive definite, so that a push may accelerate the
-            robot against itself: `raise`, or answer NaN there, for a rollout that leaves these
-            particles out.
-        unit: see `inertia`.
+    Where M is not positive definite, so that a push may accelerate the robot against itself,
+    `indefinite` raises, or answers NaN for a rollout that leaves these particles out.
 
     Raises:
         NotPositiveDefiniteError: M is not positive definite somewhere.
@@ -228,9 +221,6 @@ class FeedForward:
     def torque(self, planned: PerJoint, q_error: PerJoint, dq_error: PerJoint) -> PerJoint:
         """Torques to command [N m or N].
 
-        Args:
-            planned: a row of `plan`.
-            q_error: q_d - q [rad or m].
-            dq_error: q'_d - q' [rad/s or m/s].
+        Of a row of `plan`, and of the errors q_d - q [rad or m] and q'_d - q' [rad/s or m/s].
         """
         return planned + self.proportional * q_error + self.derivative * dq_error

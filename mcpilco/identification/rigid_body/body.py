@@ -131,11 +131,6 @@ class RigidBody:
     ) -> Float[np.ndarray, "N J D"]:
         """Y(q, q', q''): a column of forces for each parameter [N or N m a unit of it].
 
-        Args:
-            q: joint positions [m or rad].
-            dq: joint velocities [m/s or rad/s].
-            ddq: joint accelerations [m/s^2 or rad/s^2].
-
         Raises:
             InputError: the arrays are no motion of this chain.
         """
@@ -173,11 +168,8 @@ def random_motions(
 ]:
     """Random q, q' and q'' that excite every parameter that forces depend on.
 
-    Args:
-        body: whose joints.
-        count: N.
-        rng: what they are drawn from: positions all around [rad] or within a metre, velocities
-            and accelerations standard normal, three and ten times.
+    Positions are drawn from all around [rad] or within a metre, velocities and accelerations are
+    standard normal, three and ten times.
     """
     shape = (count, len(body.chain.bodies))
     slides = np.array([b.kind == SLIDE for b in body.chain.bodies])
@@ -238,9 +230,7 @@ class BaseParameters:
     def formulas(self, names: tuple[str, ...], least: float = 1e-6) -> tuple[str, ...]:
         """Each base parameter as a sum of parameters, for readers.
 
-        Args:
-            names: of the D parameters.
-            least: size of a factor that is written [units of the quotient].
+        Factors of a size below `least` are not written.
         """
         found = []
         for row, first in zip(self.K, self.independent, strict=True):

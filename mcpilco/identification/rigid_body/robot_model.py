@@ -159,11 +159,7 @@ def follow_reference(
 ) -> Float[np.ndarray, "T J"]:
     """Positions of a robot under feedback, as often as its reference [rad or m].
 
-    Args:
-        model: of the robot; its actuators, contacts and limits are left out.
-        reference: commanded positions [rad or m].
-        dt: of its rows [s].
-        feedback: the gains, of every step of the simulation.
+    The robot's actuators, contacts and limits are left out.
 
     Raises:
         InputError: the robot leaves its reference.

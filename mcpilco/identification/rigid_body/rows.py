@@ -135,13 +135,8 @@ def rows_of_segment(
 ) -> tuple[JointMotion, Rows]:
     """A stretch's motion, and its rows without the forces that the model is right about.
 
-    Args:
-        body: whose parameters are to be found.
-        whole: the same robot with all terms that there are.
-        segment: the stretch.
-        filter: zero-phase or local-cubics.
-        cutoff: of the zero-phase filter [Hz].
-        simulated: model whose simulations of the stretch the rows shall have, if any.
+    `whole` is the same robot with all terms that there are, `simulated` the model whose simulations
+    of the stretch the rows shall have, if any.
 
     Raises:
         InputError: the stretch is too short, or shows no feedback that could be simulated.

@@ -110,12 +110,7 @@ def accelerations_with(
     here each is at least `LEAST_INERTIA` of what it is without R: where R would take more inertia
     than that from a joint, it takes as much.
 
-    Args:
-        chain: as in `inverse_dynamics`.
-        q: joint positions [m or rad].
-        dq: joint velocities [m/s or rad/s].
-        tau: forces at the joints [N or N m].
-        R: further inertia, which need not be symmetric [kg, kg m or kg m^2].
+    Arguments are those of `inverse_dynamics`; R is further inertia, which need not be symmetric.
     """
     J = len(q)
     M = mass_matrix(chain, q)
@@ -190,13 +185,7 @@ class PolynomialForces:
     def __call__(
         self, q: Sequence[Real], v: Sequence[Real], weights: Sequence[Real]
     ) -> tuple[list[list[Any]], list[Any]]:
-        """R [kg, kg m or kg m^2] and s [N or N m].
-
-        Args:
-            q: joint positions [m or rad].
-            v: joint velocities [m/s or rad/s].
-            weights: one for each term.
-        """
+        """R [kg, kg m or kg m^2] and s [N or N m]."""
         J = len(q)
         places = [*(cos(q[j]) for j in self.hinges), *(sin(q[j]) for j in self.hinges)]
         places += [q[j] for j in self.slides]

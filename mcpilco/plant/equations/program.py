@@ -82,12 +82,7 @@ class Program:
 
 
 def features_of(width: int, parts: Sequence[Rows]) -> tuple[Program, tuple[int, ...]]:
-    """The program of all features, and how many each part has.
-
-    Args:
-        width: of [state, input].
-        parts: one behind the other.
-    """
+    """The program of all features, and how many each part has."""
     tape = Tape(width)
     rows = [part(tape.inputs) for part in parts]
     return Program.of(tape, [x for part in rows for x in part]), tuple(map(len, rows))

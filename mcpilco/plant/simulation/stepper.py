@@ -91,11 +91,7 @@ class Stepper:
     def __init__(self, tables: Tables, dt: float, batch: int, samples: int = 1) -> None:
         """Motions that start in the state 0.
 
-        Args:
-            tables: of one system.
-            dt: time for which a command is held [s].
-            batch: B, how many motions.
-            samples: T, how many states `advance` tells of one step.
+        A command is held for `dt` [s]; `advance` returns T = `samples` states of one step.
         """
         self._tables, self._dt = tables, dt
         actuators, sensors = tables.actuators[0], tables.sensors[0]

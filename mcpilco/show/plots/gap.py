@@ -47,11 +47,7 @@ def plot_growth(
 ) -> Axes:
     """How the error of free runs grows with the time since their start, with 95 % intervals.
 
-    Args:
-        times: since the start [s].
-        errors: of each plant, by name, and of `noise_floor` [noise std].
-        bands: ends of their intervals.
-        ax: where to draw; a new figure without it.
+    Errors are in [noise std], of each plant by name, and of `noise_floor`.
     """
     ax = new_axes()[0] if ax is None else ax
     for name, values in errors.items():
@@ -87,12 +83,8 @@ def plot_shrink(
 ) -> Axes:
     """The error with one thing more mended at each step, with 95 % intervals.
 
-    Args:
-        names: of the steps, the first one the nominal plant.
-        errors: after each [noise std].
-        ends: of their intervals.
-        floor: what noise alone does [noise std].
-        ax: where to draw; a new figure without it.
+    Errors are in [noise std]; the first of the steps is the nominal plant, and `floor` is what
+    noise alone does.
     """
     ax = new_axes()[0] if ax is None else ax
     ends = np.minimum(ends, _WIDEST * float(errors.max()))
@@ -230,14 +222,7 @@ def plot_window(
 ) -> Axes:
     """One window of a recording, and the free runs of plants through it.
 
-    Args:
-        times: since its start [s].
-        measured: NaN where there is no measurement.
-        runs: of each plant, by name.
-        label: of the state, with its unit.
-        title: which window it is.
-        known_s: up to when the runs' starts were fitted [s].
-        ax: where to draw; a new figure without it.
+    Up to `known_s` the runs' starts were fitted [s].
     """
     ax = new_axes()[0] if ax is None else ax
     ax.axvspan(0.0, known_s, color=PARTICLES, alpha=0.15, linewidth=0)

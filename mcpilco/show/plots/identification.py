@@ -101,13 +101,7 @@ def plot_torque(
 ) -> Axes:
     """A joint's torque over the samples, measured in black and predicted in blue.
 
-    Args:
-        measured: with its noise, in `unit`.
-        predicted: by the model, from the motion alone.
-        name: of the joint.
-        unit: of the torque.
-        std: of the prediction; draws a band of two of them.
-        ax: where to draw; a new figure without it.
+    With `std` the prediction has a band of two standard deviations.
     """
     ax = new_axes()[0] if ax is None else ax
     n = np.arange(len(measured))
@@ -128,11 +122,7 @@ _INTERVAL = 1.96
 def plot_lags(values: Float[np.ndarray, "D D"], title: str = "", ax: Axes | None = None) -> Axes:
     """Magnitudes over two lags, the largest black, as figure 6.2 of the thesis has them.
 
-    Args:
-        values: a map h_2, or its penalties lambda_h; only magnitudes relative to the largest are
-            seen.
-        title: above the picture.
-        ax: where to draw; a new figure without it.
+    Only magnitudes relative to the largest are seen.
     """
     ax = new_axes()[0] if ax is None else ax
     size = np.abs(values)
@@ -146,10 +136,7 @@ def plot_response(
 ) -> Axes:
     """The linear map h_1 over its lags.
 
-    Args:
-        h: of one input and output.
-        dt: sampling time [s]; None: the axis counts samples.
-        ax: where to draw; a new figure without it.
+    Without the sampling time `dt` [s] the axis counts samples.
     """
     ax = new_axes()[0] if ax is None else ax
     ax.plot((dt or 1.0) * np.arange(len(h)), h, ".-", color=MODEL)
@@ -167,12 +154,7 @@ def plot_prediction(
 ) -> Axes:
     """Draw a measured series and a model's prediction of it with its 95 % interval.
 
-    Args:
-        measured: outputs.
-        mean: predicted; NaN where it is not.
-        std: of the prediction, the measurement's noise included.
-        name: of the output, with its unit.
-        ax: where to draw; a new figure without it.
+    The noise of the measurement is part of `std`.
     """
     ax = new_axes()[0] if ax is None else ax
     k = np.arange(len(mean))

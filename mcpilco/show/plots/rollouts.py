@@ -73,15 +73,7 @@ def plot_promise(
     label: str,
     ax: Axes | None = None,
 ) -> Axes:
-    """A state over time: as a simulation promised it, and as it was on the system.
-
-    Args:
-        promised: in an episode of the simulation.
-        happened: in an episode of the system.
-        dt: sampling time [s].
-        label: of the state, with its unit.
-        ax: where to draw; a new figure without it.
-    """
+    """A state over time: as a simulation promised it, and as it was on the system."""
     ax = new_axes()[0] if ax is None else ax
     times = _times(dt, 0, len(promised))
     ax.plot(times, promised, color=MODEL, linewidth=3.5, label="promised")  # seen beneath the other
@@ -116,15 +108,7 @@ def plot_costs(
     dt: float,
     ax: Axes | None = None,
 ) -> Axes:
-    """The cost at the end of each step, on the system and as predicted.
-
-    Args:
-        costs: of the steps on the system [-], see `mcpilco.policies.costs.costs_along`; None where
-        they are not known.
-        prediction: its particles; None leaves the system alone.
-        dt: sampling time [s].
-        ax: where to draw; a new figure without it.
-    """
+    """The cost at the end of each step, on the system and as predicted."""
     ax = new_axes()[0] if ax is None else ax
     if prediction is not None:
         times = _times(dt, 1, len(prediction.costs))

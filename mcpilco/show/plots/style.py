@@ -76,13 +76,7 @@ def draw_particles(
 ) -> None:
     """The band of the particles, some of them as lines, and a line in their middle.
 
-    Args:
-        ax: where to draw.
-        times: of the rows [s].
-        particles: one value for each time and particle.
-        middle: their median or mean.
-        name: which of the two.
-        held: each value holds until the next one.
+    The `middle` is their median or mean, as `name` says; `held` values last until the next one.
     """
     low, high = np.percentile(particles, QUANTILES, axis=1)
     label = f"particles, {QUANTILES[0]} to {QUANTILES[1]} %"

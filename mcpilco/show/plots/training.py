@@ -56,10 +56,6 @@ def plot_search(costs: Mapping[int, Sequence[float]], ax: Axes | None = None) ->
     """The cost that the model expects, after each step of each trial's policy search.
 
     Where a search tried several starts, they follow one another.
-
-    Args:
-        costs: of the steps, by trial [-].
-        ax: where to draw; a new figure without it.
     """
     ax = new_axes()[0] if ax is None else ax
     for (trial, values), shade in zip(costs.items(), trial_shades(len(costs)), strict=True):
@@ -73,14 +69,7 @@ def plot_search(costs: Mapping[int, Sequence[float]], ax: Axes | None = None) ->
 def plot_times(
     trials: Sequence[int], wall_s: Sequence[float], cpu_s: Sequence[float], ax: Axes | None = None
 ) -> Axes:
-    """Time of each trial: time on the clock, and of the processor.
-
-    Args:
-        trials: their numbers.
-        wall_s: by the clock [s].
-        cpu_s: of the processor [s].
-        ax: where to draw; a new figure without it.
-    """
+    """Time of each trial: time on the clock, and of the processor."""
     ax = new_axes()[0] if ax is None else ax
     places = np.asarray(trials, dtype=float)
     ax.bar(places - 0.2, wall_s, 0.4, color=PARTICLES, label="clock")
@@ -132,12 +121,7 @@ def plot_errors(
 ) -> Axes:
     """How far the particles are from the system, along the rollout, a line a trial.
 
-    Args:
-        errors: root mean square over the particles, by trial, in the state's unit.
-        dt: sampling time [s].
-        name: of the state.
-        unit: of the state.
-        ax: where to draw; a new figure without it.
+    Errors are root mean squares over the particles, in the state's unit.
 
     Reference: thesis figure 5.5, at the bottom.
     """
