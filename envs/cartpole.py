@@ -217,22 +217,14 @@ class CartPoleSwingUpEnv(PlantEnv):
 
 
 def observed(measured: Literal["all", "positions"]) -> tuple[int, ...] | None:
-    """The states that the keyword `measured` of a cart-pole stands for; None: all.
-
-    Raises:
-        InputError: another word.
-    """
+    """The states that the keyword `measured` of a cart-pole stands for; None: all."""
     if measured not in MEASURED:
         raise InputError(f'measured must be "all" or "positions", got {measured!r}.')
     return MEASURED[measured]
 
 
 def read_cost(cost: Cost | None, lengthscales: Sequence[float]) -> Cost:
-    """The cost given, or a cart-pole's default with its lengthscales.
-
-    Raises:
-        InputError: a lengthscale is not positive, or both are given.
-    """
+    """The cost given, or a cart-pole's default with its lengthscales."""
     cart, angle = read_array("cost_lengthscales", lengthscales, (2,)).tolist()
     require_positive("cost_lengthscales[0]", cart, "m")
     require_positive("cost_lengthscales[1]", angle, "rad")

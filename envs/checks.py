@@ -17,11 +17,7 @@ def require_positive(name: str, value: Any, unit: str) -> None:
 
 
 def read_array(name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
-    """A finite float64 array of one of the shapes, a copy.
-
-    Raises:
-        InputError: another shape, or a number that is not finite.
-    """
+    """A finite float64 array of one of the shapes, a copy."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -33,11 +29,7 @@ def read_array(name: str, value: Any, *shapes: tuple[int, ...]) -> np.ndarray:
 
 
 def read_stds(name: str, value: Any, width: int) -> tuple[float, ...]:
-    """A standard deviation for each of `width` states, from one number for all or one for each.
-
-    Raises:
-        InputError: not one or `width` finite numbers of at least 0.
-    """
+    """A standard deviation for each of `width` states, from one number for all or one for each."""
     stds = read_array(name, value, (), (width,))
     if (stds < 0).any():
         raise InputError(f"{name} must not be negative, got {value!r}.")

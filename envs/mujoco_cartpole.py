@@ -234,11 +234,7 @@ class MujocoMotion(Motion):
 
 
 def count_steps(duration: float, timestep: float) -> int:
-    """How many steps a duration [s] takes.
-
-    Raises:
-        InputError: it is no whole number of them.
-    """
+    """How many steps a duration [s] takes."""
     steps = round(duration / timestep)
     if steps < 1 or abs(duration / timestep - steps) > _DIVISIBLE * steps:
         raise InputError(

@@ -39,11 +39,7 @@ def build_model(plant: Plant) -> mujoco.MjModel:
 
 
 def read_model(path: str | os.PathLike[str]) -> mujoco.MjModel:
-    """The model in a file of MJCF.
-
-    Raises:
-        InputError: there is no such file, it is no MJCF, or no cart-pole that an env can use.
-    """
+    """The model in a file of MJCF."""
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"model must be the path of an MJCF file, got {path!r}.")
     model = load_mjcf(os.fspath(path), "model must be an MJCF file")
@@ -57,11 +53,7 @@ def read_model(path: str | os.PathLike[str]) -> mujoco.MjModel:
 
 
 def input_limit(model: mujoco.MjModel) -> float:
-    """The largest force that the model's actuator takes [N].
-
-    Raises:
-        InputError: it has no limit, or one that is not the same in both directions.
-    """
+    """The largest force that the model's actuator takes [N]."""
     actuator = model.actuator(ACTUATOR)
     low, high = actuator.ctrlrange
     if not actuator.ctrllimited or low != -high or high <= 0:

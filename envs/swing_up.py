@@ -200,11 +200,7 @@ class SwingUp:
 def read_start(
     options: dict[str, Any] | None, *shapes: tuple[int, ...]
 ) -> Float[np.ndarray, "*b X"] | None:
-    """The state that the options of `reset` ask for, or None.
-
-    Raises:
-        InputError: an unknown option, or a state that is not finite numbers in one of the shapes.
-    """
+    """The state that the options of `reset` ask for, or None."""
     unknown = set(options or ()) - {"state"}
     if unknown:
         raise InputError(f'reset knows the option "state", got {sorted(unknown)}.')

@@ -1,4 +1,7 @@
-"""Files of plain arrays: written whole or not at all, and never executed when read."""
+"""Files of plain arrays: written whole or not at all, and never executed when read.
+
+What cannot be written or read raises RunFolderError, which says why.
+"""
 
 from __future__ import annotations
 
@@ -63,11 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def destination(path: Path) -> Path:
-    """The file that is written to at a path: where its links lead, which need not be there yet.
-
-    Raises:
-        RunFolderError: a folder, a device, a pipe or a socket is there, or links lead in a circle.
-    """
+    """The file that is written to at a path: where its links lead, which need not be there yet."""
     try:
         kind = _NO_FILES.get(stat.S_IFMT(path.stat().st_mode))
     except OSError as error:
@@ -84,9 +83,6 @@ def make_folder(folder: Path, *names: str) -> None:
     """Make a folder to write into, where it is not there.
 
     All files of these names must land in it.
-
-    Raises:
-        RunFolderError: it cannot be made, or a file of that name is a link that leads out of it.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -102,9 +98,6 @@ def require_own(folder: Path, *paths: Path) -> None:
     """Make sure that what is written into a folder lands in it, whoever made the folder.
 
     Without `paths`, of all that is there.
-
-    Raises:
-        RunFolderError: a link below it leads out of it, or a device, a pipe or a socket is there.
     """
     root = Path(os.path.realpath(folder))
     for path in paths or sorted(folder.rglob("*")):
@@ -133,11 +126,7 @@ def _sync(path: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
-    """Write a file so that a reader finds the old content or the new, never a part.
-
-    Raises:
-        RunFolderError: the file cannot be written.
-    """
+    """Write a file so that a reader finds the old content or the new, never a part."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     return path
@@ -153,11 +142,7 @@ def csv_bytes(names: Sequence[str], rows: Iterable[Iterable[object]]) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file.
-
-    Raises:
-        RunFolderError: the file is missing, cannot be read, or is no text.
-    """
+    """The text of a file."""
     try:
         _check_kind(path)
         size = path.stat().st_size
@@ -260,11 +245,7 @@ def _array(content: bytes) -> np.ndarray:
 def write_groups(
     path: Path, about: Mapping[str, Any], groups: Mapping[str, Mapping[str, np.ndarray]]
 ) -> Path:
-    """Write named groups of arrays, with a JSON object about them, as one `.npz`.
-
-    Raises:
-        RunFolderError: the file cannot be written.
-    """
+    """Write named groups of arrays, with a JSON object about them, as one `.npz`."""
     arrays = {"about": np.array(json.dumps(about))}
     for group, members in groups.items():
         arrays |= {f"{group}/{name}": array for name, array in members.items()}
@@ -272,11 +253,7 @@ def write_groups(
 
 
 def read_groups(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
-    """The content of a file of `write_groups`: the object, and the groups that are not empty.
-
-    Raises:
-        RunFolderError: the file is missing, damaged, or was written otherwise.
-    """
+    """The content of a file of `write_groups`: the object, and the groups that are not empty."""
     arrays = read_arrays(path)
     try:
         about = json.loads(str(arrays.pop("about")))

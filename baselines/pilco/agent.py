@@ -108,11 +108,7 @@ def _start(task: TaskSpec) -> Gaussian:
 
 
 def _tip_cost(config: PilcoConfig, task: TaskSpec) -> TipDistanceCost:
-    """PILCO's cost of the cart-pole.
-
-    Raises:
-        InputError: the task is of another system.
-    """
+    """PILCO's cost of the cart-pole."""
     names = "cart_position", "pole_angle"
     if not set(names) <= set(task.state_names):
         raise InputError(

@@ -140,11 +140,7 @@ def stored_source(path: Path, agent: Any) -> MCPILCO:
 
 
 def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = None) -> None:
-    """Make sure of what `warm_start` asks of the agents; it takes no time.
-
-    Raises:
-        InputError: as `warm_start` does.
-    """
+    """Make sure of what `warm_start` asks of the agents; it takes no time."""
     numbers = DEFAULT if numbers is None else numbers
     buffer = getattr(agent.learner, "replay_buffer", None)
     if buffer is None:

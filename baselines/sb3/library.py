@@ -41,11 +41,7 @@ CLASSES: dict[str, Any] = {"sac": SAC, "tqc": TQC, "ppo": PPO}
 
 
 def vector_of(env: gym.Env, count: int, viewed: Callable[[gym.Env], gym.Env]) -> DummyVecEnv:
-    """The env, and copies of it, as the library steps them together.
-
-    Raises:
-        InputError: copies are asked for, and the env does not say how it is made.
-    """
+    """The env, and copies of it, as the library steps them together."""
     if count > 1 and env.spec is None:
         raise InputError(
             f"n_envs = {count} needs copies of the env, and it does not say how it is made; "

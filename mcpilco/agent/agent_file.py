@@ -128,9 +128,6 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
     """Read a file, for the time in which an agent is made of it.
 
     A file that names no algorithm is of `mcpilco`.
-
-    Raises:
-        RunFolderError: the file is missing or damaged, or the agent cannot be made of it.
     """
     about, arrays = read_groups(path)
     if (saved := about.get("algo", "mcpilco")) != algo:
@@ -154,12 +151,7 @@ def reading(path: Path, algo: str, kind: type[S]) -> Iterator[S]:
 
 
 def npz_path(path: str | Path) -> Path:
-    """The path of an agent's file, which ends with .npz.
-
-    Raises:
-        InputError: it is no path.
-        RunFolderError: it is a folder.
-    """
+    """The path of an agent's file, which ends with .npz."""
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"An agent's file has a path, such as 'agent.npz', got {path!r:.80}.")
     path = Path(path)

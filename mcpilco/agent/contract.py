@@ -109,9 +109,6 @@ def check_cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndar
         task: a cost that is learned from rewards is not looked at.
         low: smallest inputs, in their units.
         high: largest inputs.
-
-    Raises:
-        EnvError: it raises, or gives no finite number with a finite gradient for each particle.
     """
     if task.cost is None or isinstance(task.cost, RewardCost):
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -44,6 +45,9 @@ class Finding:
     """what was found, and what to do about it"""
 
 
+_fits, _note, _fault = (partial(Finding, kind) for kind in ("fits", "note", "fault"))
+
+
 def inspect_env(
     env: gym.Env,
     task: TaskSpec | None = None,
@@ -64,7 +68,7 @@ def inspect_env(
     try:
         known, finding = _task(env, task)
     except EnvError as error:
-        yield Finding("fault", str(error))
+        yield _fault(str(error))
         known = None
         if not all(isinstance(s, Box) for s in (env.observation_space, env.action_space)):
             return
@@ -73,16 +77,16 @@ def inspect_env(
     try:
         low, high = input_bounds(env)
     except EnvError as error:
-        yield Finding("fault", str(error))
+        yield _fault(str(error))
         return
-    yield Finding("fits", f"Actions are bounded: {low.tolist()} to {high.tolist()}.")
+    yield _fits(f"Actions are bounded: {low.tolist()} to {high.tolist()}.")
     yield from _time(env, horizon)
     rng = np.random.default_rng(seed)
     try:
         yield from _seeding(env, rng)
         raw, terminated = _record(env, rng, horizon, steps, seed)
     except McPilcoError as error:
-        yield Finding("fault", str(error))
+        yield _fault(str(error))
         return
     yield from _ends(raw, terminated, horizon or _time_limit(env) or LONG)
     yield from _circles(raw, known)
@@ -108,8 +112,8 @@ def _task(env: gym.Env, task: TaskSpec | None) -> tuple[TaskSpec, Finding]:
     known = task_of(env, task, quiet=True)
     if shown:
         names = ", ".join(known.state_names)
-        return known, Finding("fits", f"The task is known: states {names}; dt {known.dt:g} s.")
-    return known, Finding("note", str(guess_task(env)))
+        return known, _fits(f"The task is known: states {names}; dt {known.dt:g} s.")
+    return known, _note(str(guess_task(env)))
 
 
 def _cost(
@@ -122,29 +126,26 @@ def _cost(
     try:
         check_cost(task, low, high)
     except McPilcoError as error:
-        return Finding("fault", str(error))
+        return _fault(str(error))
     for episode in seen:
         costs = costs_of(task.cost, episode)
         if len(wrong := np.flatnonzero(~np.isfinite(costs))):
             state = episode.observations[1 + wrong[0]].round(3).tolist()
-            return Finding("fault", f"The cost is not finite at {state}: mend its formula there.")
-    return Finding("fits", "The cost is one finite number a particle, and has a gradient.")
+            return _fault(f"The cost is not finite at {state}: mend its formula there.")
+    return _fits("The cost is one finite number a particle, and has a gradient.")
 
 
 def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
     steps = _time_limit(env) if horizon is None else horizon
     if steps is None:
-        yield Finding(
-            "fault", "There is no time limit: say how many steps an episode has, --horizon."
-        )
+        yield _fault("There is no time limit: say how many steps an episode has, --horizon.")
     elif steps > LONG:
-        yield Finding(
-            "note",
+        yield _note(
             f"Episodes of {steps} steps are long to roll particles out: a --horizon in which the "
-            "goal can be reached, such as 50 to 100 steps, learns faster and often better.",
+            "goal can be reached, such as 50 to 100 steps, learns faster and often better."
         )
     else:
-        yield Finding("fits", f"Episodes have {steps} steps.")
+        yield _fits(f"Episodes have {steps} steps.")
 
 
 def _time_limit(env: gym.Env) -> int | None:
@@ -157,17 +158,14 @@ def _seeding(env: gym.Env, rng: np.random.Generator) -> Iterator[Finding]:
     twice = [_replay(env, inputs) for _ in range(2)]
     starts, paths = zip(*twice, strict=True)
     if not np.array_equal(*starts):
-        yield Finding(
-            "note", "Equal seeds of reset give different starts, so no run can be repeated."
-        )
+        yield _note("Equal seeds of reset give different starts, so no run can be repeated.")
     elif paths[0].shape != paths[1].shape or not np.array_equal(*paths):
-        yield Finding(
-            "note",
+        yield _note(
             "Equal seeds and inputs give different episodes: the steps draw random numbers that "
-            "reset does not seed, so no run can be repeated.",
+            "reset does not seed, so no run can be repeated."
         )
     else:
-        yield Finding("fits", "Equal seeds and inputs give equal episodes.")
+        yield _fits("Equal seeds and inputs give equal episodes.")
 
 
 def _replay(env: gym.Env, inputs: Float[np.ndarray, "T U"]) -> tuple[np.ndarray, np.ndarray]:
@@ -215,11 +213,10 @@ def _ends(
     """Do most episodes terminate in the first half of their time?"""
     lengths = [len(e) if early else longest for e, early in zip(episodes, terminated, strict=True)]
     if np.median(lengths) < longest / 2:
-        yield Finding(
-            "note",
+        yield _note(
             f"Under random inputs an episode lasts {np.median(lengths):g} steps in the median: "
             "they are learned from, but the particles know nothing of the end, so the cost must "
-            "say that it is bad. Take more random steps at first, --exploration 300 for example.",
+            "say that it is bad. Take more random steps at first, --exploration 300 for example."
         )
 
 
@@ -232,14 +229,13 @@ def _circles(episodes: Sequence[Rollout], task: TaskSpec | None) -> Iterator[Fin
     for pair in itertools.combinations(range(seen.shape[1]), 2):
         round_ = np.abs((seen[:, pair] ** 2).sum(1) - 1).max() < 1e-5 and seen[:, pair].std() > 1e-3
         if round_ and frozenset(pair) not in known:
-            yield Finding(
-                "fault",
+            yield _fault(
                 f"Observations {pair[0]} and {pair[1]} look like cosine and sine of one angle, for "
                 "their squares add up to 1. Let the task say so: observed=(..., (cosine, sine), "
-                "...), and name the state in angles.",
+                "...), and name the state in angles."
             )
         elif round_:
-            yield Finding("fits", f"Observations {pair[0]} and {pair[1]} are read as one angle.")
+            yield _fits(f"Observations {pair[0]} and {pair[1]} are read as one angle.")
     yield from _jumps(episodes, task)
 
 
@@ -250,11 +246,10 @@ def _jumps(episodes: Sequence[Rollout], task: TaskSpec | None) -> Iterator[Findi
         size = np.abs(steps[:, column])
         jumps, rest = size[size > np.pi], size[size <= np.pi]
         if len(jumps) and column not in counted and len(rest) and _is_turn(jumps, rest):
-            yield Finding(
-                "fault",
+            yield _fault(
                 f"Observation {column} jumps by a full turn {len(jumps)} times: an angle that is "
                 "kept within a turn. Name it in angles, and name all states in observed, so that "
-                "its turns are counted.",
+                "its turns are counted."
             )
 
 
@@ -265,10 +260,9 @@ def _is_turn(jumps: Float[np.ndarray, " J"], rest: Float[np.ndarray, " R"]) -> b
 
 def _hidden(task: TaskSpec) -> Finding:
     names = [name for i, name in enumerate(task.state_names) if i not in task.measured_states]
-    return Finding(
-        "note",
+    return _note(
         f"Not measured, and estimated by the agent: {', '.join(names) or 'nothing'}. The start, "
-        "the scales and whether the state is Markov are checked only where all are measured.",
+        "the scales and whether the state is Markov are checked only where all are measured."
     )
 
 
@@ -285,21 +279,19 @@ def _start(env: gym.Env, task: TaskSpec) -> Iterator[Finding]:
     wrong_mean = (off > 4 * np.maximum(std, said_std) / np.sqrt(RESETS) + small) & ~full_turn
     wrong_std = (std > 2 * said_std + small) | (2 * std < said_std - small)
     for i in np.flatnonzero(wrong_mean | (wrong_std & ~(full_turn & (said_std > 1.3)))):
-        yield Finding(
-            "fault",
+        yield _fault(
             f"Episodes start with {task.state_names[i]} at {mean[i]:.3g} +- {std[i]:.2g} "
             f"{task.state_units[i]}, the task says {said_mean[i]:.3g} +- {said_std[i]:.2g}: "
-            "the particles would start elsewhere. Mend start_mean and start_std.",
+            "the particles would start elsewhere. Mend start_mean and start_std."
         )
     if full_turn.any():
         wide = ", ".join(task.state_names[i] for i in np.flatnonzero(full_turn))
-        yield Finding(
-            "note",
+        yield _note(
             f"Episodes start anywhere around the circle of {wide}: the policy must work from all "
-            "of it, which takes more data than one start does.",
+            "of it, which takes more data than one start does."
         )
     elif not wrong_mean.any() and not wrong_std.any():
-        yield Finding("fits", "Episodes start where the task says.")
+        yield _fits("Episodes start where the task says.")
 
 
 def _scales(task: TaskSpec, episodes: Sequence[Rollout]) -> Iterator[Finding]:
@@ -307,15 +299,12 @@ def _scales(task: TaskSpec, episodes: Sequence[Rollout]) -> Iterator[Finding]:
     std = seen.std(0)
     still = [name for name, value in zip(task.state_names, std, strict=True) if value == 0]
     if still:
-        yield Finding(
-            "note", f"{', '.join(still)} never changed: leave it out of the state, with observed."
-        )
+        yield _note(f"{', '.join(still)} never changed: leave it out of the state, with observed.")
     moving = std[std > 0]
     if len(moving) and moving.max() / moving.min() > SCALES:
-        yield Finding(
-            "note",
+        yield _note(
             f"The spreads of the states differ by a factor of {moving.max() / moving.min():.0e}; "
-            "give them in units in which they are more alike.",
+            "give them in units in which they are more alike."
         )
 
 
@@ -331,57 +320,48 @@ def _velocities(task: TaskSpec, episodes: Sequence[Rollout]) -> Iterator[Finding
         rest = float(np.std(moved - fitted * rate) / (np.std(moved) + 1e-12))
         names = f"{task.state_names[velocity]} is the velocity of {task.state_names[position]}"
         if rest > 0.5:
-            yield Finding(
-                "fault", f"The task says that {names}, but the one does not move with the other."
-            )
+            yield _fault(f"The task says that {names}, but the one does not move with the other.")
         elif abs(fitted - task.dt) > 0.2 * task.dt:
-            yield Finding(
-                "fault",
+            yield _fault(
                 f"The task says that {names} and dt is {task.dt:g} s, but it moves as if dt were "
-                f"{fitted:.3g} s: mend dt, or the units of one of them.",
+                f"{fitted:.3g} s: mend dt, or the units of one of them."
             )
         else:
-            yield Finding("fits", f"{names[0].upper()}{names[1:]}, within {rest:.1%} of a step.")
+            yield _fits(f"{names[0].upper()}{names[1:]}, within {rest:.1%} of a step.")
 
 
 def _memory(task: TaskSpec, gains: Sequence[Gain]) -> Finding:
     """Is the state Markov?"""
     if not gains:
-        return Finding("note", "Episodes are too short to test whether the state is Markov.")
+        return _note("Episodes are too short to test whether the state is Markov.")
     worst = max(
         range(len(gains)), key=lambda i: gains[i].low if gains[i].unexplained > SHARE else 0
     )
     gain, name = gains[worst], task.state_names[worst]
     if gain.unexplained > SHARE and gain.low > SURE:
-        return Finding(
-            "fault",
+        return _fault(
             f"The state is not Markov: the one-step prediction error of {name} is "
             f"{gain.factor:.1f} times smaller (95 % interval {gain.low:.1f} to {gain.high:.1f}) if "
             "the previous observation is known too. A velocity or another state is not observed, "
             "or the action acts with delay: observe all states, or list the measured ones in "
             "`measured`, so that velocities are estimated; for a late actuator train with --delay "
-            "or --memory.",
+            "or --memory."
         )
-    return Finding(
-        "fits",
+    return _fits(
         "The state looks Markov: the previous observation makes no one-step prediction error more "
         f"than {SURE:g} times smaller (most that of {name}: {gain.factor:.1f} times, 95 % interval "
-        f"{gain.low:.1f} to {gain.high:.1f}).",
+        f"{gain.low:.1f} to {gain.high:.1f})."
     )
 
 
 def _rewards(share: float) -> Finding:
     if np.isnan(share):
-        return Finding(
-            "fault", "All rewards are equal, so no cost can be learned from them: give a cost."
-        )
+        return _fault("All rewards are equal, so no cost can be learned from them: give a cost.")
     if share < LEARNABLE:
-        return Finding(
-            "fault",
+        return _fault(
             f"The task has no cost, and state and input explain only {max(share, 0):.0%} of the "
-            "rewards' variance: give a cost.",
+            "rewards' variance: give a cost."
         )
-    return Finding(
-        "fits",
-        f"The cost is learned: state and input explain {share:.1%} of the rewards' variance.",
+    return _fits(
+        f"The cost is learned: state and input explain {share:.1%} of the rewards' variance."
     )

@@ -96,11 +96,7 @@ class ModelBasedAgent(TrialAgent):
         return 4
 
     def _own_task(self, task: TaskSpec) -> TaskSpec:
-        """The task as the agent sees it: with a cost.
-
-        Raises:
-            InputError: the algorithm cannot learn such a task.
-        """
+        """The task as the agent sees it: with a cost."""
         return with_cost(task)
 
     def _fit_model(self, trial: int) -> dict[str, float]:

@@ -38,11 +38,7 @@ def import_named(*names: str) -> None:
 
 
 def require_imported(name: str) -> None:
-    """Make sure that a name needs no import.
-
-    Raises:
-        InputError: its module has not been imported.
-    """
+    """Make sure that a name needs no import."""
     module = name.rpartition(":")[0]
     if module and module not in sys.modules:
         raise InputError(

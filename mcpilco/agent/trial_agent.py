@@ -85,11 +85,6 @@ class TrialAgent(ABC):
         """An agent that has learned nothing yet.
 
         Arguments are those of `mcpilco.agent.MCPILCO`; a preset is one of `presets`.
-
-        Raises:
-            TypeError: a keyword is unknown.
-            InputError: an argument does not fit, or the algorithm cannot learn such a task.
-            EnvError: the env does not fit.
         """
         known = ("preset", "config", "seed", "verbose", "task", *self.objects)
         refuse_keywords(type(self).__name__, unknown, known, self.config_type)
@@ -156,11 +151,7 @@ class TrialAgent(ABC):
 
     @abstractmethod
     def _trials_within(self, total_timesteps: int) -> int:
-        """How many trials so many steps of the env allow, rounded up.
-
-        Raises:
-            InputError: too few steps for a trial.
-        """
+        """How many trials so many steps of the env allow, rounded up."""
 
     def _explore(self) -> list[Rollout]:
         """Episodes of random inputs, recorded before the first trial where they are needed."""
@@ -290,11 +281,7 @@ class TrialAgent(ABC):
         """The action for one observation or a batch, and the state to hand back with the next."""
 
     def _observation(self, observation: Any) -> Float[np.ndarray, "*b O"]:
-        """An observation, checked.
-
-        Raises:
-            InputError: it has another width, or is not finite.
-        """
+        """An observation, checked."""
         shape = self.env.observation_space.shape
         try:
             found = np.asarray(observation, dtype=np.float64)

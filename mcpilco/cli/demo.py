@@ -43,12 +43,7 @@ class Demo(Command):
 
 
 def _draw(run: RunFolder) -> Path:
-    """The picture written into the run folder: the cost of each trial, and the last rollout.
-
-    Raises:
-        InputError: matplotlib is missing.
-        RunFolderError: it cannot be written.
-    """
+    """The picture written into the run folder: the cost of each trial, and the last rollout."""
     from mcpilco.logbook import read_history
     from mcpilco.show import plot_input, plot_learning, plot_states
     from mcpilco.show.plots import new_axes, write_picture

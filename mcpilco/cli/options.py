@@ -1,4 +1,7 @@
-"""Commands and what they share: first steps, types of options, and the options of a training."""
+"""Commands and what they share: first steps, types of options, and the options of a training.
+
+Options that cannot be meant raise InputError.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +58,6 @@ def register(*names: str, trusted: Iterable[str] = ()) -> None:
         names: of envs, algorithms and plants that the user typed; of `module:Name` the module is
             imported.
         trusted: modules that the user trusts, because a run names them.
-
-    Raises:
-        InputError: a module cannot be imported.
     """
     import baselines  # noqa: F401  registers its algorithms
     import envs  # noqa: F401  registers its ids
@@ -67,11 +67,7 @@ def register(*names: str, trusted: Iterable[str] = ()) -> None:
 
 
 def require_at_least(least: int, **values: int | None) -> None:
-    """Check options that are whole numbers, by name; None is an option that is not given.
-
-    Raises:
-        InputError: one is less.
-    """
+    """Check options that are whole numbers, by name; None is an option that is not given."""
     for name, value in values.items():
         if value is not None and value < least:
             expected = "not be negative" if least == 0 else f"be at least {least}"
@@ -135,11 +131,7 @@ Files = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar=
 
 
 def pairs(option: str, entries: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Names and values.
-
-    Raises:
-        InputError: an entry is no NAME=VALUE.
-    """
+    """Names and values."""
     for entry in entries:
         name, equals, value = entry.partition("=")
         if not (name and equals):
@@ -153,21 +145,13 @@ def separated(entries: Sequence[str]) -> list[str]:
 
 
 def column_names(entries: Sequence[str]) -> dict[str, str]:
-    """The file's name of each column that is named otherwise there; empty of one to ignore.
-
-    Raises:
-        InputError: an entry is no NAME=COLUMN.
-    """
+    """The file's name of each column that is named otherwise there; empty of one to ignore."""
     named = pairs("--columns", separated(entries))
     return {name: "" if column == "none" else column for name, column in named}
 
 
 def column_maps(entries: Sequence[str]) -> dict[str, dict[str, str]]:
-    """`column_names` by file: of those that FILE: before the first names, or else of all, `*`.
-
-    Raises:
-        InputError: an entry is no NAME=COLUMN.
-    """
+    """`column_names` by file: of those that FILE: before the first names, or else of all, `*`."""
     maps: dict[str, dict[str, str]] = {}
     for entry in entries:
         first, equals, rest = entry.partition("=")
@@ -177,11 +161,7 @@ def column_maps(entries: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def number(what: str, text: str) -> float:
-    """The number in a text.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The number in a text."""
     try:
         return float(text)
     except ValueError:
@@ -189,21 +169,13 @@ def number(what: str, text: str) -> float:
 
 
 def named_numbers(option: str, entries: Sequence[str]) -> dict[str, float]:
-    """Numbers by name, of entries that are also separated by commas.
-
-    Raises:
-        InputError: an entry is no NAME=VALUE, or its value no number.
-    """
+    """Numbers by name, of entries that are also separated by commas."""
     found = pairs(option, separated(entries))
     return {name: number(f"{option} {name}", value) for name, value in found}
 
 
 def uncertainty(entries: Sequence[str]) -> float | dict[str, float]:
-    """Prior standard deviations of parameters: by name, or one for all.
-
-    Raises:
-        InputError: an entry is neither STD nor NAME=STD.
-    """
+    """Prior standard deviations of parameters: by name, or one for all."""
     if named := [entry for entry in entries if "=" in entry]:
         return named_numbers("--uncertainty", named)
     return number("--uncertainty", entries[-1])
@@ -213,9 +185,6 @@ def keywords(option: str, entries: Sequence[str]) -> dict[str, Any]:
     """Keywords of an env: numbers, true, false, words, or what a JSON file holds.
 
     A run folder that keeps them needs no other file.
-
-    Raises:
-        InputError: an entry is no NAME=VALUE, or its file cannot be read.
     """
     return {name: _value(option, text) for name, text in pairs(option, entries)}
 
@@ -240,11 +209,7 @@ def _value(option: str, text: str) -> Any:
 
 
 def given_task(path: Path | None) -> TaskSpec | None:
-    """The task in the file that the user names, if any; Python in it is executed.
-
-    Raises:
-        InputError: the file holds no task.
-    """
+    """The task in the file that the user names, if any; Python in it is executed."""
     from mcpilco.agent import load_task
 
     return None if path is None else load_task(path)
@@ -288,12 +253,7 @@ class Learning(Command):
         return suitable_preset(self.preset, self.algo, self.model)
 
     def numbers(self) -> tuple[Any, dict[str, Any]]:
-        """The agent's configuration and the env's keywords.
-
-        Raises:
-            InputError: the algorithm has no such preset, model or exploration, or a keyword of the
-                env cannot be read.
-        """
+        """The agent's configuration and the env's keywords."""
         from mcpilco.agent import find, preset_numbers, with_model
 
         config, env_kwargs = preset_numbers(
@@ -307,11 +267,7 @@ class Learning(Command):
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
 
     def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:
-        """A new agent of the algorithm with these numbers, in an env whose task is given or shown.
-
-        Raises:
-            McPilcoError: the numbers, the env and the task do not fit one another.
-        """
+        """A new agent with these numbers, in an env whose task is given or shown."""
         from mcpilco.agent import find
 
         kind = find(self.algo)

@@ -141,11 +141,7 @@ def _write_film(path: Path, runs: list[Any], trial: int | None) -> float:
 
 
 def _write_video(path: Path, run: Any, asked: int | None) -> Path:
-    """The path of a video of a trial: its policy acts again, from the trial's seed of the env.
-
-    Raises:
-        InputError: the env draws no pictures, or the file is no video.
-    """
+    """The path of a video of a trial: its policy acts again, from the trial's seed of the env."""
     from gymnasium.wrappers import RenderCollection
 
     from mcpilco.agent import Streams, agent_of, finished_trial, open_run_env, run_episode

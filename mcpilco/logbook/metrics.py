@@ -50,11 +50,7 @@ def measures_in(row: Iterable[str]) -> list[str]:
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The rows of metrics.csv: of trials 1, 2, ...
-
-    Raises:
-        RunFolderError: the file is missing or damaged.
-    """
+    """The rows of metrics.csv: of trials 1, 2, ..."""
     try:
         header, *rows = list(csv.reader(read_text(path).splitlines())) or [[]]
     except csv.Error as error:
@@ -69,22 +65,14 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
 
 
 def write_metrics(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write metrics.csv: the columns of `METRICS` and the env's measures, of rows with more.
-
-    Raises:
-        RunFolderError: the file cannot be written.
-    """
+    """Write metrics.csv: the columns of `METRICS` and the env's measures, of rows with more."""
     columns = _columns(measures_in(dict.fromkeys(name for row in rows for name in row)))
     cells = ([_cell(row.get(column)) for column in columns] for row in rows)
     write_bytes(path, csv_bytes(columns, cells))
 
 
 def check_values(path: Path, values: Mapping[str, Any]) -> None:
-    """Make sure that these are values of a trial, which can take their row in metrics.csv.
-
-    Raises:
-        RunFolderError: an entry is missing, or of another type.
-    """
+    """Make sure that these are values of a trial, which can take their row in metrics.csv."""
     for column in _columns(measures_in(values)):
         read = METRICS.get(column, _measure)
         try:

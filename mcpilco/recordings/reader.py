@@ -66,11 +66,7 @@ class LogRows:
         return self.stamps - self.stamps[0]
 
     def columns(self, names: Sequence[str]) -> Float[np.ndarray, "N U"]:
-        """Some columns side by side, NaN where one is absent.
-
-        Raises:
-            RecordingError: a cell is no number.
-        """
+        """Some columns side by side, NaN where one is absent."""
         absent, of = np.full(len(self.kept), np.nan), self.sources
         found = [self.table.numbers(of[n])[self.kept] if n in of else absent for n in names]
         return np.column_stack(found) if found else np.empty((len(self.kept), 0))

@@ -42,9 +42,6 @@ class Table:
         Args:
             name: of the column.
             largest: magnitude beyond which a number is no measurement.
-
-        Raises:
-            RecordingError: a cell is no number, infinite, or larger than any measurement.
         """
         cells = self.columns[name]
         values = np.empty(len(self.rows))
@@ -84,11 +81,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def write_table(path: str | Path, columns: Mapping[str, Float[np.ndarray, " N"]]) -> Path:
-    """Write a CSV that `read_table` reads to the last digit; NaN becomes an empty cell.
-
-    Raises:
-        RunFolderError: the file cannot be written.
-    """
+    """Write a CSV that `read_table` reads to the last digit; NaN becomes an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

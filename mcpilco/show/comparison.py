@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
@@ -13,7 +12,7 @@ import numpy as np
 
 from mcpilco.files import csv_bytes, make_folder, write_bytes
 from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
-from mcpilco.show.plots.style import add_legend
+from mcpilco.show.plots.style import add_legend, new_axes, write_picture
 from mcpilco.sweep import (
     CONFIDENCE,
     SHOWN,
@@ -31,7 +30,6 @@ from mcpilco.sweep import (
     measures,
     same_amount,
 )
-from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,8 +41,6 @@ _FILES = (
     *("comparison.md", "comparison.csv", "differences.csv", "seeds.csv"),
     *("curves.png", "seeds.png"),
 )
-_INCHES = (4.4, 2.8)
-_DPI = 120
 
 LEGEND = (
     f"In brackets: {CONFIDENCE:.0%} intervals, Wilson's for success of the one test rollout of "
@@ -239,12 +235,7 @@ def _upper(text: str) -> str:
 
 
 def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
-    """Learning curves, a panel a measure, with the intervals over seeds as bands.
-
-    Raises:
-        InputError: matplotlib is missing.
-        RunFolderError: the file cannot be written.
-    """
+    """Learning curves, a panel a measure, with the intervals over seeds as bands."""
     panels = []
     for measure in measures(runs):
         curves = {
@@ -259,12 +250,7 @@ def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
 
 
 def write_seeds(path: Path, runs: Sequence[Run]) -> Path:
-    """How the seeds are spread after most experience, a panel a measure.
-
-    Raises:
-        InputError: matplotlib is missing.
-        RunFolderError: the file cannot be written.
-    """
+    """How the seeds are spread after most experience, a panel a measure."""
     common = common_amounts(runs)
     panels = []
     for measure in (measure for measure in measures(runs) if not measure.share):
@@ -295,22 +281,9 @@ def _curve(name: str, measure: Measure, rows: Sequence[Row]) -> Curve | None:
 
 def _write(path: Path, panels: Sequence[Callable[[Axes], object]], legend: bool = False) -> Path:
     """A picture of panels in two columns, the first with a legend."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise InputError(
-            "Plots need matplotlib; install it with: pip install 'mcpilco[report]'"
-        ) from error
-    rows = -(-len(panels) // 2)
-    size = 2 * _INCHES[0], rows * _INCHES[1]
-    figure = Figure(figsize=size, layout="constrained")
-    axes = list(figure.subplots(rows, 2, squeeze=False).flat)
-    for ax, panel in zip(axes, panels, strict=False):
+    axes = new_axes(len(panels))
+    for ax, panel in zip(axes, panels, strict=True):
         panel(ax)
     if legend:
         add_legend(axes[0])
-    for ax in axes[len(panels) :]:
-        ax.remove()
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DPI)
-    return write_bytes(path, content.getvalue())
+    return write_picture(path, axes[0])

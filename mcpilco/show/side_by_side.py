@@ -63,9 +63,6 @@ def write_side_by_side(
     Each model has a scene of its own, in which the measured marker's path is white.
 
     All clips are of the same models. Missing folders are made, an existing file is replaced.
-
-    Raises:
-        RunFolderError: the file cannot be written.
     """
     arrays = (a for clip in clips for a in (clip.measured, clip.inputs, *clip.models.values()))
     with new_recording(path, name, arrays) as rec:

@@ -175,9 +175,6 @@ def fit_gaussian(
 
     All data make the posterior, whose cost grows as N^3; `tuned_on` of them, drawn at random, the
     hyperparameters. `built` is what a file must say to build the prior anew.
-
-    Raises:
-        NotPositiveDefiniteError: a joint's covariance matrix has no Cholesky factor.
     """
     Z = prior.features(data.motion).detach()
     tau = torch.as_tensor(data.tau, dtype=torch.float64)

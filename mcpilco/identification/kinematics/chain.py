@@ -25,11 +25,7 @@ _LEAST_MOTION = 0.02
 
 
 def check_recording(recording: MarkerRecording) -> list[str]:
-    """Sentences on what looks wrong.
-
-    Raises:
-        InputError: nothing can be found in the recording; the sentence says what to record.
-    """
+    """Sentences on what looks wrong."""
     _require_samples(recording)
     _require_distinct(recording)
     _require_sight(recording)
@@ -260,11 +256,7 @@ def _between(tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers:
 
 
 def _paths(scores: Scores, base: int, recording: MarkerRecording) -> Iterator[list[_Hop]]:
-    """All chains through every marker whose triplets pass.
-
-    Raises:
-        InputError: there is none.
-    """
+    """All chains through every marker whose triplets pass."""
     longest: list[_Hop] = [(base, -1)]
     found = False
     open_paths: list[list[_Hop]] = [[(base, -1)]]

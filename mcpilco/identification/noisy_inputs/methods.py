@@ -55,14 +55,9 @@ def stepwise(
 ) -> Solution:
     """Inputs enter by the F test of the best next one, and leave by that of the worst.
 
-    Reference: Draper, Smith, Applied regression analysis, 1981, chapter 6.
+    They do so at a p value below `enter` and above `leave`.
 
-    Args:
-        X: inputs.
-        y: output.
-        seed: not used.
-        enter: p value below which an input enters.
-        leave: p value above which it leaves.
+    Reference: Draper, Smith, Applied regression analysis, 1981, chapter 6.
     """
     moments, D = Moments.of(X, y), X.shape[1]
     chosen: list[int] = []

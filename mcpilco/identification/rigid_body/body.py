@@ -21,6 +21,9 @@ from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
 from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError
 
+Motion = Float[np.ndarray, "N J"]
+"""of J joints: positions q [m or rad], velocities q' [m/s or rad/s] or accelerations q''"""
+
 
 class Term(NamedTuple):
     """A force in a joint that has one parameter."""
@@ -123,12 +126,7 @@ class RigidBody:
             found += [*inertial, *(TERMS[term].unit.format(f=f, q=q) for term in self.terms)]
         return tuple(found)
 
-    def regressor(
-        self,
-        q: Float[np.ndarray, "N J"],
-        dq: Float[np.ndarray, "N J"],
-        ddq: Float[np.ndarray, "N J"],
-    ) -> Float[np.ndarray, "N J D"]:
+    def regressor(self, q: Motion, dq: Motion, ddq: Motion) -> Float[np.ndarray, "N J D"]:
         """Y(q, q', q''): a column of forces for each parameter [N or N m a unit of it].
 
         Raises:
@@ -161,11 +159,7 @@ class RigidBody:
 
 def random_motions(
     body: RigidBody, count: int, rng: np.random.Generator
-) -> tuple[
-    Float[np.ndarray, "N J"],
-    Float[np.ndarray, "N J"],
-    Float[np.ndarray, "N J"],
-]:
+) -> tuple[Motion, Motion, Motion]:
     """Random q, q' and q'' that excite every parameter that forces depend on.
 
     Positions are drawn from all around [rad] or within a metre, velocities and accelerations are
@@ -212,12 +206,6 @@ class BaseParameters:
     def columns(self, Y: Float[np.ndarray, "*b D"]) -> Float[np.ndarray, "*b B"]:
         """The independent columns of a regressor."""
         return Y[..., self.independent]
-
-    def lift(self, beta: Float[np.ndarray, " B"]) -> Float[np.ndarray, " D"]:
-        """The theta that has these base parameters, 0 for all dependent parameters."""
-        theta = np.zeros(len(self.independent) + len(self.dependent))
-        theta[self.independent] = beta
-        return theta
 
     def near(
         self, beta: Float[np.ndarray, " B"], theta: Float[np.ndarray, " D"]

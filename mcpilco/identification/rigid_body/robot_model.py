@@ -160,9 +160,6 @@ def follow_reference(
     """Positions of a robot under feedback, as often as its reference [rad or m].
 
     The robot's actuators, contacts and limits are left out.
-
-    Raises:
-        InputError: the robot leaves its reference.
     """
     model, steps = copy.deepcopy(model), max(1, math.ceil(dt / model.opt.timestep - 1e-9))
     model.opt.timestep = h = dt / steps

@@ -137,9 +137,6 @@ def rows_of_segment(
 
     `whole` is the same robot with all terms that there are, `simulated` the model whose simulations
     of the stretch the rows shall have, if any.
-
-    Raises:
-        InputError: the stretch is too short, or shows no feedback that could be simulated.
     """
     unknown, nothing = np.full_like(segment.q, np.nan), np.zeros_like(segment.q)
     step = max(1, int(1.0 / (8.0 * cutoff * segment.dt)))

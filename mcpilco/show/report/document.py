@@ -142,11 +142,7 @@ def render(document: Document) -> str:
 
 
 def write_document(path: Path, document: Document) -> Path:
-    """The path of the page written, whole or not at all; it needs no other file.
-
-    Raises:
-        RunFolderError: it cannot be written.
-    """
+    """The path of the page written, whole or not at all; it needs no other file."""
     page = render(document).encode()
     with contextlib.suppress(OSError):  # the writing then says what is wrong
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -64,12 +64,7 @@ class OneStep:
 
 
 def one_step(history: History, trial: PastTrial) -> OneStep:
-    """Predictions of each step of a trial by the models that were fitted before it.
-
-    Raises:
-        RunFolderError: a file is missing or damaged.
-        NotPositiveDefiniteError: the data make a covariance singular, which they did not before.
-    """
+    """Predictions of each step of a trial by the models that were fitted before it."""
     kind, config = read_agent(history)
     model = kind.make_model(config, history.task)
     arrays = history.run.read_arrays(trial.number, "gp")
@@ -89,11 +84,7 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
 
 
 def read_agent(history: History) -> tuple[type[ModelBasedAgent], Any]:
-    """The class of an agent that predicts, and so has a model, and its numbers.
-
-    Raises:
-        RunFolderError: config.json does not hold them, or its algorithm is not known here.
-    """
+    """The class of an agent that predicts, and so has a model, and its numbers."""
     try:
         found = find(history.run.config.get("algo", "mcpilco"))
         kind = cast("type[ModelBasedAgent]", found)
@@ -133,9 +124,6 @@ def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:
     """A map for each position with its velocity, and for each input; the first six of them.
 
     The other states are held where the trial's rollout ended.
-
-    Raises:
-        RunFolderError: the policy is missing, damaged, or of another task.
     """
     policy = read_policy(history, trial)
     task, inputs = history.task, range(len(history.task.input_names))
@@ -147,11 +135,7 @@ def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:
 
 
 def read_policy(history: History, trial: PastTrial) -> Any:
-    """The policy of a trial.
-
-    Raises:
-        RunFolderError: the policy is missing, damaged, or of another task.
-    """
+    """The policy of a trial."""
     arrays = history.run.read_arrays(trial.number, "policy")
     try:
         centre, half_range = arrays["squash.centre"], arrays["squash.half_range"]

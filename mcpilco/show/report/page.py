@@ -227,11 +227,7 @@ def errors(history: History) -> Section:
 
 
 def calibration(history: History) -> Section:
-    """Whether the predicted spread covers the truth.
-
-    Raises:
-        RunFolderError: the models or the data of a trial cannot be read.
-    """
+    """Whether the predicted spread covers the truth."""
     by_trial = {trial.number: one_step(history, trial) for trial in history.learned}
     steps = reduce(add, by_trial.values())
     shares = dict(zip(steps.names, steps.coverage(LEVELS).T, strict=True))
@@ -283,11 +279,7 @@ def _coverage_table(by_trial: Mapping[int, OneStep]) -> Table:
 
 
 def policy(history: History) -> Section:
-    """The inputs of the last policy over the states.
-
-    Raises:
-        RunFolderError: the policy cannot be read.
-    """
+    """The inputs of the last policy over the states."""
     trial = history.learned[-1]
     pictures = [
         draw(f"{found.labels[2]} over {found.labels[0]}", partial(plot_policy, found))
