@@ -106,7 +106,6 @@ class MujocoCartPoleSwingUpEnv(SwingUpEnv):
         render_mode: str | None = None,
         **keywords: Any,
     ) -> None:
-        """The keywords are listed above under Arguments."""
         constants = [name for name in CONSTANTS if name in keywords]
         if model is not None and constants:
             raise InputError(

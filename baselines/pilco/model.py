@@ -110,7 +110,6 @@ class PilcoModel(Model):
     gp: CurbedGP
 
     def __init__(self, config: PilcoConfig, task: TaskSpec) -> None:
-        """A model that has seen nothing yet."""
         super().__init__(ModelConfig(kernel="rbf", integration="full"), task)
         kernel = self.gp.kernel
         assert isinstance(kernel, RBF), "the configuration says so"

@@ -60,7 +60,6 @@ class ViewedEnv(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
     """The env as networks see it; what goes wrong in it is an `EnvError`."""
 
     def __init__(self, env: gym.Env, view: View) -> None:
-        """The env behind a view."""
         super().__init__(state_view(env, view.task))
         self.view = view
         width = len(view.task.state_names) + len(view.task.angles)

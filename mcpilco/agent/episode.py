@@ -185,7 +185,6 @@ class Streams:
     """
 
     def __init__(self, seed: int) -> None:
-        """Streams of one seed, which is not negative."""
         self.seed = seed
 
     def inputs(self, trial: int) -> np.random.Generator:

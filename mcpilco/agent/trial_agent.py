@@ -128,11 +128,7 @@ class TrialAgent(ABC):
         """Make what the algorithm has beside all this, before it has learned anything."""
 
     def _own_task(self, task: TaskSpec) -> TaskSpec:
-        """The task as the agent sees it.
-
-        Raises:
-            InputError: the algorithm cannot learn such a task.
-        """
+        """The task as the agent sees it."""
         return task
 
     @staticmethod

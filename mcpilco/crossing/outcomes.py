@@ -1,4 +1,7 @@
-"""Returns and success of policies in the simulation of their training, and on the system."""
+"""Returns and success of policies in the simulation of their training, and on the system.
+
+An env that misbehaves raises EnvError, a file that is damaged or cannot be written RunFolderError.
+"""
 
 from __future__ import annotations
 
@@ -86,9 +89,6 @@ def cross(
         horizon: most steps of an episode.
         seed: of the training.
         episodes: that a policy is judged by, in each place.
-
-    Raises:
-        EnvError: an env cannot be made, or misbehaves.
     """
     tried = {
         trial: judged(begin, simulation, horizon, (seed, trial, 0), episodes).worth
@@ -119,9 +119,6 @@ def judged(
         seed: run, trial, and which of its judgements this is. The episode that is kept is of the
             first two alone: it begins alike in all places that draw their starts alike.
         episodes: by which it is judged.
-
-    Raises:
-        EnvError: the env cannot be made, or misbehaves.
     """
     first, shown_seed = (
         int(np.random.SeedSequence(tuple(part)).generate_state(1)[0]) for part in (seed, seed[:2])
@@ -149,11 +146,7 @@ def _task(place: Place) -> TaskSpec:
 
 
 def write_crossing(path: Path, crossing: Crossing) -> None:
-    """Write it as JSON, whole or not at all.
-
-    Raises:
-        RunFolderError: the file cannot be written.
-    """
+    """Write it as JSON, whole or not at all."""
     content = {**vars(crossing), "format": FORMAT}
     for name in ("promised", "happened"):
         outcome = getattr(crossing, name)
@@ -163,11 +156,7 @@ def write_crossing(path: Path, crossing: Crossing) -> None:
 
 
 def read_crossing(path: Path) -> Crossing:
-    """The crossing in a file of `write_crossing`.
-
-    Raises:
-        RunFolderError: the file is missing or damaged.
-    """
+    """The crossing in a file of `write_crossing`."""
     content = dict(read_json(path))
     try:
         if content.pop("format") != FORMAT:

@@ -96,7 +96,10 @@ class CrossingSettings:
 
 @dataclass(frozen=True)
 class Workflow:
-    """The stages of a crossing, in one folder."""
+    """The stages of a crossing, in one folder.
+
+    What does not fit, the env, the time, the recordings or a run folder, raises McPilcoError.
+    """
 
     out: Path
     """the folder"""
@@ -131,9 +134,6 @@ class Workflow:
         """The files of the recordings; those that are missing are recorded now.
 
         A rollout is a file, so that what a system has done is never asked of it again.
-
-        Raises:
-            McPilcoError: the env cannot be made, or the time is too short.
         """
         told, paths = self.settings, []
         (self.out / "recordings").mkdir(parents=True, exist_ok=True)
@@ -169,9 +169,6 @@ class Workflow:
 
         Args:
             accept: go on with recordings that look wrong; the verdict says so first.
-
-        Raises:
-            McPilcoError: the recordings cannot be used, or look wrong.
         """
         found = None
         if self.verdict is None:
@@ -205,9 +202,6 @@ class Workflow:
         Args:
             leg: one of `LEGS`.
             listeners: callbacks of the training, which write the run folder.
-
-        Raises:
-            McPilcoError: the env and the algorithm do not fit.
         """
         path = self.out / leg
         if (path / "config.json").exists():
@@ -231,11 +225,7 @@ class Workflow:
         return run
 
     def attempt(self, leg: str) -> Crossing:
-        """Try the best policy of a leg in its simulation and, once, on the system.
-
-        Raises:
-            McPilcoError: a run folder is damaged, or an env misbehaves.
-        """
+        """Try the best policy of a leg in its simulation and, once, on the system."""
         path = self.out / f"{leg}.json"
         if path.exists():
             return read_crossing(path)

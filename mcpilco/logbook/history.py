@@ -1,4 +1,7 @@
-"""A run read back from its folder: the task, each rollout and its prediction."""
+"""A run read back from its folder: the task, each rollout and its prediction.
+
+What is missing or damaged raises RunFolderError, where a reader does not say otherwise.
+"""
 
 from __future__ import annotations
 
@@ -134,9 +137,6 @@ def read_task(run: RunFolder) -> TaskSpec:
     """The task as the agent knew it, without its cost.
 
     A folder that holds no task.json is of an earlier version: its agent tells.
-
-    Raises:
-        RunFolderError: neither file tells.
     """
     path = run.path / "task.json"
     if path.exists():
@@ -156,11 +156,7 @@ def read_task(run: RunFolder) -> TaskSpec:
 
 
 def read_trial(run: RunFolder, task: TaskSpec, number: int, row: Mapping[str, Any]) -> PastTrial:
-    """One trial; 0 is the exploration.
-
-    Raises:
-        RunFolderError: a file is missing or damaged, or does not fit the task.
-    """
+    """One trial; 0 is the exploration."""
     path = run.arrays_path(number, "rollout")
     arrays = run.read_arrays(number, "rollout")
     try:
@@ -184,11 +180,7 @@ def _spread(run: RunFolder, number: int) -> dict[str, float]:
 
 
 def read_transitions(run: RunFolder, number: int) -> Transitions:
-    """The rows that a trial, or all of the exploration, added to the data.
-
-    Raises:
-        RunFolderError: the file is missing or damaged.
-    """
+    """The rows that a trial, or all of the exploration, added to the data."""
     arrays = run.read_arrays(number, "transitions")
     try:
         return Transitions(**arrays)
@@ -201,9 +193,6 @@ def read_search(run: RunFolder) -> dict[int, list[float]]:
     """The cost after each step of each trial's policy search, by trial; all its starts in a row.
 
     A last line that was cut off, as a crash leaves it, is passed over.
-
-    Raises:
-        RunFolderError: the file is missing or cannot be read.
     """
     try:
         text = run.policy_steps_path.read_text(encoding="utf-8", errors="replace")

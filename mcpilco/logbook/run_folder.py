@@ -64,7 +64,10 @@ _CONFIG: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class RunFolder:
-    """One run on disk; make it with `create` or `open`."""
+    """One run on disk; make it with `create` or `open`.
+
+    A file that is missing or damaged, or cannot be written, raises RunFolderError.
+    """
 
     path: Path
     """the folder"""
@@ -130,22 +133,14 @@ class RunFolder:
         return self.path / "trials" / f"{trial:02d}" / f"{name}.npz"
 
     def write_arrays(self, trial: int, name: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write a trial's arrays of one kind, such as `rollout`.
-
-        Raises:
-            RunFolderError: the file cannot be written.
-        """
+        """Write a trial's arrays of one kind, such as `rollout`."""
         path = self.arrays_path(trial, name)
         with _writing(path.parent):
             path.parent.mkdir(exist_ok=True)
         write_arrays(path, arrays)
 
     def read_arrays(self, trial: int, name: str) -> dict[str, np.ndarray]:
-        """A trial's arrays of one kind, such as `policy`; pickled objects are refused.
-
-        Raises:
-            RunFolderError: the file is missing, damaged, or holds more than plain arrays.
-        """
+        """A trial's arrays of one kind, such as `policy`; pickled objects are refused."""
         return read_arrays(self.arrays_path(trial, name))
 
     def recording_path(self, trial: int) -> Path:
@@ -153,27 +148,15 @@ class RunFolder:
         return self.path / "rollouts" / f"{trial:02d}.rrd"
 
     def metrics(self) -> list[dict[str, Any]]:
-        """The rows of metrics.csv, one for each finished trial.
-
-        Raises:
-            RunFolderError: the file is missing or damaged.
-        """
+        """The rows of metrics.csv, one for each finished trial."""
         return read_metrics(self.path / "metrics.csv")
 
     def write_result(self, result: TrialResult) -> None:
-        """Write the numbers of a trial.
-
-        Raises:
-            RunFolderError: the file cannot be written.
-        """
+        """Write the numbers of a trial."""
         write_json(self._result_path(result.trial), values_of(result))
 
     def result(self, trial: int) -> dict[str, Any]:
-        """The numbers of a trial: the entries of `mcpilco.data.TrialResult` but for its arrays.
-
-        Raises:
-            RunFolderError: the file is missing or damaged.
-        """
+        """The numbers of a trial: the entries of `mcpilco.data.TrialResult` but for its arrays."""
         path = self._result_path(trial)
         values = read_json(path)
         if values.get("trial") != trial:
@@ -185,11 +168,7 @@ class RunFolder:
         return self.arrays_path(trial, "result").with_suffix(".json")
 
     def add_metrics(self, result: TrialResult) -> None:
-        """Append a trial to metrics.csv; write everything else of the trial before.
-
-        Raises:
-            RunFolderError: the file is damaged or cannot be written.
-        """
+        """Append a trial to metrics.csv; write everything else of the trial before."""
         write_metrics(self.path / "metrics.csv", [*self.metrics(), values_of(result)])
 
     @contextmanager
@@ -215,11 +194,7 @@ class RunFolder:
             os.close(descriptor)
 
     def with_trials(self, trials: int) -> RunFolder:
-        """The same run, of another number of trials.
-
-        Raises:
-            RunFolderError: config.json cannot be written.
-        """
+        """The same run, of another number of trials."""
         config = {**self.config, "trials": trials}
         write_json(self.path / "config.json", config)
         return RunFolder(self.path, config)
@@ -288,11 +263,7 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """The JSON object in a file.
-
-    Raises:
-        RunFolderError: the file is missing, or is not one JSON object.
-    """
+    """The JSON object in a file."""
     try:
         content = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:

@@ -42,7 +42,6 @@ class Tape:
     """Operations in the order in which they were first asked for."""
 
     def __init__(self, inputs: int) -> None:
-        """A tape on which nothing is computed yet."""
         self.nodes: list[tuple[int, float, int]] = [(INPUT, i, 0) for i in range(inputs)]
         """(operation, first, second): operands are nodes; a constant has its value in `first`"""
         self._places: dict[tuple[int, float, int], int] = {}

@@ -17,7 +17,6 @@ class Inertials:
     """
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-        """Takes the numbers of a compiled model."""
         self._spec, self._model = spec, model
         self._mass = model.body_mass.copy()
         self._center = model.body_ipos.copy()

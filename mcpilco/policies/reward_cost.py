@@ -38,7 +38,6 @@ class RewardCost:
     """
 
     def __init__(self, task: TaskSpec) -> None:
-        """A cost that has seen nothing yet, and refuses to be called."""
         states, inputs = len(task.state_names), len(task.input_names)
         self._augmentation = AngleAugmentation(states, task.angles)
         self.states = np.empty((0, states))

@@ -18,7 +18,6 @@ class DriftMonitor:
     """
 
     def __init__(self, decay: float = 0.99, window: int = 200) -> None:
-        """A monitor that has seen nothing yet."""
         self.decay = decay
         self.window = window
         self.mean = 0.0

@@ -170,7 +170,6 @@ class Descent:
     """One start on its way: the settings of its next step, and whether there is one."""
 
     def __init__(self, search: PolicySearch, trial: int, starts: Starts) -> None:
-        """A descent before its first step."""
         self.step = 0
         """steps done"""
         self.over = False

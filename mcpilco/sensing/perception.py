@@ -54,7 +54,6 @@ class StateView(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
     """
 
     def __init__(self, env: gym.Env[np.ndarray, np.ndarray], task: TaskSpec) -> None:
-        """A view of an env whose task has `observed`."""
         super().__init__(env)
         self._task = task
         self._last = np.zeros(len(task.state_names))

@@ -19,7 +19,6 @@ class Follower:
     """
 
     def __init__(self, run: RunFolder, scene: Scene | None, rec: rr.RecordingStream) -> None:
-        """A follower that has seen nothing yet."""
         self.run = run
         self._scene = scene
         self._rec = rec

@@ -218,11 +218,7 @@ def _run(
 
 
 def _course(rows: Sequence[Mapping[str, Any]]) -> Course:
-    """Of the trials of a seed, at least one.
-
-    Raises:
-        ValueError, KeyError, TypeError: a row lacks what each has.
-    """
+    """Of the trials of a seed, at least one."""
     if not rows:
         raise ValueError("there is no trial")
     names = [*SHOWN, *measures_in(dict.fromkeys(name for row in rows for name in row))]

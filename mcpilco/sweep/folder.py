@@ -24,7 +24,7 @@ from mcpilco.typing import InputError, RunFolderError
 
 
 class SweepFolder:
-    """Results on disk."""
+    """Results on disk; what cannot be written raises RunFolderError."""
 
     def __init__(self, path: str | Path, settings: Settings) -> None:
         """A new folder, or the one in which a sweep with the same settings was begun.
@@ -66,11 +66,7 @@ class SweepFolder:
         return {seed: line for seed, line in lines.items() if seed not in self._read()}
 
     def write(self, seed: int, outcome: dict[str, Any] | Failure) -> None:
-        """Keep the outcome of a seed.
-
-        Raises:
-            RunFolderError: the file cannot be written.
-        """
+        """Keep the outcome of a seed."""
         failure = self.path / "seeds" / f"{seed:04d}.txt"
         if isinstance(outcome, Failure):
             write_bytes(failure, f"{outcome.reason}\n\n{outcome.details}".encode())
@@ -79,11 +75,7 @@ class SweepFolder:
         failure.unlink(missing_ok=True)
 
     def write_summary(self, summary: Mapping[str, Any], table: str) -> None:
-        """Write summary.json and table.md.
-
-        Raises:
-            RunFolderError: a file cannot be written.
-        """
+        """Write summary.json and table.md."""
         write_json(self.path / "summary.json", summary)
         write_bytes(self.path / "table.md", table.encode())
 

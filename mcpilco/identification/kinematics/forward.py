@@ -169,11 +169,7 @@ def fit_forward(
 
 
 def rows_for_fit(recording: MarkerRecording, marker: str, samples: int, seed: int) -> np.ndarray:
-    """Frames that show the marker, so many of them as are asked for, in order of time.
-
-    Raises:
-        InputError: there are too few.
-    """
+    """Frames that show the marker, so many of them as are asked for, in order of time."""
     seen = np.flatnonzero(recording.seen[:, recording.marker_names.index(marker)])
     if min(len(seen), samples) < _FEWEST:
         raise InputError(
