@@ -185,7 +185,6 @@ def _name(model: mujoco.MjModel, i: int) -> str:
 
 
 def _shape(model: mujoco.MjModel, i: int) -> Shape:
-    """A geom as a shape."""
     kind, sizes = _KINDS[mujoco.mjtGeom(model.geom_type[i])]
     material = model.geom_matid[i]
     rgba = model.geom_rgba[i] if material < 0 else model.mat_rgba[material]

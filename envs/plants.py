@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.plant import (
-    CATALOGUE,
-    Base,
-    EffectInstance,
-    Layout,
-    Parameter,
-    Plant,
-    register_plant,
-)
+from mcpilco.plant import CATALOGUE, Base, EffectInstance, Layout, Parameter, Plant, register_plant
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -323,7 +315,5 @@ register_env(
 )
 # named only, so that MuJoCo is loaded where it is used
 register_env(
-    "mcpilco/MujocoCartPoleSwingUp-v0",
-    "envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv",
-    steps=30,
+    "mcpilco/MujocoCartPoleSwingUp-v0", "envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv", steps=30
 )

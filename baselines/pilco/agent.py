@@ -102,13 +102,11 @@ class PILCO(ModelBasedAgent):
 
 
 def _start(task: TaskSpec) -> Gaussian:
-    """The state at reset."""
     std = torch.tensor(task.start_std, dtype=torch.float64)
     return Gaussian(torch.tensor(task.start_mean, dtype=torch.float64), torch.diag(std.square()))
 
 
 def _tip_cost(config: PilcoConfig, task: TaskSpec) -> TipDistanceCost:
-    """PILCO's cost of the cart-pole."""
     names = "cart_position", "pole_angle"
     if not set(names) <= set(task.state_names):
         raise InputError(

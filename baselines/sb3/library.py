@@ -52,7 +52,6 @@ def vector_of(env: gym.Env, count: int, viewed: Callable[[gym.Env], gym.Env]) ->
 
 
 def _copy(env: gym.Env) -> gym.Env:
-    """Another env like this one."""
     if isinstance(env, AbsentEnv):
         return copy.copy(env)
     assert env.spec is not None, "vector_of has checked it"

@@ -157,7 +157,6 @@ def _blamed(step: int) -> Iterator[None]:
 def _checked(
     value: Any, shape: tuple[int, ...] | None, name: str, step: int
 ) -> Float[np.ndarray, "*b"]:
-    """The value in float64, a copy."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -213,7 +213,6 @@ def velocities_named(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 
 def _task(states: dict[str, str], inputs: dict[str, str], *, dt: float, **entries: Any) -> TaskSpec:
-    """A task from names and units, whose start is still to be measured."""
     zeros = (0.0,) * len(states)
     return TaskSpec(
         tuple(states),

@@ -88,7 +88,6 @@ def make_kernel(
 
 
 def _fitting(kernel: Any, width: int, batch: tuple[int, ...]) -> Kernel:
-    """The kernel, checked."""
     if not isinstance(kernel, Kernel):
         raise InputError(
             "kernel must be a class or function that makes a mcpilco.kernels.Kernel of "

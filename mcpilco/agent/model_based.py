@@ -71,7 +71,6 @@ class ModelBasedAgent(TrialAgent):
         """A model that has seen nothing yet."""
 
     def _new_model(self) -> Model:
-        """The agent's model, which has seen nothing yet."""
         return self.make_model(self.config, self.task)
 
     @abstractmethod
@@ -127,7 +126,6 @@ class ModelBasedAgent(TrialAgent):
 
     @property
     def _exploration_steps(self) -> int:
-        """Steps of random inputs, before the first trial."""
         asked = self.config.exploration
         return self.horizon if asked is None else asked
 
@@ -218,7 +216,6 @@ class ModelBasedAgent(TrialAgent):
         return found, self._failed(trial, "The model predicted no finite cost for any policy.")
 
     def _take(self, record: Rollout) -> None:
-        """The rollout joins the data."""
         if isinstance(self.task.cost, RewardCost):
             self.task.cost.add(record)
         rows = record.transitions().after_inputs(self.model.memory)

@@ -90,7 +90,6 @@ class _Model:
         self._at = self._terms_of(self._n["X"])
 
     def _terms_of(self, X: Array) -> Array:
-        """The regressors that the kernel's terms see."""
         return np.concatenate([X, X @ self._n["W"]], -1)
 
     def _kernel(self, e: int, first: Array, second: Array) -> Array:

@@ -72,7 +72,6 @@ def write_policy(
 
 
 def _estimator_arrays(estimator: Estimator | None) -> dict[str, np.ndarray]:
-    """The arrays of an estimator."""
     if estimator is None:
         return {}
     if isinstance(estimator, Chain):

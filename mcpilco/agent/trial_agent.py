@@ -200,11 +200,7 @@ class TrialAgent(ABC):
         )
 
     def learn(
-        self,
-        total_timesteps: int,
-        callback: Any = None,
-        progress_bar: bool = False,
-        **unknown: Any,
+        self, total_timesteps: int, callback: Any = None, progress_bar: bool = False, **unknown: Any
     ) -> Self:
         """Spend `total_timesteps` steps of the env, rounded up to whole trials; return the agent.
 
@@ -277,7 +273,6 @@ class TrialAgent(ABC):
         """The action for one observation or a batch, and the state to hand back with the next."""
 
     def _observation(self, observation: Any) -> Float[np.ndarray, "*b O"]:
-        """An observation, checked."""
         shape = self.env.observation_space.shape
         try:
             found = np.asarray(observation, dtype=np.float64)

@@ -26,12 +26,7 @@ from mcpilco.typing import InputError
 if TYPE_CHECKING:
     import numpy as np
 
-    from mcpilco.identification.collision import (
-        CurrentModel,
-        Detection,
-        Event,
-        Thresholds,
-    )
+    from mcpilco.identification.collision import CurrentModel, Detection, Event, Thresholds
     from mcpilco.recordings import ArmRecording, ArmSamples
 
 HELD_OUT = 0.3
@@ -309,7 +304,6 @@ def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
 
 
 def _print_errors(model: CurrentModel, held: ArmSamples) -> None:
-    """Root mean square errors of each joint, in motion and at rest."""
     import numpy as np
 
     residual, still = held.i - model.mean(held), model.quiet(held)
@@ -321,7 +315,6 @@ def _print_errors(model: CurrentModel, held: ArmSamples) -> None:
 
 
 def _print_thresholds(model: CurrentModel, limits: Thresholds) -> None:
-    """The thresholds of each joint."""
     unit = "A" if limits.config.rule == "current" else "std"
     kinds = {"in motion": limits.moving, "at rest": limits.resting}
     for name, values in kinds.items() if limits.config.by_phase else (("", limits.moving),):
@@ -330,7 +323,6 @@ def _print_thresholds(model: CurrentModel, limits: Thresholds) -> None:
 
 
 def _print_alarms(name: str, alarms: Sequence[Event]) -> None:
-    """A line an alarm."""
     print(f"{name}: {len(alarms)} alarms")
     for event in alarms:
         where = "at rest" if event.resting else "in motion"

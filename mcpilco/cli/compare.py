@@ -46,7 +46,6 @@ class Compare(Command):
 
 
 def _print_last(found: LineUp) -> None:
-    """Each run after most experience."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table

@@ -98,7 +98,6 @@ class InverseDynamics(Command):
         return chain_of(load_mjcf(self.model))
 
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
-        """Samples to learn from, and samples to test on."""
         from mcpilco.recordings import (
             JointData,
             check_joint_data,
@@ -120,7 +119,6 @@ class InverseDynamics(Command):
         )
 
     def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
-        """Names and kinds of the joints."""
         from mcpilco.recordings import joints_in, kinds_of
 
         if chain is not None:

@@ -257,11 +257,7 @@ class Learning(Command):
         from mcpilco.agent import find, preset_numbers, with_model
 
         config, env_kwargs = preset_numbers(
-            find(self.algo),
-            self.chosen_preset,
-            self.env,
-            self.horizon,
-            self.exploration,
+            find(self.algo), self.chosen_preset, self.env, self.horizon, self.exploration
         )
         config = with_model(config, self.model, self.prior, self.memory, self.delay)
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)

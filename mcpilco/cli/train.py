@@ -102,7 +102,6 @@ class Train(Learning):
                 return self._learn(agent, run)
 
     def _go_on(self) -> int:
-        """The rest of a run."""
         from mcpilco.agent import changed_versions, reopened
 
         given = dataclasses.replace(
@@ -196,7 +195,6 @@ def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
 
 
 def _saved(run: RunFolder) -> str:
-    """A sentence on what an interrupted run holds."""
     trials = run.finished_trials()
     where = shlex.join(_named(run))
     go_on = f"go on with `mcpilco train --resume {where}`"

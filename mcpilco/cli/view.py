@@ -83,7 +83,6 @@ class View(Command):
         return 0
 
     def _show(self, recording: Path, end_s: Any) -> None:
-        """The recording in the viewer, or a picture of it."""
         from mcpilco.show import open_viewer, screenshot
 
         if self.screenshot is None:
@@ -174,7 +173,6 @@ def _scene(run: Any) -> Any:
 
 
 def _recorded(run: Any) -> list[int]:
-    """The trials that have a recording."""
     from mcpilco.agent import choose_trial
 
     names = (path.stem for path in (run.path / "rollouts").glob("*.rrd"))
@@ -186,6 +184,5 @@ def _recorded(run: Any) -> list[int]:
 
 
 def _duration(run: Any, trial: int) -> float:
-    """Length of a rollout [s]."""
     arrays = run.read_arrays(trial, "rollout")
     return float(arrays["dt"]) * len(arrays["inputs"])

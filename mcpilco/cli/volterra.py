@@ -115,7 +115,6 @@ class Volterra(Command):
 
 
 def _tell(model: VolterraModel, train: Series, test: Series) -> None:
-    """A line for each output."""
     from mcpilco.identification import fit_percent
 
     fitted, judged = model.predict(train.inputs)[0], model.predict(test.inputs)[0]
@@ -149,7 +148,6 @@ def _write_prediction(
 def _picture(
     path: Path, model: VolterraModel, test: Series, mean: np.ndarray, std: np.ndarray
 ) -> None:
-    """Prediction and maps of the first input and output."""
     import numpy as np
 
     from mcpilco.show.plots import (

@@ -250,7 +250,6 @@ class Workflow:
         return TRIALS if self.settings.trials is None and by_trials else self.settings.trials
 
     def _simulation(self, leg: str) -> Place:
-        """The simulation of a leg."""
         place = self.settings.simulation
         if leg == "nominal":
             return place

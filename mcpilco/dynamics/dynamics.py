@@ -76,10 +76,7 @@ def speed_integration(task: TaskSpec) -> Increment:
 
 
 def regressors(
-    augmentation: AngleAugmentation,
-    features: Program | None,
-    states: States,
-    inputs: Inputs,
+    augmentation: AngleAugmentation, features: Program | None, states: States, inputs: Inputs
 ) -> Float[Tensor, "*b D"]:
     """Regressors of the GPs: [z, u], and features of both where there are any."""
     plain = augmentation.regressors(states, inputs)

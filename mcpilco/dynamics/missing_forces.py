@@ -92,11 +92,7 @@ class MissingForces:
         return PolynomialForces(self.kinds, terms, self.most.tolist()) if terms else None
 
     def fit(
-        self,
-        rows: Transitions,
-        left: Float[np.ndarray, "N J"],
-        tables: Tables,
-        noise_floor: float,
+        self, rows: Transitions, left: Float[np.ndarray, "N J"], tables: Tables, noise_floor: float
     ) -> Float[np.ndarray, " W"]:
         """Find the prior of highest evidence, and leave out what is negligible or not worth it.
 

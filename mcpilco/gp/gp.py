@@ -19,13 +19,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from mcpilco.gp.evidence import (
-    OPTIMISERS,
-    Evidence,
-    NegativeLogEvidence,
-    add_to_diagonal,
-    cholesky,
-)
+from mcpilco.gp.evidence import OPTIMISERS, Evidence, NegativeLogEvidence, add_to_diagonal, cholesky
 from mcpilco.kernels import Kernel, Positive, mean_square
 from mcpilco.typing import InputError
 

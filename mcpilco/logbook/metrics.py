@@ -102,7 +102,6 @@ def _row(path: Path, header: list[str], trial: int, cells: list[str]) -> dict[st
 
 
 def _columns(measures: Sequence[str]) -> list[str]:
-    """The header of metrics.csv."""
     columns = list(METRICS)
     place = columns.index("success") + 1
     return [*columns[:place], *measures, *columns[place:]]

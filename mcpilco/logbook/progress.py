@@ -35,7 +35,6 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _row(result: TrialResult) -> dict[str, str]:
-    """The cells of a trial, by the titles of their columns."""
     return {
         "trial": str(result.trial),
         "experience [s]": _number(result.experience_s, 1),

@@ -259,7 +259,6 @@ def _require_value(name: str, value: Any, symbol: Symbol) -> None:
 
 
 def _short(value: Any) -> str:
-    """A value for a sentence."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 

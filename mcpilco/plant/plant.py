@@ -279,7 +279,6 @@ class Plant:
         return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
 
     def _column(self, name: str) -> int:
-        """Which parameter has a name."""
         names = [parameter.name for parameter in self.parameters]
         if name not in names:
             raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")

@@ -92,7 +92,6 @@ def _between(
 
 
 def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:
-    """States on the grid."""
     if not on_grid(log.time, dt):
         return np.column_stack([_interpolated(log, x, grid, dt) for x in log.states.T])
     states = np.full((len(grid), log.states.shape[1]), np.nan)
@@ -101,7 +100,6 @@ def _sampled(log: Log, grid: Grid, dt: float) -> Float[np.ndarray, "T X"]:
 
 
 def _held(switched: Channel, held: Held, grid: Grid, dt: float) -> Float[np.ndarray, "T U"]:
-    """Commands on the grid."""
     if not on_grid(switched, dt):
         ends = np.append(switched, max(switched[-1], grid[-1]) + 2 * dt)
         ends[0] = min(ends[0], grid[0])

@@ -113,11 +113,7 @@ class Problem:
     see `mcpilco.search.search`"""
 
     def particles(
-        self,
-        policy: Policy,
-        count: int,
-        generator: torch.Generator,
-        dropout: Dropout | None = None,
+        self, policy: Policy, count: int, generator: torch.Generator, dropout: Dropout | None = None
     ) -> Particles:
         """`count` particles from fresh random numbers."""
         normal, noise = self.normals(count, generator)

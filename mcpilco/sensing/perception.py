@@ -141,7 +141,6 @@ class Perception:
         return self.noise_std
 
     def _estimates(self, measured: Float[np.ndarray, "T Y"]) -> Float[np.ndarray, "T X"]:
-        """The estimate at each step of an episode."""
         series = torch.from_numpy(measured)
         estimates, memory = [], self.estimator.begin(series[0])
         for now in series:

@@ -174,7 +174,6 @@ class StatePredictor:
     def _change(
         self, states: States, inputs: Inputs, turned: Inputs | None = None
     ) -> Float[Tensor, "*b N E"]:
-        """The expected changes in a step."""
         change = None if turned is None else for_each(states, turned)
         asked = self._asked(states, for_each(states, inputs), change)
         return (self._learned or self.dynamics.posterior).mean(asked)

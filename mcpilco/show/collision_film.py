@@ -98,7 +98,6 @@ def write_collision_film(
 
 
 def _titles(joints: Sequence[str]) -> dict[str, str]:
-    """A row of plots for each joint."""
     titles = {}
     for joint in joints:
         titles[entity(CURRENTS, joint)] = f"{joint}: current [A]"
@@ -125,7 +124,6 @@ def _log_alarms(
 
 
 def _log_push(track: Track, tips: Float[np.ndarray, "N 3"], push: Float[np.ndarray, "N 3"]) -> None:
-    """An arrow that ends at the tip of the arm."""
     acts = np.abs(push).max(axis=1) > 0.0
     vectors = _METRES_PER_NEWTON * push[acts]
     path = entity(WORLD, "push")
@@ -135,7 +133,6 @@ def _log_push(track: Track, tips: Float[np.ndarray, "N 3"], push: Float[np.ndarr
 
 
 def _log_joint(track: _Timed, joint: str, j: int, samples: ArmSamples, found: Detection) -> None:
-    """A joint's current and residual, with its thresholds and alarms."""
     log_line(track, entity(CURRENTS, joint, "expected"), 0, found.expected[:, j], _EXPECTED)
     log_line(track, entity(CURRENTS, joint, "measured"), 0, samples.i[:, j], _MEASURED)
     log_line(track, entity(RESIDUALS, joint, "residual"), 0, found.residual[:, j], _RESIDUAL)

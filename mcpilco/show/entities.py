@@ -197,7 +197,6 @@ def log_curves(
 
 
 def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> None:
-    """Measurements and estimates of one state."""
     colors, name = track.colors, task.state_names[i]
     if colors.observed is not None and i in task.measured_states:
         seen = rollout.observations[:, task.measured_states.index(i)]

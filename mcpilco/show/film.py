@@ -104,7 +104,6 @@ class Film:
         return build_blueprint(task, extent, film=True, live=self._live)
 
     def _add(self, i: int, trial: PastTrial) -> None:
-        """The trial of one run."""
         reel, rollout = self._reels[i], trial.rollout
         track = Track(
             self.rec,
@@ -125,7 +124,6 @@ class Film:
             self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
 
     def _log_cost(self, track: Track, name: str, color: RGB, cost: float, rollout: Rollout) -> None:
-        """The cost of a trial, as a level throughout it."""
         path = track.under(LEARNING, name)
         track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
         levels = np.append(np.full(len(rollout) + 1, cost), np.nan)

@@ -76,7 +76,6 @@ def write_side_by_side(
 
 
 def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
-    """One clip."""
     seen = _whole(clip.measured)
     shown = {MEASURED: seen, **clip.models}
     colors = dict(zip(shown, (_WHITE, *_COLORS), strict=False))
@@ -155,7 +154,6 @@ def write_gap_film(gap: Gap, path: Path) -> Path:
 def _window_clip(
     gap: Gap, found: Comparison, w: int, names: tuple[str, ...], errors: dict[str, np.ndarray]
 ) -> Clip:
-    """One window."""
     windows = found.windows
     start = float(windows.start_s[w])
     title = f"### {gap.compared[windows.recording[w]]}, from {start:.1f} s"
@@ -177,7 +175,6 @@ def _window_clip(
 
 
 def _apart(found: Comparison) -> list[int]:
-    """Windows that do not overlap."""
     windows, chosen = found.windows, []
     length = windows.y.shape[2] * windows.dt
     end, last = -np.inf, -1
@@ -201,7 +198,6 @@ def write_crossing_film(path: Path, legs: Mapping[str, Crossing], scene: Scene, 
 
 
 def _episode_clip(leg: str, found: Crossing) -> Clip:
-    """One policy."""
     note = (
         f"### Trained in the {leg} simulation\n\n"
         f"There: {_told(found.promised)}. On the system: {_told(found.happened)}.\n\n"

@@ -127,8 +127,6 @@ def one_thread() -> Iterator[None]:
 
 
 class _Rows(Callback):
-    """Collects a row a trial."""
-
     def __init__(self, agent: Any, judge: FreshEpisodes | None) -> None:
         self.trials: list[dict[str, Any]] = []
         self._agent = agent
@@ -174,7 +172,6 @@ def machine() -> dict[str, Any]:
 
 
 def _cpu() -> str:
-    """The name of the processor."""
     info = Path("/proc/cpuinfo")
     if info.exists():
         for line in info.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -248,7 +248,6 @@ def scores(
 
 
 def _between(tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int) -> Scores:
-    """Scores by both markers, in either order."""
     full = np.full((markers, markers, scores.shape[1]), np.inf)
     first, second = tests.pairs.T
     full[first, second] = full[second, first] = scores

@@ -248,7 +248,6 @@ def _trusted(posterior: Posterior) -> Bool[np.ndarray, " N"]:
 def _report(
     gp: GP, kinds: Sequence[str], q: Float[Tensor, "N J"], Y: Float[Tensor, "N E"], left_out: int
 ) -> Report:
-    """How the fit went."""
     fitted = cast(FitReport, gp.report)
     warnings = []
     if not fitted.converged:

@@ -182,7 +182,6 @@ METHODS: Mapping[str, Method] = {
 
 
 def _sklearn(module: str):
-    """A module of scikit-learn."""
     from importlib import import_module
 
     try:

@@ -63,9 +63,7 @@ class RigidBody:
 
     @classmethod
     def of(
-        cls,
-        model: mujoco.MjModel,
-        terms: tuple[str, ...] = ("viscous", "coulomb", "armature"),
+        cls, model: mujoco.MjModel, terms: tuple[str, ...] = ("viscous", "coulomb", "armature")
     ) -> RigidBody:
         """The parameters that a MuJoCo model has, and the regressor of their forces.
 

@@ -79,10 +79,7 @@ class Rows:
         noisier = None
         if noise is not None:
             more = replace(
-                motion,
-                q=motion.q + noise.q,
-                dq=motion.dq + noise.dq,
-                ddq=motion.ddq + noise.ddq,
+                motion, q=motion.q + noise.q, dq=motion.dq + noise.dq, ddq=motion.ddq + noise.ddq
             )
             noisier = body.regressor_of(more)
         commanded = None if reference is None else body.regressor_of(reference)

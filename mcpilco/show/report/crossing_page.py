@@ -42,7 +42,6 @@ def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) ->
 
 
 def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The numbers that one looks for first: a heading and a value each."""
     tiles = [("verdict on the simulation", str(gap["verdict"]).replace("_", " "))]
     error = gap.get("error") or {}
     closed = (error.get("closed") or {}).get("value")
@@ -54,7 +53,6 @@ def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[s
 
 
 def _lacked(gap: Mapping[str, Any]) -> Section:
-    """The effects that were found missing."""
     rows = [
         (
             effect["name"],
@@ -81,7 +79,6 @@ def _interval(estimate: Mapping[str, Any]) -> str:
 
 
 def _outcomes(legs: Mapping[str, Crossing]) -> Section:
-    """A table of what became of the policies."""
     rows = [
         (
             f"in the {leg} simulation",
@@ -110,7 +107,6 @@ def _short(outcome: Outcome) -> str:
 
 
 def _episode(leg: str, found: Crossing) -> Section:
-    """One episode of a policy, in each place."""
     text = "One episode: as the simulation promised it, and as it was on the system."
     pictures = [_picture(found, k) for k in range(len(found.states))]
     return Section(f"Trained in the {leg} simulation", text, pictures, columns=2)

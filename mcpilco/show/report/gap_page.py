@@ -67,7 +67,6 @@ def page_of(gap: Gap) -> Document:
 
 
 def _tiles(gap: Gap) -> list[tuple[str, str]]:
-    """The numbers that one looks for first: a heading and a value each."""
     tiles = [("verdict", gap.verdict.replace("_", " "))]
     found = gap.comparison
     if found is None:
@@ -404,10 +403,8 @@ def _worst_joints(gap: Gap) -> list[int]:
 
 
 def _kind(gap: Gap) -> str:
-    """Which recordings the models are compared on."""
     return "held-out" if gap.held_out else "fitted"
 
 
 def _units(plant: Plant) -> dict[str, str]:
-    """The unit of each state."""
     return dict(zip(plant.layout.states, plant.layout.units, strict=True))

@@ -105,7 +105,6 @@ def _sections(history: History) -> Iterator[Section]:
 
 
 def _tiles(history: History) -> list[tuple[str, str]]:
-    """The numbers that one looks for first: a heading and a value each."""
     learned = history.learned
     if not learned:
         return [("trials", "none yet")]
