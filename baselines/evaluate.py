@@ -135,11 +135,7 @@ class Judge:
 def learning_curve(agent: Learner, judge: Judge, amounts: Sequence[int]) -> Iterator[Judgement]:
     """A judgement each time the agent has spent so many steps of its env, as they come.
 
-    Args:
-        agent: learns on; one of stable-baselines3 does so in an object that passes
-            `reset_num_timesteps=False` on.
-        judge: the episodes.
-        amounts: steps of the env, rising.
+    One of stable-baselines3 learns on in an object that passes `reset_num_timesteps=False` on.
 
     Raises:
         InputError: the amounts do not rise.

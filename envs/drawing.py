@@ -44,12 +44,8 @@ class Canvas:
     ) -> None:
         """An empty image.
 
-        Args:
-            width: of the image [pixel].
-            height: of the image [pixel].
-            view_width: what the image shows from left to right, in the unit of all lengths here.
-            center: the point (x, z) in the middle of the image.
-            background: red, green, blue in 0..255.
+        It shows `view_width` from left to right, in the unit of all lengths here, around the point
+        (x, z) of `center`; width and height are in pixels.
         """
         self._pixel = view_width / width
         self._x = center[0] + self._pixel * (np.arange(width) - 0.5 * (width - 1))
@@ -165,10 +161,7 @@ def hanging_end(length: float, angle: Float[np.ndarray, "*b"]) -> Float[np.ndarr
 def standing_scene(half: tuple[float, ...], reach: float, **moving: Any) -> Scene:
     """A scene in the x-z plane, about a box at the origin that does not move.
 
-    Args:
-        half: half lengths of the box, relative to the reach [-].
-        reach: how far above the origin the target is [m].
-        **moving: `shapes`, `poses` and `marker` of the scene.
+    The box is relative to the reach, which is how far above the origin the target is [m].
     """
     box = Shape("box", tuple(reach * side for side in half), FIXED_COLOR)
     return Scene(**moving, fixed=((box, (0.0, 0.0, 0.0)),), target=(0.0, 0.0, reach))

@@ -46,11 +46,8 @@ class Posture:
     def __init__(self, model: mujoco.MjModel, joints: tuple[str, ...], tip: str) -> None:
         """The posture of a model.
 
-        Args:
-            model: the model.
-            joints: those of which a state holds position and velocity, in its order.
-            tip: the site to mark a state by; where there is none, it is the centre of mass of the
-                last joint's body.
+        A state holds position and velocity of the joints, in their order. Where there is no site
+        `tip` to mark it by, that is the centre of mass of the last joint's body.
         """
         self.model = model
         self._data = mujoco.MjData(model)
@@ -80,12 +77,7 @@ class Posture:
 
 
 def scene(posture: Posture, target: Float[np.ndarray, " X"]) -> Scene:
-    """The model in 3D: the geoms that MuJoCo's own viewer shows, as far as they are simple.
-
-    Args:
-        posture: of the model.
-        target: the state whose marker is where the marker should go.
-    """
+    """The model in 3D: the geoms that MuJoCo's own viewer shows, as far as they are simple."""
     model = posture.model
     shapes = {_name(model, i): _shape(model, i) for i in range(model.ngeom) if _drawn(model, i)}
 

@@ -115,9 +115,6 @@ class Transitions:
         """The rows of one episode, each state with the commands before it behind, newest first.
 
         Before its start an episode's commands were 0.
-
-        Args:
-            memory: how many commands; 0 changes nothing.
         """
         if memory == 0:
             return self

@@ -63,16 +63,11 @@ _LEAST_VARIANCE = 1e-30
 
 @singledispatch
 def expected_cost(cost: object, states: Gaussian, inputs: Gaussian) -> Float[Tensor, "*b"]:
-    """E[c(x, u)] for Gaussian states and inputs [-], differentiable.
+    """E[c(x, u)] for Gaussian states and the inputs before them [-], differentiable.
 
     Exact for `SaturatingCost` and `QuadraticCost`. `TipCost` and `TipDistanceCost` depend on sines
     and cosines of angles: these are taken as Gaussian together with the states, with the moments
     that they have, as PILCO does.
-
-    Args:
-        cost: one of `mcpilco.policies.costs` or `baselines.moments.costs`.
-        states: x.
-        inputs: u, the inputs before them.
 
     Raises:
         InputError: the cost is of another class.

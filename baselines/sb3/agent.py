@@ -70,11 +70,7 @@ class SB3Agent(TrialAgent):
         return trials * self.config.trial_steps
 
     def borrow(self, timesteps: int) -> None:
-        """Count steps of the env that others have taken; random inputs are not needed then.
-
-        Args:
-            timesteps: that this agent learns from, beside its own.
-        """
+        """Count steps of the env that others have taken; random inputs are not needed then."""
         self.borrowed_timesteps = timesteps
         if timesteps:
             self.learner.learning_starts = 0
@@ -125,12 +121,7 @@ class SB3Agent(TrialAgent):
     def inputs_in(
         self, states: Float[np.ndarray, "*b X"], deterministic: bool = True
     ) -> Float[np.ndarray, "*b U"]:
-        """The policy's inputs in states, in the env's unit.
-
-        Args:
-            states: as `task` has them, in their units.
-            deterministic: without the noise of exploration.
-        """
+        """The policy's inputs in states, in the env's unit."""
         features = self.view.features(states)
         rows = features.reshape(-1, features.shape[-1])
         actions, _ = self.learner.predict(rows, deterministic=deterministic)

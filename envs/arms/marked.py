@@ -113,10 +113,7 @@ class MarkedArm:
 def marked_arm(links: Sequence[Link], rng: np.random.Generator, distance: float = 2.0) -> MarkedArm:
     """An arm with markers and a camera at random, each marker near its link.
 
-    Args:
-        links: the arm's table.
-        rng: draws poses of markers and camera, and the order of all names.
-        distance: of the camera from the arm's base [m].
+    The camera is at a `distance` from the arm's base [m].
     """
     spec, count = arm(links), len(links) + 1
     markers = [f"m{number}" for number in rng.permutation(count)]

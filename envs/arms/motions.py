@@ -62,13 +62,8 @@ def random_sinusoids(
 ) -> Sinusoids:
     """Sinusoids of random frequency and phase about the middle of each joint's range.
 
-    Args:
-        model: whose joints; each has a range.
-        rng: what frequencies, phases and shares are drawn from.
-        waves: K, in each joint.
-        slowest: frequency [Hz].
-        fastest: frequency [Hz].
-        reach: sum of a joint's amplitudes, relative to half of its range [-].
+    Frequencies are in [Hz]; `reach` is the sum of a joint's amplitudes, relative to half of its
+    range [-].
     """
     low, high = model.jnt_range.T
     shape, shares = (model.nv, waves), rng.dirichlet(np.full(waves, 3.0), model.nv)
@@ -119,10 +114,8 @@ def sinusoids(
 ) -> Float[np.ndarray, "N J"]:
     """Each joint moves by a sum of ten sinusoids of random amplitudes, frequencies and phases.
 
-    Args:
-        time: of the samples [s]; the slowest sinusoid has a period of as long as it spans.
-        kinds: of the joints; a joint's largest deflection is its range.
-        rng: draws all else.
+    The slowest sinusoid has a period of as long as the time [s] spans; a joint's largest deflection
+    is its range.
 
     Reference: thesis section 2.6.1.
     """

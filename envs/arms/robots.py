@@ -180,14 +180,7 @@ def record_sinusoids(
     Its columns are `<joint>_position`, `<joint>_torque` and `<joint>_reference`, a row a step of
     the controller.
 
-    Args:
-        model: of the robot.
-        rng: of the motion and of all noise.
-        seconds: of data [s].
-        encoder_std: standard deviation of the encoders' noise [rad or m].
-        force_noise: standard deviation of the force sensors' noise, relative to that of the force.
-        name: of the recording.
-
+    The noise of encoders is in [rad or m], that of force sensors relative to the force [-].
 
     Reference: Ting et al., sections IV-B and IV-C, whose robots are controlled at 420 and 480 Hz.
     """

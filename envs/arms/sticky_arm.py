@@ -113,10 +113,7 @@ class StickyArm:
     ) -> ArmLog:
         """The log of the arm while it follows its targets and is pushed.
 
-        Args:
-            targets: sampled every `model.opt.timestep`.
-            rng: of the sensors' noise.
-            pushes: in any order; where two overlap, their forces add.
+        Targets are sampled every `model.opt.timestep`; where pushes overlap, their forces add.
 
         Raises:
             InputError: the targets are sampled at another time.

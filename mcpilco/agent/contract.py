@@ -53,10 +53,7 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
 def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpec:
     """The task given, or the one that the env shows, or one that is guessed, with a warning.
 
-    Args:
-        env: with or without a `task`.
-        task: comes before the env's.
-        quiet: guess without a warning.
+    A given task comes before the env's; `quiet` guesses without a warning.
 
     Raises:
         EnvError: there is none and none can be guessed, or it does not match the env's spaces.
@@ -105,10 +102,7 @@ def input_bounds(env: gym.Env) -> tuple[Float[np.ndarray, " U"], Float[np.ndarra
 def check_cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndarray, " U"]) -> None:
     """Call the cost as a policy search does: of particles where episodes start, with a gradient.
 
-    Args:
-        task: a cost that is learned from rewards is not looked at.
-        low: smallest inputs, in their units.
-        high: largest inputs.
+    A cost that is learned from rewards is not looked at.
     """
     if task.cost is None or isinstance(task.cost, RewardCost):
         return

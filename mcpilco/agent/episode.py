@@ -72,9 +72,7 @@ def run_episode(
 def reported(info: Mapping[str, Any], shape: tuple[int, ...] = ()) -> dict[str, Any]:
     """The measures of an episode that an env reports in `info`: `is_success` and its measures.
 
-    Args:
-        info: of a step.
-        shape: of each value; `(M,)` for a batch of M envs. What has another is passed over.
+    Values of another shape are passed over; of a batch of M envs it is `(M,)`.
     """
     named = {k: np.asarray(v) for k, v in info.items() if k == "is_success" or is_measure(k)}
     fitting = {k: v for k, v in named.items() if v.shape == shape and v.dtype.kind in "biuf"}

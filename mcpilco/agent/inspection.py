@@ -58,12 +58,8 @@ def inspect_env(
 ) -> Iterator[Finding]:
     """Findings, one by one: which demands an env meets; stops where none further can be checked.
 
-    Args:
-        env: it is reset and stepped with random inputs.
-        task: what the user says of it; None: what it shows, or a guess.
-        horizon: steps of an episode that the user means to take; None: the time limit.
-        steps: how many to take; some more, where an episode must end.
-        seed: of inputs and of the env.
+    Without `task` it is what the env shows, or a guess; without `horizon` [steps] the time limit.
+    Some more random `steps` are taken where an episode must end.
     """
     try:
         known, finding = _task(env, task)

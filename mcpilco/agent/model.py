@@ -221,9 +221,7 @@ class Model:
     def fit(self, transitions: Transitions, warm: bool = False) -> dict[str, float]:
         """Learn the hyperparameters from these data; returns the numbers of the fit by name.
 
-        Args:
-            transitions: all data.
-            warm: begin with the present hyperparameters, instead of anew.
+        With `warm` it begins with the present hyperparameters, instead of anew.
 
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.

@@ -148,8 +148,7 @@ class ModelBasedAgent(TrialAgent):
     def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
         """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
 
-        Args:
-            random: rollouts of random inputs, where these are the first.
+        Rollouts of `random` inputs are the first.
         """
         cost = self.task.cost
         if isinstance(cost, RewardCost):

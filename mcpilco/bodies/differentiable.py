@@ -15,10 +15,6 @@ def torch_regressor(chain: Chain, motion: Float[Tensor, "*b Q"]) -> Float[Tensor
     Each body's force and moment are found in its own frame, by unit parameters, and handed down
     from parent to parent, each of which feels them along the axis of its joint.
 
-    Args:
-        chain: whose.
-        motion: joint positions, velocities and accelerations, side by side [rad or m, by s].
-
     Reference: Atkeson, An, Hollerbach, Estimation of inertial parameters of manipulator loads and
         links, International Journal of Robotics Research 5 (3), 1986.
     """

@@ -16,18 +16,12 @@ INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 """inertial parameters of a body, about the origin of its frame, which is in its joint: mass [kg],
 first moment [kg m], inertia [kg m^2]"""
 ByJoint = Float[np.ndarray, "N J"]
-"""a number for each joint, at N samples"""
+"""for each joint, at N samples: positions q [m or rad], velocities dq [m/s or rad/s],
+accelerations ddq [m/s^2 or rad/s^2], forces tau at the joints [N or N m]"""
 
 
 def accelerations(chain: Chain, q: ByJoint, dq: ByJoint, tau: ByJoint) -> ByJoint:
-    """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2].
-
-    Args:
-        chain: whose.
-        q: joint positions [m or rad].
-        dq: joint velocities [m/s or rad/s].
-        tau: forces at the joints [N or N m].
-    """
+    """q'' = M(q)^-1 (tau - bias(q, q')) [m/s^2 or rad/s^2]."""
     arrays = (np.ascontiguousarray(array, float) for array in (q, dq, tau))
     return _accelerations(stack([chain]), compiled.scratch(len(chain.bodies)), *arrays)
 
@@ -56,12 +50,6 @@ def regressor(chain: Chain, q: ByJoint, dq: ByJoint, ddq: ByJoint) -> Float[np.n
         moment = I w' + w x (I w) + h x a
 
     and joint j, that carries it, feels both along the joint's axis.
-
-    Args:
-        chain: whose.
-        q: joint positions [m or rad].
-        dq: joint velocities [m/s or rad/s].
-        ddq: joint accelerations [m/s^2 or rad/s^2].
 
     Reference: Atkeson, An, Hollerbach, Estimation of inertial parameters of manipulator loads and
         links, International Journal of Robotics Research 5 (3), 1986.

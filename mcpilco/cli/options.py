@@ -54,10 +54,7 @@ def use_one_thread() -> None:
 def register(*names: str, trusted: Iterable[str] = ()) -> None:
     """Register the envs and algorithms of this project, and those of the modules that a user names.
 
-    Args:
-        names: of envs, algorithms and plants that the user typed; of `module:Name` the module is
-            imported.
-        trusted: modules that the user trusts, because a run names them.
+    Of `module:Name` the module is imported; `trusted` modules are named by a run.
     """
     import baselines  # noqa: F401  registers its algorithms
     import envs  # noqa: F401  registers its ids

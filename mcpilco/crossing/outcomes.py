@@ -82,13 +82,7 @@ def cross(
     The system is met once: no policy is chosen by how it did there. What is promised is of other
     episodes than those that chose it.
 
-    Args:
-        controllers: what makes a policy act, by trial.
-        simulation: where they were trained.
-        system: what they are for.
-        horizon: most steps of an episode.
-        seed: of the training.
-        episodes: that a policy is judged by, in each place.
+    `controllers` are what makes a policy act, by trial of the training in the simulation.
     """
     tried = {
         trial: judged(begin, simulation, horizon, (seed, trial, 0), episodes).worth
@@ -112,13 +106,8 @@ def judged(
 ) -> Outcome:
     """The outcome of a policy in a place, over fresh episodes.
 
-    Args:
-        begin: makes what acts for one episode, or for a batch that begins together.
-        place: where.
-        horizon: most steps of an episode.
-        seed: run, trial, and which of its judgements this is. The episode that is kept is of the
-            first two alone: it begins alike in all places that draw their starts alike.
-        episodes: by which it is judged.
+    `seed` is run, trial, and which of its judgements this is. The episode that is kept is of the
+    first two alone: it begins alike in all places that draw their starts alike.
     """
     first, shown_seed = (
         int(np.random.SeedSequence(tuple(part)).generate_state(1)[0]) for part in (seed, seed[:2])

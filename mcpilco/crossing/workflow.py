@@ -110,8 +110,7 @@ class Workflow:
     def begin(self, typed: Mapping[str, Any] | None = None) -> None:
         """Make the folder, or make sure that it was begun with the same settings.
 
-        Args:
-            typed: the settings as JSON values, as the user typed them; None: `settings`.
+        `typed` are the settings as JSON values, as the user typed them; None: `settings`.
 
         Raises:
             RunFolderError: it was not, or the folder cannot be made.
@@ -167,8 +166,7 @@ class Workflow:
     def correct(self, accept: bool = False) -> Gap | None:
         """Find what the simulation lacks; None where that was found before.
 
-        Args:
-            accept: go on with recordings that look wrong; the verdict says so first.
+        With `accept` it goes on with recordings that look wrong; the verdict says so first.
         """
         found = None
         if self.verdict is None:
@@ -199,9 +197,7 @@ class Workflow:
     def train(self, leg: str, listeners: Listeners) -> RunFolder:
         """The run of a leg; what is missing of it is trained now.
 
-        Args:
-            leg: one of `LEGS`.
-            listeners: callbacks of the training, which write the run folder.
+        The callbacks of the `listeners` write the run folder.
         """
         path = self.out / leg
         if (path / "config.json").exists():

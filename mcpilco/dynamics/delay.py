@@ -32,10 +32,6 @@ class Delay:
     def of(cls, seconds: float, dt: float) -> Delay:
         """The delay of so many seconds.
 
-        Args:
-            seconds: at least 0.
-            dt: sampling time [s].
-
         Raises:
             InputError: it is longer than `MOST` samples.
         """

@@ -104,12 +104,8 @@ class GPDynamics:
     ) -> None:
         """A model of the next state.
 
-        Args:
-            posterior: of the E predicted changes, given regressors [z, u, features].
-            augmentation: from the state to z.
-            increment: from changes to states.
-            bounds: largest plausible magnitude of each predicted state, in its unit.
-            features: further regressors, of [state, inputs].
+        Bounds are the largest plausible magnitude of each predicted state, in its unit; features
+        are further regressors, of [state, inputs].
         """
         self.posterior = posterior
         self.augmentation = augmentation
@@ -146,13 +142,7 @@ class GPDynamics:
         return regressors(self.augmentation, self.features, states, inputs)
 
     def advance(self, states: States, inputs: Inputs, delta: Float[Tensor, "*b E"]) -> States:
-        """The next states, given the predicted changes; a state stays rather than leave its bounds.
-
-        Args:
-            states: now, in their units.
-            inputs: held during the step.
-            delta: change of each predicted state, in its unit.
-        """
+        """The next states by predicted changes; a state stays rather than leave its bounds."""
         return self.moved(states, states @ self.A.T + inputs @ self.C.T, delta)
 
     def moved(self, states: States, drift: States, delta: Float[Tensor, "*b E"]) -> States:

@@ -99,11 +99,7 @@ class MissingForces:
         Returns the expected weights by these samples, over their prior standard deviations: near
         what makes the steps those measured, however far the forces are from zero.
 
-        Args:
-            rows: measured transitions.
-            left: changes of the joints' measured velocities without those of the equations.
-            tables: of the plant, with the parameters that these are of.
-            noise_floor: least standard deviation of the noise of a change of velocity.
+        `left` are the changes of the joints' measured velocities without those of the equations.
         """
         motion, inertia = self._motion(rows, tables)
         scale = tables.sensors[0, 1::2, SCALE]

@@ -102,9 +102,8 @@ class PathwisePosterior:
     def __init__(self, dynamics: GPDynamics, features: int = 256) -> None:
         """The functions that a model leaves possible.
 
-        Args:
-            dynamics: the model; its law of the next state and its bounds hold for every draw.
-            features: see `PathSampler`.
+        The law and the bounds of the `dynamics` hold for every draw; for `features` see
+        `PathSampler`.
 
         Raises:
             InputError: `features` is odd, or less than 2, or the kernel has no canonical form.

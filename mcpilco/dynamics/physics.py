@@ -229,12 +229,7 @@ class PhysicsMean:
                 return
 
     def refine(self, rows: Transitions, posterior: Posterior) -> None:
-        """The same where the residual is a Gaussian process: what both explain is left open.
-
-        Args:
-            rows: the data that the posterior was conditioned on.
-            posterior: whose covariance the residual has.
-        """
+        """The same where the residual is a Gaussian process: what both explain is left open."""
         for _ in range(2 if len(self.belief.mean) else 0):
             white = posterior.L_inv.numpy()
             J = white @ self.sensitivities(rows)

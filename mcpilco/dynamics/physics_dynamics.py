@@ -27,10 +27,7 @@ class PhysicsDynamics:
     def __init__(self, physics: PhysicsMean, model: GPDynamics, rows: Transitions) -> None:
         """A model of the next state, given data.
 
-        Args:
-            physics: its mean, identified.
-            model: of the residual, at the expected parameters; its A x + C u is not used.
-            rows: the data that the residual was conditioned on.
+        `model` is of the residual, at the expected parameters; its A x + C u is not used.
         """
         self.model = model
         self.physics, self._rows = physics, rows

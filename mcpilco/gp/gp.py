@@ -68,10 +68,7 @@ class Samples:
     ) -> Samples:
         """These and one more, the latest `RECENT` of them.
 
-        Args:
-            X: its regressors.
-            Y: its outputs.
-            begun: which of the batch know nothing any more, nor this one.
+        Those of the batch that have `begun` anew know nothing any more, nor this one.
         """
         fresh = ~begun[..., None]
         return Samples(

@@ -197,9 +197,6 @@ class VolterraModel:
     def penalties(self, degree: int) -> Float[np.ndarray, "E ..."]:
         """lambda_h of h_i in scaled numbers, axes as of `coefficients`; what is small is penalised.
 
-        Args:
-            degree: i, from 1.
-
         Raises:
             InputError: as `coefficients`.
 

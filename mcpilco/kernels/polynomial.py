@@ -16,10 +16,7 @@ from mcpilco.typing import InputError
 class Linear(Kernel):
     """k(x, x') = bias + sum_d weights_d x_d x'_d, the factor that polynomial kernels are made of.
 
-    Args:
-        width: D, how many regressors it sees.
-        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
-        bias: False leaves the bias out, and every function is zero at the origin.
+    Without `bias` every function is zero at the origin.
     """
 
     weights = Positive()

@@ -63,10 +63,6 @@ class SmoothGate(Gate):
 class Rescaled(Kernel):
     """k(x, x') = a(x) k_1(x, x') a(x'): the covariance of a(x) f(x), with f of covariance k_1.
 
-    Args:
-        kernel: k_1.
-        scale: a, a module without hyperparameters of its own.
-
     Reference: thesis section 1.3 (vertical rescaling) and section 4.5.2.
     """
 

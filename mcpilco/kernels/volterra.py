@@ -82,9 +82,6 @@ class VolterraKernel(Kernel):
 
         The prior variance of a coefficient, averaged over the orders of its lags.
 
-        Args:
-            degree: i of h_i, from 1 to r.
-
         Reference: thesis eq. (6.37).
         """
         scale, metrics = self.maps()[degree - 1]

@@ -213,10 +213,7 @@ class TensorBoard(Numbers):
     def __init__(self, folder: str | Path, earlier_steps: int = 0) -> None:
         """Writes event files into `folder` from the start of the training on.
 
-        Args:
-            folder: where they go.
-            earlier_steps: policy steps of the trials that are there already; what the folder tells
-                of later ones no longer counts.
+        What the folder tells of policy steps behind the `earlier_steps` no longer counts.
 
         Raises:
             InputError: the package tensorboard is not installed.

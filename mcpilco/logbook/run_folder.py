@@ -78,9 +78,7 @@ class RunFolder:
     def create(cls, path: str | Path, config: Mapping[str, Any]) -> RunFolder:
         """A new run folder with its config.json and an empty metrics.csv.
 
-        Args:
-            path: a folder that does not exist or is empty.
-            config: env, env_kwargs, preset, seed, trials and config; format and versions are added.
+        The folder does not exist or is empty; format and versions are added to the config.
 
         Raises:
             RunFolderError: the folder cannot be written, or holds something already.

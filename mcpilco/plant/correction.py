@@ -277,12 +277,9 @@ def register_plant(name: str, make: Callable[[], Plant]) -> None:
 def plant_for(task: TaskSpec, described: Mapping[str, Any] | None) -> Plant:
     """The plant that a model is to know.
 
-    Args:
-        task: names states and inputs.
-        described: what a file of `mcpilco.plant.correction` holds: the plant's name, and
-        parameters and
-            effects that it has beside the nominal ones. None: the one registered plant that has the
-            task's states and inputs, as it is.
+    `described` is what a file of a correction holds: the plant's name, and parameters and effects
+    that it has beside the nominal ones. None: the one registered plant that has the task's states
+    and inputs, as it is.
 
     Raises:
         InputError: there is no such plant, or the description does not fit it.

@@ -47,9 +47,7 @@ SWITCHES = sum(
 def load_mjcf(path: str | Path, wanted: str = "--model must be an MJCF file") -> mujoco.MjModel:
     """The model in a file, once it is sure that MuJoCo can hold it.
 
-    Args:
-        path: of the file.
-        wanted: beginning of the message where there is no such file.
+    The message begins with `wanted` where there is no such file.
 
     Raises:
         InputError: there is no such file, MuJoCo cannot load it, it has more than `MOST_ELEMENTS`,
@@ -91,10 +89,7 @@ def _require_affordable(path: Path) -> None:
 def _elements(path: Path, folder: Path, known: dict[Path, float]) -> float:
     """The elements of a file, with the copies that MuJoCo makes and the files that it reads.
 
-    Args:
-        path: of the file.
-        folder: of the model, where the other files are.
-        known: files that were counted; one that is being counted, in a circle, counts as 0.
+    Files that are `known` were counted; one that is being counted, in a circle, counts as 0.
     """
     if path in known:
         return known[path]

@@ -196,12 +196,7 @@ class Plant:
     ) -> Tables:
         """S systems, for a simulation.
 
-        Args:
-            parameters: of each system, in the order of `Plant.parameters`.
-            actives: further effects.
-            values: for each of them, its values in each system.
-            grids: further learned forces: joint and grid of each.
-            weights: for each of them, its weights in each system.
+        Values and weights are those of the further effects and learned forces in each system.
         """
         S, layout = len(parameters), self.layout
         names = [parameter.name for parameter in self.parameters]

@@ -159,16 +159,7 @@ def random_policy(
     states: Float[np.ndarray, "N X"],
     generator: torch.Generator,
 ) -> SumOfGaussians:
-    """A random start for a search, its centres spread over the states seen so far.
-
-    Args:
-        config: how many bases, and how they start.
-        task: names the states, and says which of them are angles.
-        low: smallest input, in the env's unit.
-        high: largest input, in the env's unit.
-        states: what has been recorded, in the env's unit.
-        generator: source of the numbers.
-    """
+    """A random start for a search, its centres spread over the states seen so far."""
     policy = blank_policy(config, task, low, high)
     plain = list(policy.augmentation.plain)
     if config.span == "data":

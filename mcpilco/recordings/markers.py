@@ -147,9 +147,6 @@ def read_markers(*paths: str | Path) -> tuple[MarkerRecording, tuple[str, ...]]:
     are interpolated to the times of the poses, which may be fewer; a pose outside of its times is
     left out.
 
-    Args:
-        paths: CSV, npz or parquet, one or two.
-
     Raises:
         RecordingError: a file cannot be read, or the files share no time.
         InputError: the columns are no recording.

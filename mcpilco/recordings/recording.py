@@ -167,11 +167,7 @@ def mean_held(
 ) -> Float[np.ndarray, "T U"]:
     """1/dt times the integral over each step of the grid of a command that is held.
 
-    Args:
-        ends: when each command begins, and the last one ends [s].
-        held: the commands.
-        grid: beginnings of the steps [s].
-        dt: their length [s].
+    Each of the commands `held` begins, and the last one ends, at `ends` [s].
     """
     edges = np.append(grid, grid[-1] + dt)
     integral = np.concatenate(

@@ -60,12 +60,7 @@ def _names(letter: str, count: int) -> tuple[str, ...]:
 
 
 def lagged(inputs: Float[np.ndarray, "T U"], lags: int) -> Float[np.ndarray, "N D"]:
-    """Regressors of times lags, ..., T - 1: u_k, u_{k-1}, ..., u_{k-lags} of each input in turn.
-
-    Args:
-        inputs: of consecutive times.
-        lags: m, the memory [samples].
-    """
+    """Regressors of times lags, ..., T - 1: u_k, u_{k-1}, ..., u_{k-lags} of each input in turn."""
     windows = np.lib.stride_tricks.sliding_window_view(inputs, lags + 1, axis=0)
     return windows[..., ::-1].reshape(len(windows), -1)
 

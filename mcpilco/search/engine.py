@@ -25,11 +25,7 @@ def rollout_of(
     Where the compiled loops cannot be had, or do not know the model, the policy or the observer,
     the plain rollout takes over with a warning, once for each reason.
 
-    Args:
-        config: its engine `eager` asks for the plain rollout always, which knows one precision.
-        dynamics: the model.
-        policy: the policy.
-        observer: measures the particles for the policy; None: it sees their states.
+    The engine `eager` asks for the plain rollout always, which knows one precision.
     """
     single = config.precision == "float32"
     if config.engine == "eager":

@@ -259,11 +259,7 @@ class PolicySearch:
         `Starts` says which are tried. A start that meets costs or gradients that are not finite is
         given up after `MOST_SKIPPED` of them; where all are, the first one's policy is returned.
 
-        Args:
-            problem: what is minimised.
-            policy: the first start; it is not changed.
-            fresh: makes a random policy.
-            trial: 1, 2, ..., for the schedules.
+        The policy is the first start, and is not changed.
         """
         starts = Starts(self.config, problem.reference_cost, policy, fresh, trial)
         if self.config.polish:

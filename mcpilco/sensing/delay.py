@@ -207,12 +207,6 @@ def sensor_noise(
 
     Where noise in one state makes the change of another uncertain, it is counted with that of the
     other, so that an estimate is rather too large.
-
-    Args:
-        predictor: the model fitted to these steps.
-        states: at their beginning, measured.
-        commands: of them and of those before, newest first.
-        following: at their end, measured.
     """
     known = predictor.dynamics
     noise = torch.empty(states.shape[1], dtype=torch.float64)

@@ -98,9 +98,7 @@ def differences(task: TaskSpec, low_pass: float = 0.0) -> LinearEstimator:
     A difference is the velocity of half a step ago, and the filter delays it more. Before there are
     two measurements, a velocity is that of the start's mean.
 
-    Args:
-        task: pairs of position and velocity, what is measured, the sampling time.
-        low_pass: share of the estimate before that is kept, in [0, 1).
+    The share `low_pass` of the estimate before is kept, in [0, 1).
     """
     width, observed = len(task.state_names), task.measured_states
     A, C = np.eye(width), np.eye(width)[list(observed)]

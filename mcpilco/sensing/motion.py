@@ -176,10 +176,6 @@ def fit_motion(
 def smooth(motion: Motion, measured: Float[np.ndarray, "T Y"]) -> Float[np.ndarray, "T X"]:
     """The mean of each state given all measurements: without delay, so for recordings only.
 
-    Args:
-        motion: how the state moves, and how it is measured.
-        measured: of each step, in the unit of the measured states.
-
     Reference: Rauch, Tung, Striebel, Maximum likelihood estimates of linear dynamic systems, AIAA
     Journal 3 (8), 1965.
     """

@@ -129,8 +129,7 @@ class Perception:
     def observer(self, behind: Estimator | None = None) -> Observer:
         """The sensor and the estimator behind it, for particles.
 
-        Args:
-            behind: an estimator that takes this one's estimates as measurements; None: none.
+        The estimator `behind` takes this one's estimates as measurements.
         """
         estimator = self.estimator if behind is None else Chain(self.estimator, behind)
         return Observer(estimator, torch.from_numpy(self._known_noise), self.estimator.C)

@@ -65,14 +65,8 @@ def write_collision_film(
 ) -> Path:
     """The path of the recording written: the arm, its currents, and the alarms, over `sim_time`.
 
-    Args:
-        path: where the .rrd file goes; missing folders are made, an existing file is replaced.
-        name: what the viewer calls the recording.
-        chain: the robot, drawn from its joints.
-        samples: of one recording.
-        found: what a detector says of them.
-        told: the alarms, as the notes list them.
-        push: true force at the end of the arm, in the world, where it is known [N].
+    Missing folders are made, an existing file is replaced. `push` is the true force at the end of
+    the arm, in the world, where it is known [N].
 
     Raises:
         RunFolderError: the file cannot be written.

@@ -140,10 +140,7 @@ class Film:
 def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
     """When the film ends [s]; equal runs make equal films.
 
-    Args:
-        path: where the .rrd file goes.
-        reels: one run, or two of one system to be overlaid.
-        trial: show this one alone.
+    The reels are one run, or two of one system to be overlaid; `trial` shows that one alone.
 
     Raises:
         InputError: the runs are not of one system, or none of them has the trial.

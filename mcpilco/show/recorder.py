@@ -34,10 +34,7 @@ def run_callbacks(
 ) -> Iterator[list[Callback]]:
     """The callbacks that fill a run folder; files and terminal are given back whatever happens.
 
-    Args:
-        run: just made, or rewound.
-        progress: also show on the terminal how far the training is.
-        tensorboard: also write event files, which a run that has some always goes on with.
+    The run was just made, or rewound; one that has event files always goes on with them.
     """
     callbacks: list[Any] = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
     events = run.path / "tensorboard"

@@ -76,10 +76,7 @@ def new_recording(
 
     What Rerun writes itself names no cause where it fails.
 
-    Args:
-        path: of the file; missing folders are made.
-        name: with which its identity begins.
-        shown: make the identity: equal for equal arrays, another for two of one name, to see both.
+    The arrays `shown` make its identity: equal for equal ones, another for two of one name.
 
     Raises:
         RunFolderError: the file cannot be written.

@@ -48,9 +48,7 @@ class Engine(Protocol):
     def run(self, jobs: Mapping[int, Job], on_result: OnResult) -> None:
         """Run every job once, in any order, and return when all have ended.
 
-        Args:
-            jobs: by number.
-            on_result: called in this process, once for each job.
+        `on_result` is called in this process, once for each job.
         """
         ...
 

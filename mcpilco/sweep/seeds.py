@@ -80,13 +80,7 @@ def sweep(
 
 @contextlib.contextmanager
 def sweep_progress(seeds: int, done: int, quiet: bool) -> Iterator[Any]:
-    """A callback for `sweep` that prints a line for each seed, above a bar on a terminal.
-
-    Args:
-        seeds: how many were asked for.
-        done: how many of them have a result already.
-        quiet: print nothing.
-    """
+    """A callback for `sweep` that prints a line for each seed, above a bar on a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.progress import TimeRemainingColumn as TimeLeft

@@ -55,9 +55,7 @@ def bootstrapped(
 ) -> tuple[float | None, float | None]:
     """Ends of the bootstrap interval of a statistic over seeds; None where there is one seed only.
 
-    Args:
-        values: one for each of S seeds.
-        statistic: of the values along `axis`.
+    The statistic is of the values along `axis`.
     """
     from scipy.stats import bootstrap
 

@@ -52,11 +52,7 @@ def thresholds(
 ) -> Thresholds:
     """The thresholds below which a share of these samples is.
 
-    Args:
-        model: of the currents.
-        samples: without any contact; those that the model was fitted to give thresholds that are
-            too low.
-        config: how they are set.
+    Samples that the model was fitted to give thresholds that are too low.
 
     Raises:
         InputError: the numbers make no sense, or there are too few samples for the quantile.

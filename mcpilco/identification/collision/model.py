@@ -221,11 +221,8 @@ def fit_currents(
 ) -> tuple[CurrentModel, Report]:
     """The model of the currents of an arm, and how its fit went.
 
-    Args:
-        samples: of the arm moving and resting, without any contact.
-        body: the robot, with the terms `features.TERMS`; its masses need not be right.
-        dt: sampling time [s].
-        config: how currents are modelled.
+    The arm moves and rests without any contact; the robot has the terms `CURRENT_TERMS`, and its
+    masses need not be right.
 
     Raises:
         InputError: the samples cannot teach it; the sentence says what to record.

@@ -28,9 +28,7 @@ class PhysicalFeatures:
     The columns are those of `mcpilco.identification.rigid_body`: a block for each joint, of the
     inertial parameters of its body, and then of the joint's armature and friction.
 
-    Args:
-        chain: joints, frames and gravity; masses and inertias do not matter.
-        friction: whether joints have viscous and Coulomb friction.
+    Masses and inertias of the chain do not matter.
     """
 
     def __init__(self, chain: Chain, friction: bool) -> None:

@@ -121,10 +121,7 @@ def inertia(model: InverseDynamics, q: Float[Tensor, "*b J"], unit: float = UNIT
     Torques are affine in the accelerations for the kernels `gip` and `pp` and for `fe`, and the
     columns exact. `rbf`, `sp` and `nn` are not, and see a slope over `unit`.
 
-    Args:
-        model: of the inverse dynamics.
-        q: positions [rad or m].
-        unit: acceleration that the columns are found with [rad/s^2 or m/s^2].
+    The columns are found with the acceleration `unit` [rad/s^2 or m/s^2].
     """
     J = q.shape[-1]
     still = torch.zeros_like(q)

@@ -170,9 +170,7 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
 
     Where several chains pass, the one of least residuals is returned, and the report warns.
 
-    Args:
-        recording: a marker on every link, every joint moved; in any order.
-        tolerance: by default the thesis' values.
+    Markers are on every link, every joint is moved; in any order.
 
     Raises:
         InputError: the recording is too poor, or no chain passes; the sentence says how far one

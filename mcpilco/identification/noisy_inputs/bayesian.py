@@ -90,10 +90,7 @@ def fit_noisy_inputs(
 ) -> NoisyInputFit:
     """Regression coefficients behind noisy inputs, and which of them rest on an assumption.
 
-    Args:
-        moments: of the data; an iteration takes O(D^2), however many samples there were.
-        config: numbers of the search.
-        warn: whether to warn of coefficients that the data do not determine.
+    An iteration takes O(D^2), however many samples there were.
 
     Warns:
         UnidentifiedWarning: an active input could be less reliable than `RELIABLE`.

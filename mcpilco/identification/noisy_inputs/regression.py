@@ -93,9 +93,6 @@ def noise_of_repetitions(X: Float[np.ndarray, "R T D"]) -> Float[np.ndarray, "D 
     What differs between the repetitions at one time is noise. The mean over repetitions has 1 / R
     of it.
 
-    Args:
-        X: inputs of the same T times of each repetition.
-
     Raises:
         InputError: there is one repetition only.
     """
@@ -202,13 +199,9 @@ def instrumental_variables(
 ) -> Float[np.ndarray, " D"]:
     """b of Z^T (y - X b) = 0; of least size where Z and X leave several.
 
-    Args:
-        X: inputs with noise.
-        y: output.
-        Z: instruments, a column for each input: X of a simulation, or of another repetition of the
-            same motion.
-        rank: singular value, relative to the largest in columns of equal length, below which a
-            direction is not used.
+    The instruments Z are X of a simulation, or of another repetition of the same motion. Directions
+    of a singular value below `rank`, relative to the largest in columns of equal length, are not
+    used.
     """
     if X.shape != Z.shape or len(X) != len(y):
         raise InputError(
@@ -231,14 +224,9 @@ def refine(
 ) -> Solution:
     """Instruments from a simulation with the parameters found so far, until they come to rest.
 
-    Args:
-        X: regressor of the recording's rows.
-        y: measured forces [N or N m].
-        simulate: the regressor of a simulated motion under the same controller and references,
-            with given parameters: a motion without noise.
-        start: parameters of the first simulation.
-        steps: most simulations.
-        tolerance: change of the forces X b, relative to their size, at which it ends.
+    `simulate` makes the regressor of a motion under the same controller and references, with given
+    parameters, without noise. The end is where the forces X b change by less than `tolerance` of
+    their size, or after so many `steps`.
 
     Reference: Janot, Vandanjon, Gautier, A generic instrumental variable approach for industrial
         robot identification (IDIM-IV), IEEE Transactions on Control Systems Technology 22 (1),

@@ -71,9 +71,7 @@ class RigidBody:
         that the model's joints have. MuJoCo finds dry friction from its constraints, not from a
         formula: while a joint moves faster than `TURN_OVER` the two agree.
 
-        Args:
-            model: an open chain of hinges and slides; its contacts and actuators do not matter.
-            terms: what each joint has, keys of `TERMS`.
+        The model is an open chain of hinges and slides; its contacts and actuators do not matter.
 
         Raises:
             InputError: a term is unknown, or the model is no such chain.

@@ -112,13 +112,8 @@ def estimate(
 ) -> Estimate:
     """The parameters of a robot.
 
-    Args:
-        body: what the parameters belong to.
-        rows: of its motion.
-        recipe: how they are found.
-        seed: of the folds of cross validations.
-        scale: what to divide each joint's rows by, where it is known [N m or N].
-        base: sums that the rows determine; all else stays nominal. By default nothing does.
+    Each joint's rows are divided by `scale` [N m or N], where it is known; `base` are sums that the
+    rows determine: all else stays nominal.
 
     Raises:
         InputError: the method needs what the rows do not have.

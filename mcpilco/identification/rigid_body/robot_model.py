@@ -37,11 +37,7 @@ def write_identified_mjcf(
     A body's mass, center and inertia hold all that moves with it. MuJoCo's own writer saves the
     model: with what the file included, without its comments, numbers to six digits.
 
-    Args:
-        source: MJCF file that the parameters are of.
-        body: what the parameters belong to.
-        theta: (D,), in the units of `body.units`, of bodies that can exist.
-        path: the file to write.
+    Theta (D,) is in the units of `body.units`, of bodies that can exist.
 
     Raises:
         InputError: no body has such parameters, or MuJoCo refuses the model.

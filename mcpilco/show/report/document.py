@@ -77,11 +77,8 @@ def _keep_inside(figure: Figure) -> None:
 def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture:
     """The picture that a function draws on new axes; equal drawings make equal pictures.
 
-    Args:
-        says: what it shows.
-        plot: draws.
-        margins: where left, right, bottom and top of the axes are, in parts of the picture, where
-            labels need more room than usual.
+    The margins are where left, right, bottom and top of the axes are, in parts of the picture,
+    where labels need more room than usual.
 
     Raises:
         InputError: matplotlib cannot draw the values, which is so where they are beyond all scales.
