@@ -92,13 +92,8 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         self._state, self._inputs = samples[-1], held
         self._judge.watch(samples)
         reward = float(self.swing_up.reward(self._state, held))
-        return (
-            self.swing_up.observe(self._motion, self.np_random),
-            reward,
-            False,
-            False,
-            self._info(),
-        )
+        measured = self.swing_up.observe(self._motion, self.np_random)
+        return measured, reward, False, False, self._info()
 
     def render(self) -> UInt8[np.ndarray, "H W 3"] | None:
         """A picture of the true state, or None without `render_mode="rgb_array"`."""
@@ -228,13 +223,9 @@ class SwingUpVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if over.any():
             rewards[over] = 0.0
             self._restart(over)
-        return (
-            self.swing_up.observe(self._motion, self.np_random),
-            rewards,
-            np.zeros(self.num_envs, dtype=bool),
-            self._steps >= self._last_step,
-            self._infos(),
-        )
+        measured = self.swing_up.observe(self._motion, self.np_random)
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        return measured, rewards, terminated, self._steps >= self._last_step, self._infos()
 
     def render(self) -> tuple[UInt8[np.ndarray, "H W 3"], ...] | None:
         """A picture of each system, or None without `render_mode="rgb_array"`."""

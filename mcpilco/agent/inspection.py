@@ -236,22 +236,20 @@ def _circles(episodes: Sequence[Rollout], task: TaskSpec | None) -> Iterator[Fin
 
 
 def _jumps(episodes: Sequence[Rollout], task: TaskSpec | None) -> Iterator[Finding]:
+    """Are steps beyond half a turn other steps plus a full turn?"""
     steps = np.concatenate([np.diff(episode.observations, axis=0) for episode in episodes])
     counted = {task.observed[i] for i in task.angles} if task and task.observed else set()
     for column in range(steps.shape[1]):
         size = np.abs(steps[:, column])
         jumps, rest = size[size > np.pi], size[size <= np.pi]
-        if len(jumps) and column not in counted and len(rest) and _is_turn(jumps, rest):
+        if not len(jumps) or not len(rest) or column in counted:
+            continue
+        if (np.abs(jumps - TURN) <= rest.max() + 1e-6).all() and rest.max() < np.pi / 2:
             yield _fault(
                 f"Observation {column} jumps by a full turn {len(jumps)} times: an angle that is "
                 "kept within a turn. Name it in angles, and name all states in observed, so that "
                 "its turns are counted."
             )
-
-
-def _is_turn(jumps: Float[np.ndarray, " J"], rest: Float[np.ndarray, " R"]) -> bool:
-    """Whether steps beyond half a turn are other steps plus a full turn."""
-    return bool((np.abs(jumps - TURN) <= rest.max() + 1e-6).all() and rest.max() < np.pi / 2)
 
 
 def _hidden(task: TaskSpec) -> Finding:

@@ -124,20 +124,18 @@ class Learn(Command):
             save_collision_model,
             thresholds,
         )
+        from mcpilco.recordings import sampling_time
 
         if self.points < 100:
             raise InputError(f"--points must be at least 100, got {self.points}; try 1500.")
         body = _robot(self.robot)
         joints, named = body.chain.joints, column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
-        dt = _dt(free[0]) if self.dt is None else self.dt
+        dt = sampling_time(free[0].time) if self.dt is None else self.dt
         config = CurrentConfig(self.kind, self.quiet_speed, points=self.points)
-        train, held = _split(free, config.window)
+        train, held = _samples(free, config.window, 1.0 if self.check else 1.0 - HELD_OUT)
         if self.check:
-            train, held = (
-                _joined(free, config),
-                _joined(_read(self.check, joints, named, dt), config),
-            )
+            held, _ = _samples(_read(self.check, joints, named, dt), config.window)
         model, report = fit_currents(train, body, dt, config)
         limits = thresholds(model, held, self.limits)
         save_collision_model(self.out, model, limits)
@@ -173,7 +171,7 @@ class Threshold(Command):
 
         model, _ = load_collision_model(self.model)
         read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
-        held = _joined(read, model.config)
+        held, _ = _samples(read, model.config.window)
         limits = thresholds(model, held, self.limits)
         save_collision_model(self.model, model, limits)
         _print_errors(model, held)
@@ -252,7 +250,7 @@ def _read(
     paths: Sequence[Path], joints: Sequence[str], columns: dict[str, str], dt: float | None
 ) -> list[ArmRecording]:
     """The recordings, all at one sampling time; remarks go to stderr."""
-    from mcpilco.recordings import read_arm
+    from mcpilco.recordings import read_arm, sampling_time
 
     if not paths:
         raise InputError("name at least one recording.")
@@ -262,33 +260,21 @@ def _read(
     found: list[ArmRecording] = []
     for path in paths:
         found.append(read_arm(path, joints, columns, dt))
-        dt = _dt(found[0]) if dt is None else dt
+        dt = sampling_time(found[0].time) if dt is None else dt
         warn(*found[-1].remarks, about=path.stem)
     return found
 
 
-def _dt(recording: ArmRecording) -> float:
-    from mcpilco.recordings import sampling_time
-
-    return sampling_time(recording.time)
-
-
-def _joined(recordings: Sequence[ArmRecording], config: Any) -> ArmSamples:
-    from mcpilco.recordings import ArmSamples, arm_samples
-
-    return ArmSamples.joined([arm_samples(recording, config.window) for recording in recordings])
-
-
-def _split(recordings: Sequence[ArmRecording], window: int) -> tuple[ArmSamples, ArmSamples]:
-    """The beginnings and the ends of the recordings."""
+def _samples(
+    recordings: Sequence[ArmRecording], window: int, share: float = 1.0
+) -> tuple[ArmSamples, ArmSamples]:
+    """The beginnings of the recordings, by the share of their samples, and their ends."""
     from mcpilco.recordings import ArmSamples, arm_samples
 
     parts = [arm_samples(recording, window) for recording in recordings]
-    ends = [round((1.0 - HELD_OUT) * len(part)) for part in parts]
-    return (
-        ArmSamples.joined([part[:end] for part, end in zip(parts, ends, strict=True)]),
-        ArmSamples.joined([part[end:] for part, end in zip(parts, ends, strict=True)]),
-    )
+    halves = [(part[: (end := round(share * len(part)))], part[end:]) for part in parts]
+    begun, ended = zip(*halves, strict=True)
+    return ArmSamples.joined(begun), ArmSamples.joined(ended)
 
 
 def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import shlex
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,6 +68,7 @@ class Record(Command):
         from mcpilco.agent import agent_of, finished_trial
         from mcpilco.crossing import record_rollouts
         from mcpilco.files import make_folder
+        from mcpilco.logbook import counting
         from mcpilco.recordings import write_recording
 
         run = None if self.policy in KINDS else _run(self.policy)
@@ -82,12 +82,12 @@ class Record(Command):
             make_folder(self.out, *(path.name for path in paths))
             require_new(*paths, remedy=REMEDY)
             try:
-                with _progress(len(paths), self.quiet) as show:
+                with counting("recordings", len(paths), quiet=self.quiet) as show:
                     for path, recording in zip(paths, recordings, strict=True):
                         require_new(path, remedy=REMEDY)
                         write_recording(path, recording)
                         done += 1
-                        show(path, recording)
+                        show(f"{path}: {recording.time[-1]:.2f} s, {len(recording)} samples")
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(
                     f"{done} of {len(paths)} recordings are saved in {self.out}."
@@ -125,22 +125,3 @@ def _run(policy: str) -> RunFolder:
             "folder that `mcpilco train` printed."
         )
     return RunFolder.open(policy)
-
-
-@contextlib.contextmanager
-def _progress(count: int, quiet: bool) -> Iterator[Callable[[Path, Any], None]]:
-    """A function that prints a line for each recording, above a bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(quiet=quiet)
-    columns = (TextColumn("recordings"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=console, disable=quiet or not console.is_terminal) as bar:
-        task = bar.add_task("recordings", total=count)
-
-        def show(path: Path, recording: Any) -> None:
-            line = f"{path}: {recording.time[-1]:.2f} s, {len(recording)} samples"
-            bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
-            bar.advance(task)
-
-        yield show

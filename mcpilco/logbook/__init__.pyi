@@ -10,7 +10,7 @@ from .history import (
     read_trial,
 )
 from .metrics import measures_in, values_of
-from .progress import Progress, Results
+from .progress import Progress, Results, counting
 from .run_folder import READABLE, RunFolder, read_json, versions, write_json
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "RunFolder",
     "TensorBoard",
     "as_callback",
+    "counting",
     "measures_in",
     "read_history",
     "read_json",

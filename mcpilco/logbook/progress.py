@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
@@ -173,3 +174,25 @@ class Progress(Callback):
     def _say(self, line: str) -> None:
         if not self._console.is_terminal:
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+@contextlib.contextmanager
+def counting(
+    what: str, total: int, done: int = 0, quiet: bool = False, speed_period_s: float = 600.0
+) -> Iterator[Callable[[str], None]]:
+    """A function that prints a line for each that ends, above a bar on a terminal."""
+    console = Console(quiet=quiet)
+    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    hidden = quiet or not console.is_terminal
+    if done:
+        console.print(f"{done} of {total} {what} are there already.", highlight=False)
+    with Bar(
+        *columns, console=console, speed_estimate_period=speed_period_s, disable=hidden
+    ) as bar:
+        task = bar.add_task(what, total=total, completed=done)
+
+        def show(line: str) -> None:
+            bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
+            bar.advance(task)
+
+        yield show

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from mcpilco.logbook import counting
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult
 from mcpilco.sweep.folder import SweepFolder
 from mcpilco.sweep.job import SeedJob, Settings
@@ -81,30 +82,8 @@ def sweep(
 @contextlib.contextmanager
 def sweep_progress(seeds: int, done: int, quiet: bool) -> Iterator[Any]:
     """A callback for `sweep` that prints a line for each seed, above a bar on a terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    console = Console(quiet=quiet)
-    bar = Progress(
-        TextColumn("seeds"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeLeft(),
-        console=console,
-        speed_estimate_period=_SPEED_PERIOD_S,
-        disable=quiet or not console.is_terminal,
-    )
-    if done:
-        console.print(f"{done} of {seeds} seeds are there already.", highlight=False)
-    with bar:
-        task = bar.add_task("seeds", total=seeds, completed=done)
-
-        def on_result(seed: int, outcome: Any) -> None:
-            bar.console.print(_line(seed, outcome), markup=False, highlight=False, soft_wrap=True)
-            bar.advance(task)
-
-        yield on_result
+    with counting("seeds", seeds, done, quiet, _SPEED_PERIOD_S) as show:
+        yield lambda seed, outcome: show(_line(seed, outcome))
 
 
 def _line(seed: int, outcome: Any) -> str:
