@@ -119,10 +119,8 @@ class Judge:
     ) -> Judgement:
         """The outcomes of the agent's policy in fresh episodes.
 
-        Args:
-            agent: acts; it is not changed.
-            experience_s: duration of the data that the policy was learned from [s].
-            spent: time that it was learned in.
+        The agent acts, and is not changed. Its policy was learned from `experience_s` of data [s]
+        in the time `spent`.
 
         Raises:
             EnvError: the env returned a value that is not finite.

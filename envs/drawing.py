@@ -129,8 +129,7 @@ def upright(count: int) -> Float[np.ndarray, "T 4"]:
 def hanging(angle: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T 4"]:
     """Quaternions x, y, z, w that turn a body's -z axis from hanging to the angle of its pole [-].
 
-    Args:
-        angle: 0 hanging, growing as the tip moves to positive x [rad].
+    The angle [rad] is 0 hanging, and grows as the tip moves to positive x.
     """
     # by -angle about y
     half = -0.5 * angle

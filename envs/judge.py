@@ -42,13 +42,10 @@ class UprightJudge:
     ) -> None:
         """A judge that has seen nothing yet.
 
-        Args:
-            sample_s: time between two samples [s].
-            batch: shape of the batch of systems; () for one.
-            links: which states are the angles of the links, each relative to the one before it and
-                0 hanging [rad]; for a pole its angle. All of them must be up. Without links
-                nothing is judged.
-            cart: which state is the position of a cart [m]; None where there is no cart.
+        Samples are `sample_s` apart [s]; `batch` is the shape of the batch of systems. `links` are
+        the states that are angles of the links, each relative to the one before it and 0 hanging
+        [rad]; for a pole its angle. All of them must be up; without links nothing is judged. `cart`
+        is the state that is the position of a cart [m].
         """
         self._sample_s = sample_s
         self._links, self._cart = list(links), cart

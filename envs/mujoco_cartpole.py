@@ -142,8 +142,7 @@ class MujocoSimulator:
     def __init__(self, model: mujoco.MjModel) -> None:
         """A cart-pole at its model's timestep.
 
-        Args:
-            model: has passed `envs.mujoco_cartpole_model`; from now on it belongs to this object.
+        The model has passed `envs.mujoco_cartpole_model`; from now on it belongs to this object.
         """
         self.model = model
         self.posture = Posture(model, tuple(JOINTS), "tip")
@@ -169,11 +168,8 @@ class MujocoSimulator:
     ) -> Float[np.ndarray, "T *b 4"]:
         """The motion in steps of `timestep`, at equally spaced times, the last at the end.
 
-        Args:
-            states: where the motions start [m, m/s, rad, rad/s].
-            force: on the cart, held all the time, one for all or for each [N].
-            duration: how long [s].
-            samples: T, how many states of each motion to return.
+        Motions start in the states [m, m/s, rad, rad/s]; the force on the cart [N], one for all or
+        for each, is held for the duration [s]; T `samples` of each motion are returned.
 
         Raises:
             InputError: the time between two samples is no whole number of steps.

@@ -260,10 +260,8 @@ def register(
 def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
     """The plant that a user names: registered, or an MJCF file; of `module:Id` that of the id.
 
-    Args:
-        option: where the user named it, for the error.
-        name: of the plant, or an MJCF file.
-        simulated: whether an env must simulate it, which none does with an MJCF file.
+    `option` is where the user named it, for the error; where it must be `simulated`, an env does
+    so, which none does with an MJCF file.
 
     Raises:
         InputError: there is no such plant, as its module was not imported, or no env simulates it.

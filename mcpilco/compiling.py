@@ -14,8 +14,7 @@ from pathlib import Path
 def digest(*packages: str | Path) -> str:
     """A hash of all source files of some packages of mcpilco, or of other folders.
 
-    Args:
-        packages: such as `search/fused`, relative to mcpilco, or absolute.
+    Packages are such as `search/fused`, relative to mcpilco, or absolute.
 
     Raises:
         FileNotFoundError: a folder has no source file.

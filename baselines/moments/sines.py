@@ -20,9 +20,7 @@ def through_sine(mean: Float[Tensor, "*b K"], cov: Float[Tensor, "*b K K"]) -> I
         M_k  = exp(-s_kk / 2) sin m_k,    V_kk = exp(-s_kk / 2) cos m_k
         S_kl = 1/2 exp(-A_kl) [(exp(s_kl) - 1) cos(m_k - m_l) - (exp(-s_kl) - 1) cos(m_k + m_l)]
 
-    Args:
-        mean: m [rad].
-        cov: s [rad^2]; may be singular or zero.
+    The covariance s [rad^2] of the mean m [rad] may be singular or zero.
 
     By the moment generating function of a Gaussian at imaginary arguments.
 

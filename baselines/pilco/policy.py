@@ -42,11 +42,7 @@ class GPMean(nn.Module):
     ) -> None:
         """A policy that always answers the middle of its bounds; `randomise` gives it a start.
 
-        Args:
-            augmentation: from the state to z.
-            low: smallest input, in the env's unit.
-            high: largest input, in the env's unit.
-            centres: B, the number of points.
+        Inputs go from `low` to `high`, in the env's unit; `centres` is B, the number of points.
 
         Raises:
             InputError: the bounds are not finite or not ordered.

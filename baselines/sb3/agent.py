@@ -106,11 +106,8 @@ class SB3Agent(TrialAgent):
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
         """The action for one observation or a batch; it has no memory.
 
-        Args:
-            observation: in the env's units.
-            state: returned as it came.
-            episode_start: not used.
-            deterministic: without the noise of exploration. Differs: stable-baselines3 has False.
+        Without `deterministic` it has the noise of exploration. Differs: stable-baselines3 has that
+        by default.
 
         Raises:
             InputError: the observation has another width, or is not finite.

@@ -83,10 +83,8 @@ def warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None = Non
     The agent then acts by its policy from the first step on, without random inputs. The steps that
     the model was learned from count as experience of this agent too (`borrowed_timesteps`).
 
-    Args:
-        agent: SAC or TQC, and new.
-        source: has learned a model of the same system.
-        numbers: how much; None: the defaults of `WarmStart`.
+    The agent is SAC or TQC, and new; the source has learned a model of the same system; the numbers
+    are those of `WarmStart` by default.
 
     Raises:
         InputError: the agent has no replay buffer, too small a one, or has learned already; or the

@@ -67,8 +67,7 @@ def quiet_logger() -> Logger:
 def random_numbers(seed: int) -> Iterator[None]:
     """All that the library draws is drawn from this seed; its global generators are given back.
 
-    Args:
-        seed: below 2^32.
+    The seed is below 2^32.
     """
     kept = np.random.get_state()  # noqa: NPY002
     with torch.random.fork_rng(devices=[]):

@@ -99,15 +99,9 @@ def follow(
 ) -> Followed:
     """The motion of a robot whose joints all have a motor of gear 1.
 
-    Args:
-        model: of the robot.
-        reference: what to follow.
-        seconds: for how long [s].
-        rng: of the encoders' noise.
-        feedforward: forces at the controller's steps [N m or N]; none by default.
-        gains: of the feedback; by default `Gains.tuned`.
-        encoder_std: standard deviation of the encoders' white noise [rad or m].
-        substeps: timesteps of the model that a command is held for.
+    It takes `seconds` [s]. `feedforward` are forces at the controller's steps [N m or N], none by
+    default; encoders have white noise of `encoder_std` [rad or m]; a command is held for so many
+    `substeps`, timesteps of the model.
     """
     time = control_times(model, seconds, substeps)
     T, J, dt = len(time), model.nv, substeps * model.opt.timestep

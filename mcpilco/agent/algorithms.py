@@ -34,9 +34,7 @@ _HOMES = {"mcpilco": "mcpilco.agent.agent:MCPILCO"}
 def register(name: str, home: str) -> None:
     """Make an algorithm known.
 
-    Args:
-        name: what it is called on the command line and in files.
-        home: `module:Class`, of a class like `mcpilco.agent.trial_agent.TrialAgent`.
+    `home` is the `module:Class` of a class like `mcpilco.agent.trial_agent.TrialAgent`.
 
     Raises:
         InputError: the name is taken by another class.
@@ -62,8 +60,7 @@ def _homes() -> dict[str, str]:
 def find(name: str) -> type[TrialAgent]:
     """The class of an algorithm.
 
-    Args:
-        name: as it is registered; of `package:name` the package must have been imported.
+    Of `package:name` the package must have been imported.
 
     Raises:
         InputError: none of this name is registered.

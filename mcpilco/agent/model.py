@@ -194,8 +194,7 @@ class Model:
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:
         """Regressors [z, u, features] and targets of the GPs: what the mean leaves of the changes.
 
-        Args:
-            transitions: whose states hold their past inputs, see `Transitions.after_inputs`.
+        States of the transitions hold their past inputs, see `Transitions.after_inputs`.
         """
         of = self.increment.targets if self.physics is None else self.physics.residuals
         targets = torch.from_numpy(of(transitions))
@@ -292,10 +291,9 @@ class Model:
     ) -> StateTracker | None:
         """The estimator of the state in which a late command acts; None where none is late.
 
-        Args:
-            transitions: all data that the model was fitted to; None: there are none yet.
-            estimate_std: error of the state estimates that it is given, in each state's unit, where
-                states are measured in part; None: it is given measurements of all states.
+        It learns from all transitions that the model was fitted to. `estimate_std` is the error of
+        the state estimates that it is given, in each state's unit; without it, it is given
+        measurements of all states.
         """
         if not self.delay.memory:
             return None

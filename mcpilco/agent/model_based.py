@@ -56,14 +56,7 @@ class ModelBasedAgent(TrialAgent):
     @staticmethod
     @abstractmethod
     def make_policy(config: Any, task: TaskSpec, low: Bounds, high: Bounds) -> Any:
-        """A policy that has learned nothing: a module with buffers `squash.centre`, `.half_range`.
-
-        Args:
-            config: the agent's numbers.
-            task: names the states, and says which of them are angles.
-            low: smallest input, in the env's unit.
-            high: largest input, in the env's unit.
-        """
+        """A policy that has learned nothing, with buffers `squash.centre` and `.half_range`."""
 
     @staticmethod
     @abstractmethod
@@ -267,11 +260,8 @@ class ModelBasedAgent(TrialAgent):
 
         Before the first trial the action is the middle of its range, or random, with a warning.
 
-        Args:
-            observation: in the env's units.
-            state: returned by the call before; None begins an episode.
-            episode_start: which of a batch begin an episode, whatever the state says.
-            deterministic: not used; the policy is deterministic.
+        Observations are in the env's units; `episode_start` says which of a batch begin an episode,
+        whatever the state says; a policy is deterministic always.
 
         Raises:
             InputError: the observation has another width, or is not finite; or the state belongs to

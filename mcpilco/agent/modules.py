@@ -19,8 +19,7 @@ def import_named(*names: str) -> None:
 
     An import executes the module: never call this with what a file holds.
 
-    Args:
-        names: `module:Name`; those without a module are left out.
+    Names are `module:Name`; those without a module are left out.
 
     Raises:
         InputError: there is no such module, or it fails.

@@ -71,13 +71,9 @@ def with_model(
 ) -> Any:
     """The agent's numbers with another model.
 
-    Args:
-        config: those of the preset.
-        name: a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the plant's equations
-            are the mean.
-        prior: file of the plant that the model knows, as `mcpilco gap` writes it.
-        memory: how many past inputs a state holds.
-        delay: how late the actuator answers [s].
+    `name` is a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the equations of the
+    plant are the mean, which the file `prior` describes, as `mcpilco gap` writes it. `memory` is
+    how many past inputs a state holds, `delay` how late the actuator answers [s].
 
     Raises:
         InputError: the algorithm has no such model, a part is unknown, or the file is no plant.

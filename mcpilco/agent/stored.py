@@ -33,9 +33,7 @@ Prepare = Callable[[RunFolder, Any], None]
 def open_run_env(run: RunFolder, kwargs: Mapping[str, Any] | None = None) -> gym.Env:
     """The env that a run was trained in, whose module must have been imported.
 
-    Args:
-        run: names the env.
-        kwargs: to make it with; None: those of the training.
+    It is made with `kwargs`, by default those of the training.
 
     Raises:
         EnvError: the env cannot be made.
@@ -146,12 +144,10 @@ def reopened(
 ) -> Iterator[tuple[RunFolder, TrialAgent]]:
     """A run folder as it was at the end of its last finished trial, and the agent of that time.
 
-    Args:
-        path: of the run folder.
-        trials: policies that the run shall have in the end; None: as many as it was begun with.
-        task_file: the file that it was begun with, if any. The run folder names one too, but
-            nothing that a run folder names is executed.
-        prepare: called where nothing was measured yet, with the run and a new agent.
+    It shall have `trials` policies in the end, by default as many as it was begun with. The task
+    file that it was begun with is given again: the run folder names one too, but nothing that a run
+    folder names is executed. `prepare` is called where nothing was measured yet, with the run and a
+    new agent.
 
     Raises:
         RunFolderError: the run cannot be read, or has ended.

@@ -257,8 +257,7 @@ class TrialAgent(ABC):
     def set_logger(self, logger: Any) -> None:
         """Record the numbers of each trial to come in a logger of stable-baselines3.
 
-        Args:
-            logger: as `stable_baselines3.common.logger.configure(folder, ["csv"])` makes one.
+        `stable_baselines3.common.logger.configure(folder, ["csv"])` makes one.
         """
         self.logger = logger
 

@@ -66,8 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     It is 141, without a word, where the reader of its output has left, as `| head` does.
 
-    Args:
-        argv: the arguments after `mcpilco`; those of this process when None.
+    The arguments after `mcpilco` are by default those of this process.
     """
     try:
         code = _run(argv)

@@ -31,12 +31,8 @@ def record_rollouts(
 ) -> Iterator[Recording]:
     """Recordings of equal length, one rollout after the other; each begins with a reset.
 
-    Args:
-        env: without a time limit below that length.
-        policy: informative inputs, uniformly random ones, or those of an agent.
-        seconds: of all rollouts together [s].
-        names: of the recordings.
-        seed: of everything random; equal seeds give equal recordings.
+    The env has no time limit below their length; they take `seconds` [s] together. Equal seeds give
+    equal recordings.
 
     Raises:
         McPilcoError: the env, the policy and the time do not fit; before the first rollout.

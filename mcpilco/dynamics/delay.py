@@ -52,8 +52,7 @@ class Delay:
     def acting(self, commands: Float[Tensor, "*b M_plus_1 U"]) -> tuple[Inputs, Inputs]:
         """The mean of the command that acts during a step, and by how much it changes in it.
 
-        Args:
-            commands: that of the step, and those before it, newest first.
+        The commands are that of the step, and those before it, newest first.
         """
         new = commands[..., self.whole, :]
         if self.part == 0.0:
@@ -71,12 +70,8 @@ def turning_regressors(
 ) -> Float[Tensor, "*b D"]:
     """Regressors of the GPs in a step in which two commands act: [z, mean, change, features].
 
-    Args:
-        augmentation: from the state to z.
-        features: further regressors, of [state, mean command]; the first U stand for the change.
-        states: before the step.
-        acting: the mean of the command in the step.
-        turned: by how much it changes.
+    `acting` is the mean of the command in the step, `turned` by how much it changes; features are
+    further regressors, of [state, mean command], of which the first U stand for the change.
     """
     asked = regressors(augmentation, features, states, acting)
     begin = augmentation.width + acting.shape[-1]

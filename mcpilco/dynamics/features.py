@@ -30,8 +30,7 @@ class JointPolynomials:
 
         z = [cos(hinges), sin(hinges), slides, q'_i q'_j for i <= j, q'']
 
-    Args:
-        kinds: of the J joints, `hinge` or `slide` each.
+    Each of the J joints is a `hinge` or a `slide`.
 
     Reference: thesis eq. (3.8).
     """
@@ -57,10 +56,6 @@ class AngleAugmentation:
     """States with each angle replaced by its cosine and sine, so that full turns look alike.
 
         z = [plain entries in order, cos(angles), sin(angles)]
-
-    Args:
-        state_dim: X, the width of a state.
-        angles: which entries of a state are angles [rad].
 
     Reference: thesis section 5.4.3.
     """

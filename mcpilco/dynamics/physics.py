@@ -188,9 +188,7 @@ class PhysicsMean:
 
         Missing forces are those of highest evidence, by what the plant's parameters alone leave.
 
-        Args:
-            rows: all data.
-            noise_floor: least standard deviation of that noise, in the unit of each change.
+        The noise has a standard deviation of `noise_floor` at least, in the unit of each change.
         """
         if self.missing is not None:
             self._forget(self.missing)

@@ -25,11 +25,8 @@ def subset_of_data(
     The Cholesky factor of the kept samples grows by one column with each, and with it the variance
     of all the others falls: O(N M^2) for M kept of N.
 
-    Args:
-        gp: prior and noise, already fitted.
-        X: regressors, in time order.
-        Y: targets; a Gaussian posterior's variance does not depend on them.
-        threshold: the authors use 0.5; 0 keeps everything [-].
+    The GP is fitted already. The authors use a threshold of 0.5 [-]; 0 keeps everything. A Gaussian
+    posterior's variance does not depend on the targets.
 
     Returns:
         Ascending row numbers, to index X and Y with.

@@ -140,8 +140,7 @@ class VolterraModel:
     ) -> tuple[Float[np.ndarray, "T E"], Float[np.ndarray, "T E"]]:
         """Mean and standard deviation of the outputs without noise; NaN where a lag is missing.
 
-        Args:
-            inputs: of consecutive times; the first `lags` rows have no prediction.
+        Inputs are of consecutive times; the first `lags` rows have no prediction.
 
         Raises:
             InputError: they have not as many columns as those that the model was fitted to.
@@ -170,8 +169,7 @@ class VolterraModel:
 
         Of centred inputs it is the map of what they differ from their means.
 
-        Args:
-            degree: i; (E,) for 0, (E, D) for 1, (E, D, D) for 2, ...
+        The shape is (E,) for degree 0, (E, D) for 1, (E, D, D) for 2, ...
 
         Raises:
             InputError: the series has no such map, or it has too many entries to write down.
@@ -229,10 +227,7 @@ def fit_volterra(
 ) -> VolterraModel:
     """The series that explains the outputs, with the hyperparameters of the highest evidence.
 
-    Args:
-        series: what was measured.
-        config: which series and prior.
-        gp: of scaled numbers, in place of the config's prior; its kernel is a `VolterraKernel`.
+    A `gp` of scaled numbers replaces the config's prior; its kernel is a `VolterraKernel`.
 
     Raises:
         InputError: there are too few samples, or an input or output stands still.

@@ -31,9 +31,7 @@ Linear = Callable[[Sequence[int]], Tensor]
 class _OfChain(Kernel):
     """The joints of a chain, and the hyperparameters that both kernels share.
 
-    Args:
-        kinds: `hinge` or `slide` for each joint, from the base to the tip.
-        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
+    `kinds` has `hinge` or `slide` for each joint, from the base to the tip.
     """
 
     weights = Positive()

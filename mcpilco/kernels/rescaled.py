@@ -15,9 +15,7 @@ from mcpilco.typing import InputError
 class Gate(nn.Module, ABC):
     """A scale a(x) in [0, 1] that is 1 where one of the regressors is 0, and falls as it grows.
 
-    Args:
-        column: which regressor.
-        size: where it falls, in the unit of the regressor.
+    `size` is where it falls, in the unit of the regressor, which is that of `column`.
     """
 
     def __init__(self, column: int, size: float) -> None:

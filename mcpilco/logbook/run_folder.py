@@ -200,8 +200,7 @@ class RunFolder:
     def rewind(self, trial: int | None) -> None:
         """Take away what came after the end of a trial, and complete metrics.csv up to it.
 
-        Args:
-            trial: the last that agent.npz knows of, 0 is the exploration; None: there is no agent.
+        The trial is the last that agent.npz knows of, 0 the exploration; None: there is no agent.
 
         Raises:
             RunFolderError: a finished trial would be lost, or the folder cannot be written.

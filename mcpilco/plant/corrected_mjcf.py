@@ -82,11 +82,8 @@ def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
 def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> None:
     """Replaces forces of a joint; those that are not named stay.
 
-    Args:
-        joint: of an `MjSpec`.
-        terms: viscous, coulomb, armature, and the force stiffness q + offset against the motion, a
-            spring about where it is 0.
-        degrees: whether the model's angles are in degrees.
+    Terms are viscous, coulomb, armature, and the force stiffness q + offset against the motion, a
+    spring about where it is 0; `degrees` says whether the model's angles are in degrees.
     """
     if "viscous" in terms:
         put(joint, "damping", 0, terms["viscous"])
@@ -347,9 +344,8 @@ def passive_forces(
     MuJoCo calls it after `mujoco.set_mjcb_passive(callback)`, for all models of the process; those
     with other names are not for it. `mujoco.set_mjcb_passive(None)` takes it away.
 
-    Args:
-        model: whose joints are pushed; its motors have constant gains.
-        forces: learned on a plant of this model, `Correction.learned`.
+    The model's motors have constant gains; the forces, `Correction.learned`, are of a plant of this
+    model.
 
     Raises:
         InputError: a force at a joint, or over a state or input, that the model does not have.

@@ -143,10 +143,8 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
 def read_correction(path: str | Path, effects: Own | Iterable[Own] = ()) -> Correction:
     """The correction in a file.
 
-    Args:
-        path: of the JSON file.
-        effects: Python files with a user's own effects, or these: what a correction refers to is
-            not executed unless it is given here.
+    What a correction refers to is not executed unless it is given here: `effects` are Python files
+    with a user's own effects, or these.
 
     Raises:
         InputError: the file is missing, is no JSON, or does not say what a correction must; or it

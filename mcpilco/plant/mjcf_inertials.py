@@ -74,11 +74,8 @@ class Inertials:
     ) -> None:
         """Gives a body all that moves with it; what is welded to it weighs nothing any more.
 
-        Args:
-            body: name of the body.
-            mass: [kg].
-            center: of mass, in the body's frame, from its joint [m].
-            inertia: about the center of mass, along the axes of the body's frame [kg m^2].
+        Mass [kg], center of mass in the body's frame, from its joint [m], and inertia about it,
+        along the axes of that frame [kg m^2].
         """
         b, *welded = self._members[body]
         self._mass[b], self._inertia[b] = mass, inertia

@@ -130,8 +130,7 @@ class Plant:
     def weakened(self, share: float) -> Plant:
         """This plant with the effects that were added on their way from nothing to what they are.
 
-        Args:
-            share: of the way; 0: they change nothing, 1: this plant.
+        The share is 0 where they change nothing, and 1 for this plant.
         """
         added = tuple((a, a.effect.part(values, share)) for a, values in self.added)
         return replace(self, added=added)
@@ -246,11 +245,8 @@ class Plant:
     ) -> Float[np.ndarray, "B T_plus_1 X"]:
         """The measured states of B motions, NaN from where one runs away.
 
-        Args:
-            start: states, in the order of `layout.states`.
-            inputs: commands, each held for dt.
-            dt: sampling time [s].
-            parameters: values that differ from the nominal ones, for each motion.
+        The states `start` are in the order of `layout.states`; commands are held for dt [s] each;
+        `parameters` are values that differ from the nominal ones, for each motion.
 
         Raises:
             InputError: a name of a parameter that it does not have.
@@ -266,10 +262,7 @@ class Plant:
     def stepper(self, dt: float, batch: int, samples: int = 1) -> Stepper:
         """As many motions, all in the state 0, to be moved by one command after another.
 
-        Args:
-            dt: time for which a command is held [s].
-            batch: how many motions.
-            samples: how many states are returned of one step.
+        A command is held for dt [s]; `samples` states are returned of one step.
         """
         return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
 

@@ -169,9 +169,8 @@ def held(values: Float[np.ndarray, " T"], steps: int) -> Float[np.ndarray, " ste
 def cart_pole_cost(cart_lengthscale: float = 1.5, angle_lengthscale: float = 1.0) -> SaturatingCost:
     """The cost of the cart-pole swing-up on the state [q1, q1', q2, q2'], q2 = 0 hanging.
 
-    Args:
-        cart_lengthscale: l1 [m]; 1.5 in the thesis, 1 in the authors' later setting.
-        angle_lengthscale: l2 [rad]; 1 in the thesis, 3 in the authors' later setting.
+    l1 is 1.5 m in the thesis, 1 m in the authors' later setting; l2 is 1 rad in the thesis, 3 rad
+    later.
 
     Reference: thesis section 5.5.1.
     """

@@ -66,12 +66,8 @@ class SumOfGaussians(nn.Module):
     ) -> None:
         """A policy with all weights zero; `randomise` gives it a start.
 
-        Args:
-            augmentation: from the state to z.
-            low: smallest input, in the env's unit.
-            high: largest input, in the env's unit.
-            bases: B, the number of Gaussians.
-            squash: scale of the tanh's argument [-].
+        Inputs go from `low` to `high`, in the env's unit; there are B `bases`, and `squash` is the
+        scale of the tanh's argument [-].
 
         Raises:
             InputError: the bounds are not finite or not ordered.
@@ -108,12 +104,9 @@ class SumOfGaussians(nn.Module):
     ) -> None:
         """Draw a new start in place: centres over the state space, weights around zero.
 
-        Args:
-            span: half range of the centres for the components that are no angle, in their units.
-            lengthscale: for the same components.
-            angle_lengthscale: for cosines and sines [-].
-            weight: half range of the weights [-].
-            generator: source of the numbers.
+        `span` is the half range of the centres for the components that are no angle, in their
+        units; `lengthscale` is for these, `angle_lengthscale` for cosines and sines [-]; `weight`
+        is the half range of the weights [-].
         """
 
         def uniform(*shape: int) -> Tensor:

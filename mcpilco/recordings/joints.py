@@ -139,8 +139,7 @@ _KINDS: Mapping[str, Kind] = {"H": "hinge", "R": "hinge", "S": "slide", "P": "sl
 def kinds_of(names: Iterable[str]) -> tuple[Kind, ...]:
     """Kinds of joints as people and older files name them: `HHSH`, `RRPR`, or words.
 
-    Args:
-        names: hinge or revolute, slide or prismatic, or their initials; one for each joint.
+    Names are hinge or revolute, slide or prismatic, or their initials, one for each joint.
 
     Raises:
         InputError: another name, or none.
@@ -182,11 +181,8 @@ def read_joint_recordings(
     Each has the columns `time` [s] and, for each joint, `<joint>_position` and `<joint>_torque`;
     `<joint>_velocity` and `<joint>_acceleration` may be absent.
 
-    Args:
-        paths: of the files.
-        joints: names.
-        columns: the files' names of columns, where they differ.
-        dt: step to which all are brought [s]; each its own when None.
+    `columns` are the files' names of columns, where they differ; all are brought to the step dt
+    [s], by default each to its own.
 
     Raises:
         RecordingError: a file cannot be read.

@@ -98,11 +98,9 @@ def read_robot(
 ) -> tuple[list[Segment], list[RecordingError], list[str]]:
     """The stretches of all recordings that can be read, and what is wrong with others.
 
-    Args:
-        paths: of the files, all with the columns of the first that can be read.
-        model: of the robot.
-        columns: the files' names for `time`, `<joint>_position` and so on, where they differ.
-        dt: step of the grid [s]; each log's own by default.
+    All files have the columns of the first that can be read; `columns` are their names for `time`,
+    `<joint>_position` and so on, where they differ. The step of the grid dt [s] is each log's own
+    by default.
 
     Returns:
         Stretches, errors, and remarks on what was mended.

@@ -27,10 +27,7 @@ def local_fit(
 ) -> tuple[Float[np.ndarray, "G C"], Float[np.ndarray, "G C"], Float[np.ndarray, " G"]]:
     """Least-squares polynomials of G windows with K samples each; NaN samples do not count.
 
-    Args:
-        offsets: where the samples are, from where the polynomial is wanted [steps].
-        values: of the samples.
-        order: of the polynomials; C = order + 1.
+    The samples are `offsets` from where the polynomial is wanted [steps]; C = order + 1.
 
     Returns:
         The coefficients (value, slope, ...) at offset 0; their standard deviations for noise of
@@ -152,9 +149,7 @@ def smoothed(
     gap; at the ends of a segment it lies to one side, and the deviation grows. Where the cubic
     misses the samples by more than their noise, the deviation grows by as much.
 
-    Args:
-        recording: whose states; a masked value is filled in where its neighbours allow.
-        window: length of the windows [s].
+    A masked value is filled in where its neighbours allow; windows are `window` long [s].
 
     Returns:
         States and standard deviations, in each state's unit; NaN within gaps, and where a state has

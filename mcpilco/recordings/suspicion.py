@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mcpilco.recordings.recording import Gaps, Recording, runs
-from mcpilco.recordings.resample import Log
+from mcpilco.recordings.resample import Channel, Log
 from mcpilco.recordings.smoothing import noise_std
 from mcpilco.recordings.stamps import on_grid
 
@@ -32,9 +32,9 @@ _MOST_SPIKES = 0.1  # share of the samples; beyond it they are the signal
 class Partner:
     """The other column of a joint, which tells a fast motion from a value that was read wrongly."""
 
-    time: Float[np.ndarray, " N"]
+    time: Channel
     """of the samples [s]"""
-    values: Float[np.ndarray, " N"]
+    values: Channel
     """positions beside a velocity, or velocities beside a position"""
     positions: bool
     """whether it is the first of these"""
@@ -43,9 +43,7 @@ class Partner:
         """Some of the samples."""
         return Partner(self.time[rows], self.values[rows], self.positions)
 
-    def confirms(
-        self, x: Float[np.ndarray, " N"], bridged: Float[np.ndarray, " N"], start: int, end: int
-    ) -> bool:
+    def confirms(self, x: Channel, bridged: Channel, start: int, end: int) -> bool:
         """Whether the motion is nearer to x from start to end than to a bridge over it."""
         span = slice(start - 1, end + 1 if self.positions else start + 1)
         rates = np.stack([x, bridged] if self.positions else [self.values])[:, span]
@@ -57,9 +55,7 @@ class Partner:
         return bool(abs(gone - said) < 0.5 * abs(instead - said))
 
 
-def spikes(
-    values: Float[np.ndarray, " N"], partner: Partner | None = None
-) -> Bool[np.ndarray, " N"]:
+def spikes(values: Channel, partner: Partner | None = None) -> Bool[np.ndarray, " N"]:
     """Values read wrongly: they leave their neighbours and come back within three samples.
 
     A motion may do so too where samples are few for it, an encoder's velocity with each count. Then
@@ -68,9 +64,7 @@ def spikes(
     of the channel, and the other column knows nothing of it. Where a tenth of the samples stand
     out, none are spikes.
 
-    Args:
-        values: of a channel; NaN where one is missing.
-        partner: the joint's other column.
+    Values are NaN where one is missing; the partner is the joint's other column.
     """
     known = np.flatnonzero(np.isfinite(values))
     flags = np.zeros(len(values), dtype=bool)
@@ -83,7 +77,7 @@ def spikes(
     return flags
 
 
-def _standing_out(x: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
+def _standing_out(x: Channel) -> Bool[np.ndarray, " N"]:
     """Samples that a running median and a cubic through those beside miss by far."""
     deviation = np.abs(x - np.median(_windows(x, _REACH), axis=1))
     change = np.diff(x, prepend=2 * x[0] - x[1])
@@ -101,7 +95,7 @@ def _standing_out(x: Float[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
 
 
 def _spikes_among(
-    found: Bool[np.ndarray, " N"], x: Float[np.ndarray, " N"], partner: Partner | None
+    found: Bool[np.ndarray, " N"], x: Channel, partner: Partner | None
 ) -> Bool[np.ndarray, " N"]:
     """Those of the samples that stand out which are spikes; the others show what is usual."""
     least = _LIKELY * max(quantisation_step(x), 1e-9 * np.ptp(x))
@@ -122,9 +116,7 @@ def _spikes_among(
     return found
 
 
-def _height(
-    x: Float[np.ndarray, " N"], bridged: Float[np.ndarray, " N"], start: int, end: int
-) -> float:
+def _height(x: Channel, bridged: Channel, start: int, end: int) -> float:
     """How far x from start to end is beyond the two samples on both sides, and off the bridge."""
     top, beside = x[start:end], np.concatenate([x[start - 2 : start], x[end : end + 2]])
     beyond = np.maximum(top - beside.max(), beside.min() - top)
@@ -132,7 +124,7 @@ def _height(
 
 
 def _bridge(
-    x: Float[np.ndarray, " N"], sound: Int[np.ndarray, " M"], start: int, end: int
+    x: Channel, sound: Int[np.ndarray, " M"], start: int, end: int
 ) -> Float[np.ndarray, " n"]:
     """A cubic through the sound samples beside, by number, at those from start to end."""
     first = int(np.searchsorted(sound, start))
@@ -140,7 +132,7 @@ def _bridge(
     return np.polynomial.Polynomial.fit(beside, x[beside], 3)(np.arange(start, end))
 
 
-def unwrapped(angle: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
+def unwrapped(angle: Channel) -> Channel:
     """The angle [rad], counting turns where the log had it wrapped to one turn."""
     known = np.isfinite(angle)
     values = angle[known]
@@ -154,7 +146,7 @@ def unwrapped(angle: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
     return result
 
 
-def quantisation_step(values: Float[np.ndarray, " N"]) -> float:
+def quantisation_step(values: Channel) -> float:
     """The step of which all differences are multiples, in the channel's unit; 0 for none.
 
     A step as fine as the rounding of a text file counts too; it does no harm.
@@ -174,9 +166,7 @@ def quantisation_step(values: Float[np.ndarray, " N"]) -> float:
     return float(np.median(steps[small] / np.rint(multiples[small])))
 
 
-def unit_ratio(
-    time: Float[np.ndarray, " N"], q: Float[np.ndarray, " N"], dq: Float[np.ndarray, " N"]
-) -> float:
+def unit_ratio(time: Channel, q: Channel, dq: Channel) -> float:
     """How many times the derivative of the position the logged velocity is; NaN if it rests."""
     known = np.isfinite(q) & np.isfinite(dq)
     t, q, dq = time[known], q[known], dq[known]
@@ -198,7 +188,7 @@ def longest_rest(values: Float[np.ndarray, " T"]) -> tuple[int, int]:
     )
 
 
-def _windows(values: Float[np.ndarray, " N"], reach: int) -> Float[np.ndarray, "N K"]:
+def _windows(values: Channel, reach: int) -> Float[np.ndarray, "N K"]:
     extended = np.pad(values, reach, mode="reflect", reflect_type="odd")  # a ramp goes on
     return sliding_window_view(extended, 2 * reach + 1)
 

@@ -39,9 +39,7 @@ class Table:
     def numbers(self, name: str, largest: float = LARGEST) -> Float[np.ndarray, " N"]:
         """A column, NaN where a cell is empty or says that the value is missing.
 
-        Args:
-            name: of the column.
-            largest: magnitude beyond which a number is no measurement.
+        A magnitude beyond `largest` is no measurement.
         """
         cells = self.columns[name]
         values = np.empty(len(self.rows))

@@ -54,13 +54,8 @@ def rollout(
     estimates, as it will on the system: each particle is measured with noise, and carries the
     estimator's memory with its state. So a policy learns to live with noise and delay.
 
-    Args:
-        dynamics: the model.
-        policy: the policy.
-        start: states at time 0.
-        noise: standard normal numbers, one row a step: its length is the horizon.
-        dropout: mask of the policy's bases; None keeps them all.
-        sensing: how the particles are measured; None: the policy sees their states.
+    Noise is standard normal, one row a step: its length is the horizon. `dropout` is a mask of the
+    policy's bases; without `sensing` the policy sees the states of the particles.
 
     Reference: thesis section 5.4.1; with `sensing`, Amadio et al., IEEE Transactions on Robotics
     38 (6), 2022 (MC-PILCO4PMS).

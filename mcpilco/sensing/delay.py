@@ -106,10 +106,8 @@ class StateTracker:
     ) -> None:
         """A tracker.
 
-        Args:
-            predictor: the model; where it knows nothing, a state is what is measured.
-            inputs: U.
-            noise_std: of each state's measurement, in its unit; None where there is no model.
+        `inputs` is U. Where the predictor, the model, knows nothing, a state is what is measured;
+        then there is no `noise_std` of each state's measurement, in its unit.
         """
         self.predictor = predictor
         self._inputs = inputs

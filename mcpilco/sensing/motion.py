@@ -136,10 +136,8 @@ def fit_motion(
 ) -> Motion:
     """The motion under which a recording is most likely.
 
-    Args:
-        task: pairs of position and velocity, what is measured, where episodes start.
-        measured: one episode, in the units of the measured states.
-        noise_std: of each measurement, in its unit, where it is known; None estimates it too.
+    One episode was measured, in the units of the measured states; the noise of each measurement, in
+    its unit, is estimated where it is not known.
 
     Raises:
         InputError: the recording has fewer than three measurements, or than two where their noise

@@ -52,11 +52,9 @@ def build_blueprint(
 ) -> rrb.Blueprint:
     """The layout: the scene over the notes, and a plot for each state, each input and the cost.
 
-    Args:
-        task: names and units of states and inputs.
-        extent: points that the camera must see [m]; None where there is no scene to show.
-        film: several trials follow one another; show what each one cost.
-        live: more is to come; follow it, and show the policy search.
+    The camera must see the points of `extent` [m]; without it there is no scene. In a film several
+    trials follow one another: it shows what each one cost. Live, it follows what is to come, and
+    shows the policy search.
     """
     states = zip(task.state_names, task.state_units, strict=True)
     inputs = zip(task.input_names, task.input_units, strict=True)

@@ -15,10 +15,7 @@ from mcpilco.typing import InputError
 def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "H W 3"]], dt: float) -> Path:
     """The path of the video written, in which each frame lasts one sampling time.
 
-    Args:
-        path: a .gif or .mp4 file; one that is there is replaced.
-        frames: pictures of one size.
-        dt: sampling time [s].
+    A .gif or .mp4 file that is there is replaced; frames are pictures of one size, dt is in [s].
 
     Raises:
         InputError: another kind of file, or imageio-ffmpeg is missing.

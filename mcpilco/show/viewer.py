@@ -47,10 +47,8 @@ def open_viewer(
 ) -> None:
     """Show recordings until the viewer is closed; in a browser, until Ctrl-C.
 
-    Args:
-        paths: .rrd files.
-        web: instead of opening a window, serve the viewer to a browser on this machine.
-        tell: gets the address for the browser.
+    With `web` it serves the viewer to a browser on this machine, instead of opening a window;
+    `tell` gets the address.
 
     Raises:
         RunFolderError: a file is missing.

@@ -84,14 +84,8 @@ def _parts(functions, entries, mean, cov):
 def join(functions, entries, first, mean, cov, trace, t):
     """Fill the entries from `first` on of a joint; returns whether s is a covariance.
 
-    Args:
-        functions: of the inputs `entries` of the joint.
-        entries: (D,).
-        first: number of entries before.
-        mean: (J,).
-        cov: (J, J).
-        trace: of all steps.
-        t: this step.
+    Functions are of the inputs `entries` (D,) of the joint of mean (J,) and cov (J, J); `first` is
+    the number of entries before; the trace is of all steps, of which t is this one.
     """
     nu, z, s = _parts(functions, entries, mean, cov)
     (N, D), K, E = functions.centres.shape, len(functions.widths), len(functions.variance)

@@ -28,10 +28,8 @@ def quiet(
 ) -> Float[np.ndarray, "*b"]:
     """The gate a: 1 where a joint is quasi-static, 0 where it moves, thesis eq. (4.9).
 
-    Args:
-        dq: its velocity [rad/s or m/s].
-        speed: sigma_v, below which it is quasi-static, in the same unit.
-        gate: 1 or 0, or exp(-(dq / speed)^2).
+    Below `speed`, sigma_v [rad/s or m/s], it is quasi-static; `gate` is 1 or 0, or exp(-(dq /
+    speed)^2).
     """
     return GATES[gate].shape(torch.from_numpy(np.asarray(dq) / speed)).numpy()
 

@@ -68,8 +68,7 @@ class InverseDynamics(ABC):
     def __call__(self, motion: Float[Tensor, "*b Q"]) -> Float[Tensor, "*b J"]:
         """Torques of motions [q, q', q''] of any batch shape, differentiable by the motion.
 
-        Args:
-            motion: positions, velocities and accelerations, side by side [rad or m, by s].
+        Positions, velocities and accelerations stand side by side [rad or m, by s].
         """
 
     @abstractmethod

@@ -73,8 +73,7 @@ class ForwardKinematics:
     ) -> tuple[Float[Tensor, "*b 3"], Float[Tensor, "*b 3 3"]]:
         """Position [m] and rotation matrix in the camera's frame, differentiable in q.
 
-        Args:
-            q: joint positions in the order of `joints` [rad or m].
+        Positions q are in the order of `joints` [rad or m].
 
         Reference: thesis section 2.5.3.
         Differs: the thesis learns five entries of the matrix and computes yaw, pitch and roll, of

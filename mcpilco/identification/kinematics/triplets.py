@@ -205,9 +205,8 @@ class TripletTests:
 def triplet_tests(recording: MarkerRecording, outliers: float = 0.0) -> TripletTests:
     """All three tests for all triplets.
 
-    Args:
-        recording: of N samples; a pair is tested on those that show both markers.
-        outliers: share of the samples of a pair that may be wrong [-]; the worst are not counted.
+    A pair is tested on those of the N samples that show both markers; `outliers` is the share of
+    these that may be wrong [-]: the worst are not counted.
     """
     count = len(recording.marker_names)
     pairs = np.array(list(combinations(range(count), 2)))

@@ -27,19 +27,22 @@ from scipy.special import digamma, gammaln
 
 from mcpilco.identification.noisy_inputs.regression import Moments
 
+PerInput = Float[np.ndarray, " D"]
+"""a number an input"""
+
 
 @dataclass(frozen=True)
 class Weights:
     """Means and variances of w, and variances of the noise, in the units of x and y."""
 
-    w_z: Float[np.ndarray, " D"]
-    w_x: Float[np.ndarray, " D"]
-    var_z: Float[np.ndarray, " D"]
+    w_z: PerInput
+    w_x: PerInput
+    var_z: PerInput
     """of w_z; 0 in joint factor analysis"""
-    var_x: Float[np.ndarray, " D"]
+    var_x: PerInput
     """of w_x"""
-    psi_z: Float[np.ndarray, " D"]
-    psi_x: Float[np.ndarray, " D"]
+    psi_z: PerInput
+    psi_x: PerInput
     psi_y: float
 
 
@@ -47,13 +50,13 @@ class Weights:
 class Latent:
     """Means over samples of posterior moments of z and t."""
 
-    zz: Float[np.ndarray, " D"]
+    zz: PerInput
     """of z_m^2"""
-    zt: Float[np.ndarray, " D"]
+    zt: PerInput
     """of z_m t_m"""
-    tt: Float[np.ndarray, " D"]
+    tt: PerInput
     """of t_m^2"""
-    xt: Float[np.ndarray, " D"]
+    xt: PerInput
     """of x_m t_m"""
     yz: float
     """of y 1^T z"""
@@ -118,13 +121,8 @@ FLOOR = 1e-12
 
 
 def maximise(
-    moments: Moments,
-    latent: Latent,
-    weights: Weights,
-    alpha: Float[np.ndarray, " D"],
-    a0: float | None,
-    b0: float,
-) -> tuple[Weights, Float[np.ndarray, " D"], Float[np.ndarray, " D"] | None]:
+    moments: Moments, latent: Latent, weights: Weights, alpha: PerInput, a0: float | None, b0: float
+) -> tuple[Weights, PerInput, PerInput | None]:
     """The weights' posterior, then their mean precision and its rate, then the noise: appendix A.
 
     Sums over samples in the print are means times N here. `Differs:` from the print's psi_y, whose
@@ -166,8 +164,8 @@ def bound(
     moments: Moments,
     latent: Latent,
     weights: Weights,
-    alpha: Float[np.ndarray, " D"],
-    rate: Float[np.ndarray, " D"] | None,
+    alpha: PerInput,
+    rate: PerInput | None,
     a0: float | None,
     b0: float,
 ) -> float:
@@ -216,7 +214,7 @@ class Point:
     """Weights and precisions that a search has reached, with their bound."""
 
     weights: Weights
-    alpha: Float[np.ndarray, " D"]
+    alpha: PerInput
     """mean precision of the weights; 0 without priors"""
     bound: float = -np.inf
     """on the evidence [nats]"""

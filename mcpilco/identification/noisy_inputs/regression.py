@@ -58,9 +58,8 @@ class Moments:
     def least_squares(self, rank: float = 1e-10) -> Float[np.ndarray, " D"]:
         """The b of least |y - X b|, and of least size where several are.
 
-        Args:
-            rank: eigenvalue of X^T X, relative to the largest in columns of equal length, below
-                which a direction is not used.
+        Directions of an eigenvalue of X^T X below `rank`, relative to the largest in columns of
+        equal length, are not used.
         """
         values, vectors, length = self.directions(rank)
         return (vectors / values) @ (vectors.T @ (self.xy / length)) / length
@@ -110,10 +109,7 @@ def noise_above(X: Float[np.ndarray, "T D"], dt: float, cutoff: float) -> Float[
     their share of all; the motion is taken to hold nothing there. Filtered inputs are not white:
     then use repetitions.
 
-    Args:
-        X: inputs on a uniform grid.
-        dt: its step [s].
-        cutoff: frequency that no motion reaches [Hz].
+    X is on a uniform grid of step dt [s]; no motion reaches the frequency `cutoff` [Hz].
 
     Raises:
         InputError: fewer frequencies than inputs are above the cutoff.
@@ -150,12 +146,9 @@ def errors_in_variables(
     which is 1 where there is no noise, and by 0 where there is nothing else, r <= 0: a direction
     that the noise hides is left out, not blown up.
 
-    Args:
-        moments: of the data.
-        noise: Psi, the covariance of the noise of an input row, or its diagonal, in the squared
-            units of the inputs.
-        regularisation: by default D / N, the square of the size of sampling errors in r.
-        rank: as for `Moments.least_squares`.
+    `noise` is Psi, the covariance of the noise of an input row, or its diagonal, in the squared
+    units of the inputs; the regularisation is D / N by default, the square of the size of sampling
+    errors in r.
 
     Raises:
         InputError: noise is no covariance of the inputs.

@@ -233,9 +233,8 @@ def base_parameters(Y: Float[np.ndarray, "*b D"], tolerance: float = TOLERANCE) 
     Of dependent columns the first stays. With Y of `random_motions` they are those of the robot;
     with Y of a recording those that the recording determines.
 
-    Args:
-        Y: rows of any number of samples and joints, more than D of them.
-        tolerance: what is left of a column, relative to its length, when it depends on others.
+    Y has more than D rows, of any samples and joints; a column depends on others where `tolerance`
+    of its length is left of it.
     """
     rows = Y.reshape(-1, Y.shape[-1])
     length = np.linalg.norm(rows, axis=0)

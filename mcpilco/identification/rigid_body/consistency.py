@@ -89,9 +89,7 @@ class LinkCheck:
 def check_links(body: RigidBody, theta: Float[np.ndarray, " D"]) -> tuple[LinkCheck, ...]:
     """Link by link, whether theta are parameters that bodies and joints can have.
 
-    Args:
-        body: what the parameters belong to.
-        theta: in the units of `body.units`.
+    Theta is in the units of `body.units`.
     """
     blocks = theta.reshape(-1, body.width)
     return tuple(

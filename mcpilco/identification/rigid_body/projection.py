@@ -80,12 +80,8 @@ def project(body: RigidBody, estimate: Theta, metric: Metric, gap: float = GAP) 
     Directions that the metric does not see (parameters that no force depends on) are filled in by
     the smallest change of the estimate.
 
-    Args:
-        body: what the parameters belong to.
-        estimate: theta_B.
-        metric: H, positive semidefinite; X^T X of the rows that theta_B was fitted to, or the
-            inverse of theta_B's covariance.
-        gap: accuracy of the cost, relative to it.
+    The metric H is positive semidefinite: X^T X of the rows that the estimate theta_B was fitted
+    to, or the inverse of its covariance. The cost is found as accurately as `gap`, relative to it.
 
     Raises:
         InputError: the metric has a negative eigenvalue, or something is not finite.

@@ -170,8 +170,7 @@ def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[...,
 
     It takes a row of `Tables.actuators`, a command, and the force that the last command asked for.
 
-    Args:
-        made: makes each formula callable, as `numba.njit` does.
+    `made` makes each formula callable, as `numba.njit` does.
     """
     within, times, outside = (
         made(effect.shape) for effect in (CommandRange, ActuatorGain, ActuatorDeadZone)

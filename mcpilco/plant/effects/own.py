@@ -25,8 +25,7 @@ _STATES = ((0.3, 0.7), (-0.4, -1.1))
 def own_effects(given: Own | Iterable[Own]) -> tuple[Effect, ...]:
     """The effects that a user adds to the catalogue, checked and compiled.
 
-    Args:
-        given: Python files, whose classes of effects are all taken; effects; or their classes.
+    Of a Python file all classes of effects are taken; effects and their classes may be given too.
 
     Raises:
         InputError: a file cannot be executed or has no effect, an effect is no force in a joint,

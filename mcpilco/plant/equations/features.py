@@ -62,9 +62,7 @@ def friction_features(task: TaskSpec, gate: float) -> Rows:
     Viscous and dry friction, and what holds a joint at rest against a force: there the gate is
     open. It is smooth, so that a policy's gradient passes through it.
 
-    Args:
-        task: pairs of position and velocity.
-        gate: velocity over which dry friction turns over [m/s or rad/s].
+    Dry friction turns over within the velocity `gate` [m/s or rad/s].
 
     Reference: thesis chapter 4 (the friction-compensating kernel).
     Differs: its indicator of rest is a bell here.

@@ -241,8 +241,7 @@ def settle(tables, s, duration, actuated):
 def _compiled(source: str):
     """The loop `follow` over motions, compiled.
 
-    Args:
-        source: digest of the source code; where it changes, numba compiles anew.
+    Where `source`, the digest of the source code, changes, numba compiles anew.
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})

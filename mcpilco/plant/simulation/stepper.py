@@ -22,8 +22,7 @@ is the truth that others are compared with"""
 def _compiled(source: str):
     """The loop `advance` over motions, compiled.
 
-    Args:
-        source: digest of the source code; where it changes, numba compiles anew.
+    Where `source`, the digest of the source code, changes, numba compiles anew.
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})

@@ -299,10 +299,7 @@ def model_arrays(dynamics: GPDynamics, dtype: np.dtype) -> ModelArrays:
 def program_arrays(program: Program, numbers: np.ndarray | None, dtype: np.dtype) -> ProgramArrays:
     """The arrays of a program.
 
-    Args:
-        program: of [state, inputs, each particle's own numbers].
-        numbers: the last, (K, P).
-        dtype: precision.
+    It is of [state, inputs, each particle's own numbers], the last of which are `numbers`, (K, P).
     """
     own: np.ndarray = np.zeros((0, 0), dtype) if numbers is None else numbers.astype(dtype)
     return ProgramArrays(

@@ -72,9 +72,7 @@ def parts(observer: Observer) -> tuple[LinearEstimator | None, int] | None:
 def sensing_arrays(observer: Observer, noise: np.ndarray) -> SensingArrays:
     """The arrays of an observer that `parts` knows.
 
-    Args:
-        observer: measures the particles.
-        noise: standard normal numbers of its measurements, (T, Y, P).
+    The noise of measurements is standard normal, (T, Y, P).
     """
     known = parts(observer)
     assert known is not None, "mcpilco.search.fused.engine has made sure"

@@ -37,6 +37,8 @@ _ABOVE: dict[str, Any] = {"fontsize": "small", "loc": "right", "pad": 3}
 """what a picture shows, above it"""
 _EDGE = 0.5
 """what a picture leaves out at both ends of the values' range [%]"""
+Channel = Float[np.ndarray, " N"]
+"""a number an instant"""
 
 
 def plot_growth(
@@ -123,14 +125,10 @@ def plot_time_map(
 ) -> Axes:
     """How far a plant misses one channel, a row for each recording, over its time.
 
-    Args:
-        edges: ends of the cells [s].
-        names: of the recordings.
-        misfit: of each in each cell [noise std]; NaN where there is none.
-        label: what is missed by whom.
-        events: spans that were left out: number of the recording, start and end [s].
-        most: misfit at the end of the scale, to compare maps; by default the largest.
-        ax: where to draw; a new figure without it.
+    Cells end at `edges` [s]; the misfit of each recording in each cell is in [noise std], NaN where
+    there is none; the label tells what is missed by whom. Events are spans that were left out:
+    number of the recording, start and end [s]. `most` is the misfit at the end of the scale, to
+    compare maps, by default the largest.
     """
     from matplotlib.colors import LogNorm
 
@@ -158,9 +156,7 @@ def plot_time_map(
 
 
 def plot_profile(
-    profiles: Mapping[str, tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]],
-    labels: tuple[str, str],
-    ax: Axes | None = None,
+    profiles: Mapping[str, tuple[Channel, Channel]], labels: tuple[str, str], ax: Axes | None = None
 ) -> Axes:
     """The force that plants leave over along one quantity: medians, and where half of them lie."""
     ax = new_axes()[0] if ax is None else ax
@@ -181,11 +177,7 @@ def plot_profile(
 
 
 def plot_force_map(
-    q: Float[np.ndarray, " N"],
-    v: Float[np.ndarray, " N"],
-    force: Float[np.ndarray, " N"],
-    labels: tuple[str, str, str],
-    ax: Axes | None = None,
+    q: Channel, v: Channel, force: Channel, labels: tuple[str, str, str], ax: Axes | None = None
 ) -> Axes:
     """The force that a plant leaves over, as medians over position and velocity."""
     from matplotlib.ticker import MaxNLocator
@@ -235,7 +227,7 @@ def plot_window(
     return ax
 
 
-def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
+def _range(values: Channel) -> tuple[float, float]:
     """Between what values lie, but for a few at both ends."""
     low, high = np.percentile(values, [_EDGE, 100.0 - _EDGE])
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)

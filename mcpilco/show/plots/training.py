@@ -89,12 +89,9 @@ def plot_coverage(
 
     On the diagonal the spread is right, below it too small, above it too large.
 
-    Args:
-        levels: nominal, in (0, 1).
-        covered: the shares found, by output.
-        count: how many predictions each share is of; the band is where 95 % of the shares of a
-            calibrated model lie, were the predictions independent. None draws no band.
-        ax: where to draw; a new figure without it.
+    Levels are nominal, in (0, 1); `covered` are the shares found, by output. The band, none without
+    the `count` of predictions that each share is of, is where 95 % of the shares of a calibrated
+    model lie, were the predictions independent.
     """
     ax = new_axes()[0] if ax is None else ax
     if count:

@@ -50,9 +50,8 @@ _TABLE_LEVELS = (0.5, 0.9, 0.95, 0.99)
 def write_report(run: RunFolder, out: Path | None = None) -> Path:
     """The path of the page written; it holds its pictures and needs no other file.
 
-    Args:
-        run: what it tells of. What cannot be read of it is named in the page.
-        out: where it goes; `report.html` in the run folder when None.
+    What cannot be read of the run is named in the page, which is `report.html` in the run folder by
+    default.
 
     Raises:
         RunFolderError: nothing can be read, or the page cannot be written.
