@@ -60,9 +60,9 @@ def _print_last(found: LineUp) -> None:
     ]
     table = Table(box=SIMPLE_HEAD, padding=(0, 0, 0, 1), pad_edge=False, caption=_CAPTION)
     table.add_column("run", overflow="fold")
-    headings = (f"{measure.short}\n[{measure.unit}]" for measure in told)
-    for heading in headings:
-        table.add_column(Text(heading), justify="right", no_wrap=True)
+    for measure in told:
+        heading = Text(f"{measure.short}\n[{measure.unit}]")
+        table.add_column(heading, justify="right", no_wrap=True)
     for run in found.runs:
         last = float(run.amounts[-1])
         cells = []

@@ -166,11 +166,8 @@ def _viewer() -> Finding:
     folders = spec.submodule_search_locations or [] if spec else []
     binary = next((Path(f) / name for f in folders if (Path(f) / name).is_file()), None)
     ok, said = (False, "missing") if binary is None else _says([str(binary), "--version"])
-    return Finding(
-        "Rerun viewer",
-        "starts" if ok else said,
-        "" if ok else "pip install --force-reinstall rerun-sdk",
-    )
+    fix = "" if ok else "pip install --force-reinstall rerun-sdk"
+    return Finding("Rerun viewer", "starts" if ok else said, fix)
 
 
 def _window() -> Finding:

@@ -92,11 +92,8 @@ def write_collision_film(
 
 
 def _titles(joints: Sequence[str]) -> dict[str, str]:
-    titles = {}
-    for joint in joints:
-        titles[entity(CURRENTS, joint)] = f"{joint}: current [A]"
-        titles[entity(RESIDUALS, joint)] = f"{joint}: residual [A]"
-    return titles
+    kinds = ((CURRENTS, "current"), (RESIDUALS, "residual"))
+    return {entity(kind, j): f"{j}: {word} [A]" for j in joints for kind, word in kinds}
 
 
 def _notes(name: str, told: Sequence[Event]) -> str:
@@ -136,5 +133,4 @@ def _log_joint(track: _Timed, joint: str, j: int, samples: ArmSamples, found: De
     rows = np.flatnonzero(found.joints[:, j])
     if len(rows):
         some = replace(track, times=track.times[rows], steps=track.steps[rows])
-        path = entity(RESIDUALS, joint, "alarm")
-        log_dots(some, path, 0, found.residual[rows, j], _ALARM)
+        log_dots(some, entity(RESIDUALS, joint, "alarm"), found.residual[rows, j], _ALARM)

@@ -200,10 +200,10 @@ def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> No
     colors, name = track.colors, task.state_names[i]
     if colors.observed is not None and i in task.measured_states:
         seen = rollout.observations[:, task.measured_states.index(i)]
-        log_dots(track, track.under(STATES, name, "observed"), 0, seen, colors.observed)
+        log_dots(track, track.under(STATES, name, "observed"), seen, colors.observed)
     if colors.estimated is not None and rollout.estimates is not None:
         path = track.under(STATES, name, "estimated")
-        log_dots(track, path, 0, rollout.estimates[:, i], colors.estimated)
+        log_dots(track, path, rollout.estimates[:, i], colors.estimated)
     if colors.estimated is not None and rollout.smoothed is not None:
         path = track.under(STATES, name, "smoothed")
         log_line(track, path, 0, rollout.smoothed[:, i], colors.estimated)
@@ -257,18 +257,13 @@ def _ended(track: Track, values: Float[np.ndarray, T * b]) -> Float[np.ndarray, 
 
 
 def log_dots(
-    track: Track,
-    path: str,
-    first: int,
-    values: Float[np.ndarray, " T"],
-    color: RGB,
-    size: float = 2.0,
+    track: Track, path: str, values: Float[np.ndarray, " T"], color: RGB, size: float = 2.0
 ) -> None:
-    """Dots from step `first` on, called as their path ends."""
+    """Dots at the steps from 0 on, called as their path ends."""
     name = path.rsplit("/", 1)[-1]
     style = rr.SeriesPoints(colors=color, markers="circle", marker_sizes=size, names=name)
     track.still(path, style)
-    track.moving(path, first, len(values), rr.Scalars.columns(scalars=values))
+    track.moving(path, 0, len(values), rr.Scalars.columns(scalars=values))
 
 
 def _solid(shape: Shape, color: RGB) -> rr.AsComponents:

@@ -133,8 +133,8 @@ class Film:
         if self._live:
             note = rr.TextDocument(text, media_type="text/markdown")
             self.rec.log(ABOUT, note, static=True)
-            return
-        log_note(self.rec, text, self._start_s, self._first)
+        else:
+            log_note(self.rec, text, self._start_s, self._first)
 
 
 def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) -> float:
@@ -147,11 +147,9 @@ def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) 
         RunFolderError: the file cannot be written.
     """
     by_number = [{past.number: past for past in reel.history.trials} for reel in reels]
-    numbers = sorted(set().union(*by_number))
-    if trial is not None:
-        numbers = [number for number in numbers if number == trial]
+    have = sorted(set().union(*by_number))
+    numbers = [number for number in have if trial in (None, number)]
     if not numbers:
-        have = sorted(set().union(*by_number))
         raise InputError(f"--trial must be one of {', '.join(map(str, have))}, got {trial}.")
     shown = [[trials.get(number) for trials in by_number] for number in numbers]
     present = [past for row in shown for past in row if past is not None]

@@ -86,7 +86,7 @@ def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
             path = entity(WORLD, name, MEASURED)
             log_tails(track, path, scene.marker(seen)[:, None], _WHITE, 1.0)
     for x, state in enumerate(naming.states):
-        log_dots(track, entity(STATES, state, MEASURED), 0, clip.measured[:, x], _WHITE, 1.2)
+        log_dots(track, entity(STATES, state, MEASURED), clip.measured[:, x], _WHITE, 1.2)
         for name, states in clip.models.items():
             log_line(track, entity(STATES, state, name), 0, states[:, x], colors[name])
     for u, command in enumerate(naming.inputs):

@@ -224,11 +224,9 @@ def _no_graphics(log: Path) -> InputError:
 
 def _ends(viewer: subprocess.Popen) -> bool:
     """Whether the viewer has broken down, or does within a moment."""
-    try:
+    with contextlib.suppress(subprocess.TimeoutExpired):
         viewer.wait(timeout=2)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
+    return viewer.poll() is not None
 
 
 def _listens(viewer: subprocess.Popen, port: int) -> bool:
@@ -246,11 +244,11 @@ def _executable() -> str:
     """Rerun's own binary, by its absolute path: the folder of this Python need not be on PATH."""
     spec = find_spec("rerun_cli")
     name = "rerun.exe" if os.name == "nt" else "rerun"
-    candidates = (
-        [Path(folder) / name for folder in (spec.submodule_search_locations or [])] if spec else []
-    )
-    candidates.append(Path(sys.executable).parent / name)
-    for candidate in candidates:
+    folders = (spec.submodule_search_locations if spec else None) or []
+    for candidate in (
+        *(Path(folder) / name for folder in folders),
+        Path(sys.executable).with_name(name),
+    ):
         if candidate.is_file():
             return str(candidate)
     raise InputError("The Rerun viewer is not installed; run: pip install rerun-sdk")
@@ -267,9 +265,8 @@ def _existing(path: str | Path) -> Path:
 
 def has_display() -> bool:
     """Whether a window can be opened."""
-    if sys.platform in ("win32", "darwin"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return sys.platform in ("win32", "darwin") or bool(named)
 
 
 def _free_port(preferred: int = 0) -> int:

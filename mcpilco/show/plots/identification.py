@@ -71,8 +71,7 @@ def plot_triplets(
         row = recording.joint_names.index(joint.name)
         letter = joint.kind[0].upper()
         ax.text(column, row, letter, color="white", ha="center", va="center", weight="bold")
-    ax.set_xlabel("pair of markers")
-    ax.set_ylabel("joint")
+    ax.set(xlabel="pair of markers", ylabel="joint")
     ax.figure.colorbar(image, ax=ax, label="residual / tolerance [-]")
     return ax
 

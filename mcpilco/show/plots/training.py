@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -37,10 +37,8 @@ def plot_learning(
             "plot_learning needs at least one trial, got none; let the agent learn first."
         )
     ax = new_axes()[0] if ax is None else ax
-    experience = np.array([r.experience_s for r in results])
-    predicted = np.array([r.predicted_cost for r in results])
-    std = np.array([r.predicted_cost_std for r in results])
-    real = np.array([r.real_cost for r in results])
+    rows = [(r.experience_s, r.predicted_cost, r.predicted_cost_std, r.real_cost) for r in results]
+    experience, predicted, std, real = np.array(rows, dtype=float).T
     low, high = predicted - std, predicted + std
     ax.fill_between(experience, low, high, color=PARTICLES, alpha=0.4, linewidth=0)
     ax.errorbar(experience, predicted, std, color=MODEL, capsize=2, marker=".", label="predicted")
@@ -153,16 +151,9 @@ class PolicyMap:
 def plot_policy(policy: PolicyMap, ax: Axes | None = None) -> Axes:
     """The input over two states as colours, and the way that the system took across them."""
     ax = new_axes()[0] if ax is None else ax
-    mesh = ax.pcolormesh(
-        policy.x,
-        policy.y,
-        policy.values,
-        cmap="RdBu_r",
-        vmin=policy.low,
-        vmax=policy.high,
-        shading="gouraud",
-        rasterized=True,
-    )
+    scale: dict[str, Any] = {"cmap": "RdBu_r", "vmin": policy.low, "vmax": policy.high}
+    grid = policy.x, policy.y, policy.values
+    mesh = ax.pcolormesh(*grid, **scale, shading="gouraud", rasterized=True)
     ax.plot(*policy.path.T, color=SYSTEM, linewidth=1)
     ax.plot(*policy.path[0], "o", color=SYSTEM, markerfacecolor="white")
     ax.plot(*policy.path[-1], "o", color=SYSTEM)

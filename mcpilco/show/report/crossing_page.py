@@ -9,8 +9,15 @@ from typing import Any
 
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.show.plots.rollouts import plot_promise
-from mcpilco.show.report import document
-from mcpilco.show.report.document import Document, Picture, Section, Table, draw, made
+from mcpilco.show.report.document import (
+    Document,
+    Picture,
+    Section,
+    Table,
+    draw,
+    made,
+    write_document,
+)
 
 
 def write_crossing_report(
@@ -22,23 +29,18 @@ def write_crossing_report(
         RunFolderError: the page cannot be written.
         InputError: matplotlib or jinja2 is missing.
     """
-    document.require_extra()
-    return document.write_document(path, page_of(legs, gap, about))
+    return write_document(path, page_of(legs, gap, about))
 
 
 def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) -> Document:
     """The content of the page of a crossing."""
-    sections = [
-        made("What the simulation lacked", partial(_lacked, gap)),
-        made("What was promised and what happened", partial(_outcomes, legs)),
-        *(made(f"The {leg} simulation", partial(_episode, leg, legs[leg])) for leg in legs),
-    ]
-    return Document(
-        title="From the simulation to the system",
-        about=about,
-        tiles=_tiles(legs, gap),
-        sections=sections,
-    )
+    parts = {
+        "What the simulation lacked": partial(_lacked, gap),
+        "What was promised and what happened": partial(_outcomes, legs),
+        **{f"The {leg} simulation": partial(_episode, leg, legs[leg]) for leg in legs},
+    }
+    sections = (made(title, make) for title, make in parts.items())
+    return Document("From the simulation to the system", about, _tiles(legs, gap), sections)
 
 
 def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -139,7 +139,18 @@ def render(document: Document) -> str:
 
 
 def write_document(path: Path, document: Document) -> Path:
-    """The path of the page written, whole or not at all; it needs no other file."""
+    """The path of the page written, whole or not at all; it needs no other file.
+
+    Raises:
+        InputError: matplotlib or jinja2 is missing.
+    """
+    try:
+        import jinja2  # noqa: F401
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise InputError(
+            f"A report needs {error.name}; install it with: pip install 'mcpilco[report]'"
+        ) from error
     page = render(document).encode()
     with contextlib.suppress(OSError):  # the writing then says what is wrong
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -152,18 +163,3 @@ def made(title: str, make: Callable[[], Section]) -> Section:
         return make()
     except McPilcoError as error:
         return Section(title, f"This cannot be shown. {error}")
-
-
-def require_extra() -> None:
-    """Nothing, where the packages that draw a page are there.
-
-    Raises:
-        InputError: matplotlib or jinja2 is missing.
-    """
-    try:
-        import jinja2  # noqa: F401
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise InputError(
-            f"A report needs {error.name}; install it with: pip install 'mcpilco[report]'"
-        ) from error

@@ -39,8 +39,15 @@ from mcpilco.show.plots.gap import (
     plot_time_map,
     plot_window,
 )
-from mcpilco.show.report import document
-from mcpilco.show.report.document import Document, Picture, Section, Table, draw, made
+from mcpilco.show.report.document import (
+    Document,
+    Picture,
+    Section,
+    Table,
+    draw,
+    made,
+    write_document,
+)
 
 
 def write_gap_report(gap: Gap, path: Path) -> Path:
@@ -50,8 +57,7 @@ def write_gap_report(gap: Gap, path: Path) -> Path:
         RunFolderError: the page cannot be written.
         InputError: matplotlib or jinja2 is missing.
     """
-    document.require_extra()
-    return document.write_document(path, page_of(gap))
+    return write_document(path, page_of(gap))
 
 
 def page_of(gap: Gap) -> Document:
@@ -75,11 +81,13 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
         value, ends = closed_share(found).split(" (")
         tiles.append((f"of the gap is closed ({ends}", value))
     after = f"after {found.horizon_s:g} s, in noise std"
-    tiles.append((f"nominal error {after}", three_digits(found.nominal)))
     name = "corrected" if gap.mended else "refitted"
-    tiles.append((f"{name} error {after}", three_digits(found.corrected)))
-    tiles.append(("error of noise alone", three_digits(found.noise_floor)))
-    return tiles
+    return [
+        *tiles,
+        (f"nominal error {after}", three_digits(found.nominal)),
+        (f"{name} error {after}", three_digits(found.corrected)),
+        ("error of noise alone", three_digits(found.noise_floor)),
+    ]
 
 
 def _sections(gap: Gap) -> Iterator[Section]:

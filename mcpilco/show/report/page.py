@@ -25,15 +25,7 @@ from mcpilco.show.plots.training import (
     plot_search,
     plot_times,
 )
-from mcpilco.show.report.document import (
-    Document,
-    Section,
-    Table,
-    draw,
-    made,
-    require_extra,
-    write_document,
-)
+from mcpilco.show.report.document import Document, Section, Table, draw, made, write_document
 from mcpilco.show.report.learned import (
     LEVELS,
     OneStep,
@@ -57,7 +49,6 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
         RunFolderError: nothing can be read, or the page cannot be written.
         InputError: matplotlib or jinja2 is missing.
     """
-    require_extra()
     history = read_history(run)
     if out is None:
         out = run.path / "report.html"
@@ -68,19 +59,15 @@ def write_report(run: RunFolder, out: Path | None = None) -> Path:
 def page_of(history: History) -> Document:
     """The content of the page of a run."""
     config = history.run.config
+    algo, preset = config.get("algo", "mcpilco"), config["preset"]
+    setting = preset if algo == "mcpilco" else f"{algo} {preset}"
     return Document(
-        title=f"{config['env']}, {_setting(config)}, seed {config['seed']}",
+        title=f"{config['env']}, {setting}, seed {config['seed']}",
         about=history.run.path.resolve().name,
         tiles=_tiles(history),
         sections=_sections(history),
         cautions=failures(history),
     )
-
-
-def _setting(config: Mapping[str, Any]) -> str:
-    """The preset, after the algorithm where that is another than the package's own."""
-    algo = config.get("algo", "mcpilco")
-    return config["preset"] if algo == "mcpilco" else f"{algo} {config['preset']}"
 
 
 def _sections(history: History) -> Iterator[Section]:
@@ -112,8 +99,7 @@ def _tiles(history: History) -> list[tuple[str, str]]:
     tiles = [("trials", f"{len(learned)} of {history.run.config['trials']}")]
     if any(trial.success is not None for trial in learned):
         first = f"after {won[0].experience_s:g} s" if won else "not yet"
-        tiles.append(("first success", first))
-        tiles.append(("successes", f"{len(won)} of {len(learned)}"))
+        tiles += [("first success", first), ("successes", f"{len(won)} of {len(learned)}")]
     if history.foreseen:
         tiles.append(("last cost, predicted", f"{last.predicted_cost:.2f}"))
     tiles.append(("last cost, real", f"{last.real_cost:.2f}"))
@@ -175,12 +161,9 @@ def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
     """
     task, real, expected = history.task, trial.rollout, trial.prediction
     pictures = [
-        draw(f"{name} over time", partial(plot_state, real, expected, task, i))
-        for i, name in enumerate(task.state_names)
-    ]
-    pictures += [
-        draw(f"{name} over time", partial(plot_input, real, expected, task, i))
-        for i, name in enumerate(task.input_names)
+        draw(f"{name} over time", partial(plot, real, expected, task, i))
+        for plot, names in ((plot_state, task.state_names), (plot_input, task.input_names))
+        for i, name in enumerate(names)
     ]
     if trial.costs is not None or expected is not None:
         pictures.append(draw("cost over time", partial(plot_costs, trial.costs, expected, real.dt)))
@@ -203,19 +186,11 @@ def errors(history: History) -> Section:
         for trial in history.learned
         if trial.prediction is not None
     }
-    pictures = [
-        draw(
-            f"Prediction error of {name} over time",
-            partial(
-                plot_errors,
-                {number: values[:, i] for number, values in found.items()},
-                task.dt,
-                name,
-                task.state_units[i],
-            ),
-        )
-        for i, name in enumerate(task.state_names)
-    ]
+    pictures = []
+    for i, name in enumerate(task.state_names):
+        along = {number: values[:, i] for number, values in found.items()}
+        plot = partial(plot_errors, along, task.dt, name, task.state_units[i])
+        pictures.append(draw(f"Prediction error of {name} over time", plot))
     return Section(
         "How far the predictions hold",
         "The distance between the system and the particles predicted for it, root mean square over "
@@ -259,13 +234,8 @@ def calibration(history: History) -> Section:
 
 def _coverage_table(by_trial: Mapping[int, OneStep]) -> Table:
     """A row for each trial and predicted state: error, spread, shares covered."""
-    header = (
-        "trial",
-        "change of",
-        "error",
-        "predicted spread",
-        *(f"within {level:.0%}" for level in _TABLE_LEVELS),
-    )
+    within = (f"within {level:.0%}" for level in _TABLE_LEVELS)
+    header = ("trial", "change of", "error", "predicted spread", *within)
     rows = []
     for number, steps in by_trial.items():
         rms, spread = (np.sqrt(np.square(v).mean(axis=0)) for v in (steps.errors, steps.std))
@@ -293,22 +263,15 @@ def policy(history: History) -> Section:
 
 def timings(history: History) -> Section:
     """Time that each trial took."""
-    rows = [trial.row for trial in history.learned]
     numbers = [trial.number for trial in history.learned]
-    wall, cpu = ([row[key] for row in rows] for key in ("wall_s", "cpu_s"))
-    table = Table(
-        ("trial", "clock [s]", "processor [s]"),
-        [
-            (str(number), f"{seconds:.1f}", f"{used:.1f}")
-            for number, seconds, used in zip(numbers, wall, cpu, strict=True)
-        ]
-        + [("all", f"{sum(wall):.1f}", f"{sum(cpu):.1f}")],
-    )
+    wall, cpu = ([trial.row[key] for trial in history.learned] for key in ("wall_s", "cpu_s"))
+    times = zip((*numbers, "all"), (*wall, sum(wall)), (*cpu, sum(cpu)), strict=True)
+    rows = [(str(number), f"{clock:.1f}", f"{used:.1f}") for number, clock, used in times]
     return Section(
         "Timings",
         "The first trial also loads the compiled loops, or compiles them.",
         [draw("Time of each trial", partial(plot_times, numbers, wall, cpu))],
-        [table],
+        [Table(("trial", "clock [s]", "processor [s]"), rows)],
     )
 
 
