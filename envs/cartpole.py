@@ -167,6 +167,7 @@ class CartPoleSwingUpEnv(PlantEnv):
     def scene_of(plant: Plant) -> Scene:
         """The cart-pole in the x-z plane, the hinge at z = 0; the marker is the pole's tip."""
         length = plant.values["pole_length"]
+        radius = drawing.POLE_RADIUS * length
 
         def tip(states: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*b 3"]:
             end = drawing.hanging_end(length, states[..., 2])
@@ -183,9 +184,7 @@ class CartPoleSwingUpEnv(PlantEnv):
 
         shapes = {
             "cart": Shape("box", tuple(length * half for half in CART_HALF), CART_COLOR),
-            "pole": Shape(
-                "capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.POLE_COLOR
-            ),
+            "pole": Shape("capsule", (radius, 0.5 * length), drawing.POLE_COLOR),
         }
         return drawing.standing_scene(RAIL_HALF, length, shapes=shapes, poses=poses, marker=tip)
 

@@ -57,10 +57,8 @@ class DoublePendulumEnv(PlantEnv):
 
         def poses(states: Float[np.ndarray, "T 4"]) -> Mapping[str, Pose]:
             elbow, tip = elbow_of(states), tip_of(states)
-            upper, lower = (
-                drawing.hanging(states[:, 0]),
-                drawing.hanging(states[:, 0] + states[:, 2]),
-            )
+            upper = drawing.hanging(states[:, 0])
+            lower = drawing.hanging(states[:, 0] + states[:, 2])
             return {
                 "upper": Pose(0.5 * elbow, upper),
                 "lower": Pose(0.5 * (elbow + tip), lower),

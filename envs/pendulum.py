@@ -129,6 +129,7 @@ class PendulumEnv(PlantEnv):
     def scene_of(plant: Plant) -> Scene:
         """The pendulum in 3D: in the x-z plane, the hinge at the origin; the marker is the mass."""
         length = plant.values["length"]
+        radius = drawing.POLE_RADIUS * length
 
         def tip(states: Float[np.ndarray, "*b 2"]) -> Float[np.ndarray, "*b 3"]:
             return drawing.hanging_end(length, states[..., 0])
@@ -138,9 +139,7 @@ class PendulumEnv(PlantEnv):
             return {"rod": Pose(0.5 * mass, turned), "mass": Pose(mass, turned)}
 
         shapes = {
-            "rod": Shape(
-                "capsule", (drawing.POLE_RADIUS * length, 0.5 * length), drawing.FIXED_COLOR
-            ),
+            "rod": Shape("capsule", (radius, 0.5 * length), drawing.FIXED_COLOR),
             "mass": Shape("sphere", (MASS_RADIUS * length,), drawing.POLE_COLOR),
         }
         return drawing.standing_scene(MOTOR_HALF, length, shapes=shapes, poses=poses, marker=tip)

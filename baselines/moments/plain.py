@@ -56,23 +56,21 @@ def gaussian_through_gp(
 
     Reference: `baselines.moments.through_bases`.
     """
-    given = _tensors(
-        x=x,
-        y=y,
-        lengthscale=lengthscale,
-        signal_std=signal_std,
-        noise_std=noise_std,
-        mean=mean,
-        cov=cov,
-    )
-    (N, D), E = _sizes(given["x"], "x", 2), _sizes(given["y"], "y", 2)[-1]
+    scales = {"lengthscale": lengthscale, "signal_std": signal_std, "noise_std": noise_std}
+    given = _tensors(x=x, y=y, **scales, mean=mean, cov=cov)
+    (N, D), E = _sizes(given["x"], "x"), _sizes(given["y"], "y")[-1]
     shapes = {"y": (N, E), "lengthscale": (E, D), "signal_std": (E,), "noise_std": (E,)}
-    _check_shapes(given, shapes)
+    for name, shape in shapes.items():
+        if given[name].shape != shape:
+            raise InputError(
+                f"{name} must have shape {shape} as the samples say, "
+                f"got {tuple(given[name].shape)}."
+            )
     _check_gaussian(given["mean"], given["cov"], D)
-    for name in ("lengthscale", "signal_std", "noise_std"):
+    for name in scales:
         if not bool((given[name] > 0).all()):
             raise InputError(f"{name} must be positive, got {given[name].tolist()}.")
-    bases = _posterior(*(given[name] for name in ("x", "y", *list(shapes)[1:])))
+    bases = _posterior(*(given[name] for name in ("x", *shapes)))
     return _as_given(through_bases(bases, given["mean"], given["cov"]), x, y, mean, cov)
 
 
@@ -151,19 +149,10 @@ def _tensors(**arguments: Any) -> dict[str, Tensor]:
     return found
 
 
-def _sizes(array: Tensor, name: str, axes: int) -> tuple[int, ...]:
-    if array.ndim != axes or 0 in array.shape:
-        raise InputError(f"{name} must have {axes} axes, none empty, got {tuple(array.shape)}.")
+def _sizes(array: Tensor, name: str) -> tuple[int, ...]:
+    if array.ndim != 2 or 0 in array.shape:
+        raise InputError(f"{name} must have 2 axes, none empty, got {tuple(array.shape)}.")
     return tuple(array.shape)
-
-
-def _check_shapes(given: dict[str, Tensor], shapes: dict[str, tuple[int, ...]]) -> None:
-    for name, shape in shapes.items():
-        if given[name].shape != shape:
-            raise InputError(
-                f"{name} must have shape {shape} as the samples say, "
-                f"got {tuple(given[name].shape)}."
-            )
 
 
 def _check_gaussian(mean: Tensor, cov: Tensor, width: int | None = None) -> int:

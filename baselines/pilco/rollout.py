@@ -161,14 +161,8 @@ def _steps(
 def _functions(bases: Bases) -> Functions:
     N = bases.centres.shape[0]
     inverse = torch.zeros(0, N, N, dtype=torch.float64) if bases.inverse is None else bases.inverse
-    return Functions(
-        _array(bases.centres),
-        _array(bases.widths),
-        _array(bases.variance),
-        _array(bases.weights),
-        _array(inverse),
-        torch.stack(bases.pairs).numpy(),
-    )
+    parts = bases.centres, bases.widths, bases.variance, bases.weights, inverse
+    return Functions(*map(_array, parts), torch.stack(bases.pairs).numpy())
 
 
 def _array(tensor: Tensor) -> np.ndarray:

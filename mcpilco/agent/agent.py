@@ -172,6 +172,4 @@ class MCPILCO(ModelBasedAgent):
     def _searched_start(self) -> Float[Tensor, " X"]:
         """The mean state that the first input acts on; before an episode inputs were 0."""
         start = torch.tensor(self._searched.start_mean, dtype=torch.float64)
-        if self.tracker is None:
-            return start
-        return self.tracker.start(start)
+        return start if self.tracker is None else self.tracker.start(start)

@@ -214,16 +214,8 @@ def velocities_named(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 def _task(states: dict[str, str], inputs: dict[str, str], *, dt: float, **entries: Any) -> TaskSpec:
     zeros = (0.0,) * len(states)
-    return TaskSpec(
-        tuple(states),
-        tuple(states.values()),
-        tuple(inputs),
-        tuple(inputs.values()),
-        dt,
-        start_mean=zeros,
-        start_std=zeros,
-        **entries,
-    )
+    moves, acts = (tuple(states), tuple(states.values())), (tuple(inputs), tuple(inputs.values()))
+    return TaskSpec(*moves, *acts, dt, start_mean=zeros, start_std=zeros, **entries)
 
 
 SOURCES: tuple[tuple[str, Callable[[gym.Env], TaskSpec | None]], ...] = (

@@ -144,29 +144,15 @@ def lines(found: Identified) -> Iterator[str]:
     ]
     yield from _aligned([("value", "95 %", "unit", "parameter"), *table])
     yield "Links, before and after the projection:"
+    links = zip(found.before, found.after, strict=True)
     yield from _aligned(
-        [
-            (
-                link.name,
-                "; ".join(link.faults) or "consistent",
-                "; ".join(after.faults) or "consistent",
-            )
-            for link, after in zip(found.before, found.after, strict=True)
-        ]
+        [(pair[0].name, *("; ".join(o.faults) or "consistent" for o in pair)) for pair in links]
     )
     held = "held-out rows" if tested else "the rows fitted to"
     yield f"RMS of the forces in {held}, and of the residuals of both models:"
-    yield from _aligned(
-        [
-            ("joint", "force", "identified", "model as it was"),
-            *(
-                (joint, *(f"{value:.4g}" for value in row))
-                for joint, *row in zip(
-                    body.chain.joints, found.force, found.error, found.nominal_error, strict=True
-                )
-            ),
-        ]
-    )
+    errors = zip(body.chain.joints, found.force, found.error, found.nominal_error, strict=True)
+    rows = [(joint, *(f"{value:.4g}" for value in row)) for joint, *row in errors]
+    yield from _aligned([("joint", "force", "identified", "model as it was"), *rows])
     yield from found.report.warnings
 
 
@@ -181,12 +167,7 @@ def as_json(found: Identified) -> dict[str, Any]:
     body, base = found.body, found.base
     joints = body.chain.joints
     return {
-        "recipe": {
-            "method": found.recipe.method,
-            "projection": found.recipe.projection,
-            "rows": found.recipe.rows,
-            "cutoff_hz": found.cutoff,
-        },
+        "recipe": {**vars(found.recipe), "cutoff_hz": found.cutoff},
         "parameters": {
             name: {"value": float(value), "before_projection": float(raw), "unit": unit}
             for name, value, raw, unit in zip(

@@ -113,10 +113,8 @@ class InverseDynamics(Command):
             warn(*recording.remarks, about=recording.name)
         parts = [joint_data(recording, joints, kinds) for recording in recordings]
         check_joint_data(JointData.joined(parts))
-        halves = [held_out(part, self.hold_out) for part in parts]
-        return JointData.joined([first for first, _ in halves]), JointData.joined(
-            [last for _, last in halves]
-        )
+        train, test = zip(*(held_out(part, self.hold_out) for part in parts), strict=True)
+        return JointData.joined(train), JointData.joined(test)
 
     def _robot(self, chain: Chain | None) -> tuple[tuple[str, ...], tuple[Kind, ...]]:
         from mcpilco.recordings import joints_in, kinds_of

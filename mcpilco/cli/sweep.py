@@ -58,17 +58,9 @@ class Sweep(Learning):
         # `module:name` tells each process, on whatever machine, where something is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
         algo = with_package(self.algo)
-        settings = Settings(
-            env,
-            env_kwargs,
-            self.chosen_preset,
-            config,
-            self.trials,
-            self.fresh,
-            None if self.task is None else str(self.task),
-            self.fresh_horizon,
-            algo,
-        )
+        task = None if self.task is None else str(self.task)
+        numbers = self.chosen_preset, config, self.trials
+        settings = Settings(env, env_kwargs, *numbers, self.fresh, task, self.fresh_horizon, algo)
         engine: Any = RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
         done = SweepFolder(self.out, settings).results().keys() & set(seeds)
         try:

@@ -85,16 +85,8 @@ class Train(Learning):
             trials = agent.usual_trials(config) if self.trials is None else self.trials
             files = {"task": self.task, "warm_start": self.warm_start}
             more = {name: str(path) for name, path in files.items() if path is not None}
-            run = begin_run(
-                self.folder(),
-                agent,
-                self.algo,
-                self.env,
-                env_kwargs,
-                self.chosen_preset,
-                trials,
-                more,
-            )
+            numbers = self.env, env_kwargs, self.chosen_preset, trials
+            run = begin_run(self.folder(), agent, self.algo, *numbers, more)
             with run.writing():
                 if source is not None and not self.quiet:
                     print(f"warm start: training in the model of {self.warm_start}", flush=True)
@@ -104,17 +96,9 @@ class Train(Learning):
     def _go_on(self) -> int:
         from mcpilco.agent import changed_versions, reopened
 
-        given = dataclasses.replace(
-            self,
-            resume=None,
-            task=None,
-            trials=None,
-            trust=(),
-            quiet=False,
-            tensorboard=False,
-            live=False,
-        )
-        if given != Train():
+        beside = ("resume", "task", "trials", "trust", "quiet", "tensorboard", "live")
+        usual: dict[str, Any] = {name: getattr(Train, name) for name in beside}
+        if dataclasses.replace(self, **usual) != Train():
             raise InputError(
                 "--resume takes env, its keywords, algo, preset, seed, horizon and folder from the "
                 "run; beside it stand only --task, --trials, --trust, --quiet, --tensorboard and "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -96,17 +96,11 @@ class Volterra(Command):
         """Of the fits with each kernel, all of which are told, that with the highest evidence."""
         from mcpilco.identification import VolterraConfig, fit_volterra
 
+        names = ("lags", "degree", "center", "restarts", "seed")
+        numbers: dict[str, Any] = {name: getattr(self, name) for name in names}
         models = []
         for kernel in self.kernel:
-            config = VolterraConfig(
-                lags=self.lags,
-                degree=self.degree,
-                kernel=kernel,
-                center=self.center,
-                restarts=self.restarts,
-                seed=self.seed,
-            )
-            models.append(fit_volterra(train, config))
+            models.append(fit_volterra(train, VolterraConfig(kernel=kernel, **numbers)))
             _tell(models[-1], train, test)
         best = max(models, key=lambda model: sum(model.report.evidence))
         if len(models) > 1:

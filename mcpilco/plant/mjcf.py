@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -112,9 +113,8 @@ def _elements(path: Path, folder: Path, known: dict[Path, float]) -> float:
 def _require_finite(path: str | Path, model: mujoco.MjModel, said: Sequence[str]) -> None:
     """Raises InputError for a model that cannot be simulated; `said` are MuJoCo's warnings."""
     wrong = [line for line in said if "NaN" in line]
-    for name in CONSTANTS:
-        if not np.isfinite(getattr(model, name)).all():
-            wrong.append(f"{name} is not finite.")
+    infinite = (name for name in CONSTANTS if not np.isfinite(getattr(model, name)).all())
+    wrong += [f"{name} is not finite." for name in infinite]
     if not 0.0 < model.opt.timestep < math.inf:
         wrong.append(f"timestep must be positive [s], got {model.opt.timestep:g}.")
     if wrong:
@@ -216,10 +216,7 @@ def _faults(model: mujoco.MjModel) -> dict[str, int]:
 
 def _faults_of_actuators(model: mujoco.MjModel) -> dict[str, int]:
     """How often the model has what a plant's motors have not."""
-
-    def count(name: str, usual: int = 0) -> int:
-        return _count(model, name, usual)
-
+    count = partial(_count, model)
     return {
         "actuators without a joint": count("actuator_trntype", int(mujoco.mjtTrn.mjTRN_JOINT)),
         "servo actuators": count("actuator_biastype", int(mujoco.mjtBias.mjBIAS_NONE)),
