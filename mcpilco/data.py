@@ -105,11 +105,8 @@ class Transitions:
 
     def __add__(self, other: Transitions) -> Transitions:
         """These rows and then the other's."""
-        return Transitions(
-            np.concatenate([self.states, other.states]),
-            np.concatenate([self.inputs, other.inputs]),
-            np.concatenate([self.next_states, other.next_states]),
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Transitions(*map(np.concatenate, pairs))
 
     def after_inputs(self, memory: int) -> Transitions:
         """The rows of one episode, each state with the commands before it behind, newest first.

@@ -109,10 +109,8 @@ def check_cost(task: TaskSpec, low: Float[np.ndarray, " U"], high: Float[np.ndar
     rng, X = np.random.default_rng(0), len(task.state_names)
     shape = (X + 2, X + 3)  # of steps and particles: no axis is as long as a state
     start = rng.normal(task.start_mean, np.maximum(task.start_std, 1e-3), (*shape, X))
-    states, inputs = (
-        torch.from_numpy(start),
-        torch.from_numpy(rng.uniform(low, high, (*shape, len(low)))),
-    )
+    states = torch.from_numpy(start)
+    inputs = torch.from_numpy(rng.uniform(low, high, (*shape, len(low))))
     if wrong := _wrong_cost(task, states, inputs):
         raise EnvError(
             f"The task's cost must give one finite number for each particle: of states "

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.files import read_arrays, write_bytes
+from mcpilco.files import csv_bytes, read_arrays, write_bytes
 from mcpilco.typing import RecordingError, RunFolderError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
@@ -80,12 +80,9 @@ def read_table(path: str | Path) -> Table:
 
 def write_table(path: str | Path, columns: Mapping[str, Float[np.ndarray, " N"]]) -> Path:
     """Write a CSV that `read_table` reads to the last digit; NaN becomes an empty cell."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
     table = np.column_stack(list(columns.values())).tolist()
-    writer.writerows([["" if v != v else repr(v) for v in row] for row in table])
-    return write_bytes(Path(path), text.getvalue().encode())
+    rows = [["" if v != v else repr(v) for v in row] for row in table]
+    return write_bytes(Path(path), csv_bytes(list(columns), rows))
 
 
 def _number(cell: Any) -> float:

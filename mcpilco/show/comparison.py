@@ -76,9 +76,7 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
         seeds_csv(found.runs),
     )
     written = [write_bytes(path, content) for path, content in zip(tables, contents, strict=True)]
-    written.append(write_curves(curves, found.runs, rows))
-    written.append(write_seeds(seeds, found.runs))
-    return written
+    return [*written, write_curves(curves, found.runs, rows), write_seeds(seeds, found.runs)]
 
 
 def seeds_csv(runs: Sequence[Run]) -> bytes:
@@ -266,17 +264,12 @@ def write_seeds(path: Path, runs: Sequence[Run]) -> Path:
 
 
 def _curve(name: str, measure: Measure, rows: Sequence[Row]) -> Curve | None:
-    mine = [
-        row
-        for row in rows
-        if (row.run, row.measure, row.statistic) == (name, measure, measure.statistics[0])
-    ]
+    wanted = name, measure, measure.statistics[0]
+    mine = [row for row in rows if (row.run, row.measure, row.statistic) == wanted]
     if not mine:
         return None
-    found = [row.estimate for row in mine]
-    experience = [row.experience_s for row in mine]
-    columns = (experience, *([getattr(e, n) for e in found] for n in ("value", "low", "high")))
-    return Curve(name, *(np.array(column, dtype=float) for column in columns))
+    told = [(r.experience_s, r.estimate.value, r.estimate.low, r.estimate.high) for r in mine]
+    return Curve(name, *np.array(told, dtype=float).T)
 
 
 def _write(path: Path, panels: Sequence[Callable[[Axes], object]], legend: bool = False) -> Path:

@@ -19,16 +19,9 @@ SUMMARY_LEGEND = (
 )
 """the meaning of the columns of `table`"""
 
-_SPREADS = (
-    "return",
-    "fresh_return",
-    "predicted_cost",
-    "real_cost",
-    "starts",
-    "policy_steps",
-    "cpu_s",
-    "wall_s",
-)
+_SUMS = ("starts", "policy_steps", "cpu_s", "wall_s")
+"""numbers of a trial that add up over a training"""
+_SPREADS = ("return", "fresh_return", "predicted_cost", "real_cost", *_SUMS)
 
 
 def summarise(
@@ -50,7 +43,7 @@ def summarise(
         "solved": rate(_solved(result) for result in seeds),
         "run": {
             key: spread(sum(row[key] for row in result["trials"]) for result in seeds)
-            for key in ("starts", "policy_steps", "cpu_s", "wall_s")
+            for key in _SUMS
         },
         "by_seed": {str(seed): _digest(result) for seed, result in results.items()},
         "machines": _machines(seeds),

@@ -236,13 +236,9 @@ def scores(
     tests: TripletTests, tolerance: Tolerance
 ) -> tuple[Float[np.ndarray, "pairs J"], Float[np.ndarray, "pairs J"]]:
     """Residuals in parts of the tolerances, as slide and as hinge; below 1 passes."""
-    slides = np.maximum(
-        tests.slide / tolerance.position, tests.rigid[:, None] / tolerance.orientation
-    )
-    turns = np.maximum(
-        tests.hinge[:, None] / tolerance.position, tests.turn / tolerance.orientation
-    )
-    return slides, turns
+    rigid, hinge = tests.rigid[:, None], tests.hinge[:, None]
+    slides = np.maximum(tests.slide / tolerance.position, rigid / tolerance.orientation)
+    return slides, np.maximum(hinge / tolerance.position, tests.turn / tolerance.orientation)
 
 
 def _between(tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int) -> Scores:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.identification.kinematics.forward import ForwardKinematics
@@ -90,15 +90,15 @@ def reach(
     """
     config = config or Reach()
     target = position, rotation
-    first = _descent(model, _inside(model, start), target, config)
-    if _reached(first[1], config):
-        return _path(start, [first[0]], first[1], config)
-    sizes = _weighed(pose_error(model, model.q, target), config).norm(dim=-1)
-    detour = model.q[int(sizes.argmin())]  # the sample whose pose is nearest to the target
-    second = _descent(model, detour, target, config)
-    if _size(second[1], config) < _size(first[1], config):
-        return _path(start, [detour[None], second[0]], second[1], config)
-    return _path(start, [first[0]], first[1], config)
+    straight, error = _descent(model, _inside(model, start), target, config)
+    parts = [straight]
+    if not _reached(error, config):
+        sizes = _weighed(pose_error(model, model.q, target), config).norm(dim=-1)
+        detour = model.q[int(sizes.argmin())]  # the sample whose pose is nearest to the target
+        onward, other = _descent(model, detour, target, config)
+        if _size(other, config) < _size(error, config):
+            parts, error = [detour[None], onward], other
+    return _path(start, parts, error, config)
 
 
 def pose_error(
@@ -141,7 +141,7 @@ def _descent(
     model: ForwardKinematics, q: Joints, target: Target, config: Reach
 ) -> tuple[Float[Tensor, "steps J"], Error]:
     """The configurations of a damped descent, and the error at the last one."""
-    path, damping = [q], _DAMPING
+    path, damping, low, high = [q], _DAMPING, model.q.amin(0), model.q.amax(0)
     error = pose_error(model, q, target)
     for _ in range(config.steps):
         if _reached(error, config) or damping > _STUCK:
@@ -151,7 +151,7 @@ def _descent(
             lambda q: _weighed(pose_error(model, q, target), config), q
         )
         g = J.T @ e  # grad 1/2 |e|^2;  the step is -(J^T J + mu I)^-1 g
-        J[:, _blocked(model, q, g)] = 0.0
+        J[:, ((q <= low) & (g > 0)) | ((q >= high) & (g < 0))] = 0.0  # it would leave its range
         A, g = J.T @ J, J.T @ e
         identity = float(A.diagonal().amax()) * torch.eye(len(q), dtype=q.dtype)
         while damping <= _STUCK:
@@ -165,11 +165,6 @@ def _descent(
                 break
             damping *= 4
     return torch.stack(path), error
-
-
-def _blocked(model: ForwardKinematics, q: Joints, g: Joints) -> Bool[Tensor, " J"]:
-    """Which joints are at an end of their range and would leave it."""
-    return ((q <= model.q.amin(0)) & (g > 0)) | ((q >= model.q.amax(0)) & (g < 0))
 
 
 def _path(start: Joints, parts: list[Float[Tensor, "_ J"]], error: Error, config: Reach) -> Path:

@@ -96,15 +96,10 @@ class ForwardKinematics:
         Raises:
             RunFolderError: the file cannot be written.
         """
-        about = {
-            "format": FORMAT,
-            "joints": self.joints,
-            "kinds": self.kinds,
-            "marker": self.marker,
-            "kernel": self.kernel,
-        }
+        about = {name: getattr(self, name) for name in ("joints", "kinds", "marker", "kernel")}
         data = {"q": self.q.numpy(), "Y": self.Y.numpy()}
-        return write_groups(Path(path), about, {"data": data, "gp": self.gp.to_arrays()})
+        groups = {"data": data, "gp": self.gp.to_arrays()}
+        return write_groups(Path(path), {"format": FORMAT, **about}, groups)
 
     @classmethod
     def load(cls, path: str | Path) -> ForwardKinematics:
@@ -158,13 +153,11 @@ def fit_forward(
     marker = chain.markers[-1]
     rows = rows_for_fit(recording, marker, samples, seed)
     joints = tuple(joint.name for joint in chain.joints)
-    q, Y = pose_samples(recording, joints, marker)
+    q, Y = (part[rows] for part in pose_samples(recording, joints, marker))
     kinds = tuple(joint.kind for joint in chain.joints)
-    gp, kept = _fit_without_outliers(kernel, kinds, q[rows], Y[rows])
-    report = _report(gp, kinds, q[rows][kept], Y[rows][kept], int((~kept).sum()))
-    return ForwardKinematics(
-        joints, kinds, marker, kernel, gp, q[rows][kept], Y[rows][kept], report
-    )
+    gp, kept = _fit_without_outliers(kernel, kinds, q, Y)
+    report = _report(gp, kinds, q[kept], Y[kept], int((~kept).sum()))
+    return ForwardKinematics(joints, kinds, marker, kernel, gp, q[kept], Y[kept], report)
 
 
 def rows_for_fit(recording: MarkerRecording, marker: str, samples: int, seed: int) -> np.ndarray:

@@ -14,16 +14,8 @@ from mcpilco.show.plots.style import SYSTEM, new_axes, plain_ticks
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLOURS = (
-    "tab:blue",
-    "tab:orange",
-    "tab:green",
-    "tab:purple",
-    "tab:red",
-    "tab:brown",
-    "tab:cyan",
-    "tab:olive",
-)
+_COLOURS = ("blue", "orange", "green", "purple", "red", "brown", "cyan", "olive")
+"""of matplotlib's table `tab:`"""
 _FEW = 6
 """at most so many amounts of experience are named below the axis"""
 _DECADES = 1.5
@@ -44,7 +36,7 @@ class Curve:
 
 def run_colour(place: int) -> str:
     """The colour of a run, by its place among all."""
-    return _COLOURS[place % len(_COLOURS)]
+    return f"tab:{_COLOURS[place % len(_COLOURS)]}"
 
 
 def plot_curves(curves: Mapping[int, Curve], label: str, ax: Axes | None = None) -> Axes:
