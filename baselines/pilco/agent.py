@@ -72,10 +72,8 @@ class PILCO(ModelBasedAgent):
     def _random_policy(self, generator: torch.Generator) -> GPMean:
         """Centres where episodes start, values around zero."""
         config, policy = self.config, self.make_policy(self.config, self.task, self.low, self.high)
-        mean, std = (
-            torch.tensor(part, dtype=torch.float64)
-            for part in (self.task.start_mean, self.task.start_std)
-        )
+        spread = self.task.start_mean, self.task.start_std
+        mean, std = torch.tensor(spread, dtype=torch.float64)
         size = config.centres, len(mean)
         states = mean + std * torch.randn(size, generator=generator, dtype=torch.float64)
         plain, angles = len(policy.augmentation.plain), len(policy.augmentation.angles)

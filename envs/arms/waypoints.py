@@ -59,14 +59,10 @@ def waypoints(
 ) -> Targets:
     """Targets through random postures; velocity and acceleration are 0 at each of them.
 
-    Args:
-        count: of the postures.
-        rng: what they are drawn from.
-        dt: between two targets [s].
-        rest_s: shortest and longest rest, before the first move too [s].
-        speed: least and greatest of the fastest joint's mean speed in a move [rad/s].
-        share: how often a joint takes part in a move [-].
-        always: a joint that takes part in each, by at least a third of its reach.
+    There are `count` postures, and a target each dt [s]; a rest, before the first move too, lasts
+    from the shortest to the longest of `rest_s` [s]. The fastest joint's mean speed in a move is
+    from the least to the greatest `speed` [rad/s]. A joint takes part in a `share` of the moves
+    [-]; the joint `always` does in each, by at least a third of its reach.
     """
     at = np.array(HOME)
     lead = round(_LEAD_S / dt)

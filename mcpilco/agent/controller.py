@@ -34,10 +34,8 @@ class Controller:
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
         """The input, in the env's unit, and the state to be handed back with the next observation.
 
-        Args:
-            observation: what is measured now.
-            state: returned by the call before; None begins an episode.
-            restart: which of a batch begin an episode, whatever the state says.
+        The state was returned by the call before; without it an episode begins, as for those of a
+        batch that `restart`, whatever the state says.
 
         Raises:
             InputError: the state belongs to other observations.

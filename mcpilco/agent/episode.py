@@ -35,14 +35,10 @@ def run_episode(
 ) -> Rollout:
     """Reset the env, act until the horizon or the end of the episode, and return the record.
 
-    Args:
-        env: a Gymnasium env with Box spaces.
-        act: from an observation to an input in the env's unit; it is clipped to the action space.
-        horizon: most steps.
-        dt: sampling time [s], for the record.
-        seed: passed to `env.reset`.
-        options: passed to `env.reset`.
-        width: X, of the true states that the env may tell; None: as wide as its observations.
+    `act` makes of an observation an input in the env's unit, which is clipped to the action space;
+    the horizon is the most steps. dt [s] is for the record, seed and options are passed to
+    `env.reset`. The true states that the env may tell are X = `width` numbers; by default as many
+    as it observes.
 
     Raises:
         BrokenEpisodeError: the env raised, or returned a value that is not finite or of another

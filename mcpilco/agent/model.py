@@ -54,12 +54,9 @@ def make_kernel(
 ) -> Kernel:
     """The kernel that a configuration names, for all outputs at once.
 
-    Args:
-        config: names its parts.
-        width: of [z, u], which rbf and mpk see.
-        outputs: E.
-        features: how many further regressors each linear part sees, in the order of the parts.
-        lags: of each input, which of [z, u] are its present and past values, newest first.
+    The configuration names its parts. `width` is that of [z, u], which rbf and mpk see; each linear
+    part sees so many of the further regressors, in the order of the parts; `lags` are, of each
+    input, which of [z, u] are its present and past values, newest first.
 
     Reference: thesis eq. (5.10) for `rbf+mpk`, eqs. (6.29) and (6.35) for `sed-mpk`.
     """

@@ -146,9 +146,8 @@ class ModelBasedAgent(TrialAgent):
         cost = self.task.cost
         if isinstance(cost, RewardCost):
             if random:
-                cost.baseline = float(
-                    np.mean([held(record.rewards, self.horizon) for record in random])
-                )
+                rewards = [held(record.rewards, self.horizon) for record in random]
+                cost.baseline = float(np.mean(rewards))
             cost.fit()
             self.reference_cost = cost.reference
         elif random:

@@ -40,11 +40,10 @@ class PathSampler:
     def __init__(self, posterior: Posterior, features: int = 256) -> None:
         """A sampler.
 
-        Args:
-            posterior: of E outputs, given N samples.
-            features: random Fourier features of each term that has an exponential factor: half of
-                them cosines, half sines. The error of the prior covariance falls with their root,
-                the prior variance is exact. Terms without that factor are exact with any number.
+        The posterior is of E outputs, given N samples. Each term that has an exponential factor has
+        so many random Fourier `features`, half of them cosines, half sines: the error of the prior
+        covariance falls with their root, the prior variance is exact. Terms without that factor are
+        exact with any number.
 
         Raises:
             InputError: `features` is odd, or less than 2.

@@ -147,12 +147,9 @@ def read_arm(
 ) -> ArmRecording:
     """The recording of an arm in a file: CSV with a header row, `.npz` or `.parquet`.
 
-    Args:
-        path: of the file.
-        joints: names, in the robot's order.
-        columns: the file's name for `time` or one of `columns_of`, where it differs.
-        dt: sampling time that it must have [s]; one that is sampled so many times as often is
-            thinned. Its own when None.
+    Joints are in the robot's order; `columns` has the file's name for `time` or one of
+    `columns_of`, where it differs. The sampling time must be dt [s], or so many times shorter: then
+    rows are left out; without dt it is the file's own.
 
     Raises:
         RecordingError: the file cannot be read; the sentence names row and column.

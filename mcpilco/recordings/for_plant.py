@@ -23,12 +23,9 @@ def read_for_plant(
 ) -> tuple[list[Recording], list[str]]:
     """The recordings that can be read, and a sentence on what is noteworthy about each.
 
-    Args:
-        plant: whose states and inputs the columns are.
-        paths: CSV, npz or parquet files.
-        columns: names of time, states and inputs in files, where they differ, by a file's name,
-            stem or pattern; `*` is of all, and one that comes later goes before.
-        dt: sampling time to which all are brought [s]; None: the longest of theirs.
+    `columns` are the names of time, states and inputs in files, where they differ, by a file's
+    name, stem or pattern; `*` is of all, and one that comes later goes before. All are brought to
+    the sampling time dt [s], by default the longest of theirs.
 
     Raises:
         InputError: none of the files can be read, or one with columns is not among them.

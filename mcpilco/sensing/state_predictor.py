@@ -38,12 +38,10 @@ class StatePredictor:
     ) -> None:
         """A predictor.
 
-        Args:
-            delay: of the commands.
-            dynamics: of an actuator that answers at once; where `delay` has a part, its posterior
-                regresses on [z, mean command, its change, ...]. None: nothing is known, and a state
-                stays where it is.
-            learned: the posterior that has learned of further steps; None: of none.
+        The dynamics are of an actuator that answers at once; where `delay`, that of the commands,
+        has a part, their posterior regresses on [z, mean command, its change, ...]. Without them
+        nothing is known, and a state stays where it is. `learned` is the posterior that has learned
+        of further steps.
         """
         self.delay = delay
         """of the commands"""

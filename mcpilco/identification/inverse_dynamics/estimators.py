@@ -178,13 +178,10 @@ def fit_inverse_dynamics(
 ) -> InverseDynamics:
     """A model of the inverse dynamics, learned from data.
 
-    Args:
-        data: N samples; the cost of kernels grows as N^3, some thousands take seconds.
-        kernel: a key of `ESTIMATORS`.
-        chain: the robot's geometry, for `fe`, `pp` and `sp`; its masses do not matter.
-        friction: whether joints have friction; `rbf` and `nn` see the velocities anyway.
-        tuned_on: how many samples hyperparameters are fitted to.
-        seed: of their choice, and of a network's weights.
+    The kernel is a key of `ESTIMATORS`; its cost grows as N^3 with N samples: some thousands take
+    seconds. `chain` is the robot's geometry, for `fe`, `pp` and `sp`; its masses do not matter.
+    Without `friction` joints have none; `rbf` and `nn` see the velocities anyway. Hyperparameters
+    are fitted to `tuned_on` samples, which the seed chooses, as it does a network's weights.
 
     Raises:
         InputError: the data cannot determine a model, see `check_joint_data`, or the chain is

@@ -75,12 +75,8 @@ def reach(
     nothing. Where it ends beside the target, in a local minimum, the path goes to that sample whose
     pose is nearest to the target first, and descends from there; the better of the two is returned.
 
-    Args:
-        model: the learned forward kinematics.
-        start: present joint positions, in the order of `model.joints` [rad or m].
-        position: target in the camera's frame [m].
-        rotation: target, from the marker's frame to the camera's.
-        config: tolerances and steps.
+    The start is in the order of `model.joints` [rad or m]; the target has a position [m] and a
+    rotation from the marker's frame to the camera's, both in the camera's frame.
 
     Reference: thesis eq. (2.24), q <- q - nu grad |p* - p|, with one number for metres and radians.
     Differs: the gradient of that norm is as long beside the target as far from it, and never comes

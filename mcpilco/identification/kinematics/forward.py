@@ -133,13 +133,9 @@ def fit_forward(
 
     Samples that the others contradict, by leave-one-out prediction, are left out as outliers.
 
-    Args:
-        recording: what `chain` was found in, or another one of the same robot.
-        chain: its joints and their types.
-        samples: how many are used, drawn at random from those that show the marker; the work grows
-            with their third power.
-        kernel: of `KERNELS`.
-        seed: of the draw.
+    The recording is what `chain` was found in, or another one of the same robot. So many `samples`
+    are drawn at random from those that show the marker; the work grows with their third power. The
+    kernel is one of `KERNELS`.
 
     Raises:
         InputError: the marker is seen too rarely, or the kernel is unknown.

@@ -118,10 +118,7 @@ class Effect(ABC):
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
         """Writes itself into an MJCF model; where it cannot, returns what to do instead, or why.
 
-        Args:
-            model: what is written to.
-            target: a joint, body, actuator or state.
-            values: one for each of its symbols.
+        The target is a joint, body, actuator or state; there is a value for each of its symbols.
         """
         return OUTSIDE[self.place]
 
@@ -129,11 +126,8 @@ class Effect(ABC):
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         """Adds its action to the tables of one system.
 
-        Args:
-            tables: of a plant's systems.
-            system: which of them.
-            at: its row among the laws, or the number of its body, input or state.
-            values: one for each of its symbols.
+        `at` is its row among the laws, or the number of its body, input or state; there is a value
+        for each of its symbols.
         """
 
     @abstractmethod
@@ -162,9 +156,7 @@ class Effect(ABC):
     def part(self, values: Sequence[float], share: float) -> tuple[float, ...]:
         """Values at a share of the way from those that change nothing.
 
-        Args:
-            values: one for each symbol.
-            share: from 0 to 1; what changes nothing at infinity is as far off as 1 / share says.
+        The share is from 0 to 1; what changes nothing at infinity is as far off as 1 / share says.
         """
         return tuple(
             s.neutral + share * (value - s.neutral)

@@ -43,10 +43,7 @@ class JointForce(Effect):
     def force(q: Any, v: Any, *parameters: Any) -> Any:
         """The force on the joint [N or N m].
 
-        Args:
-            q: position [m or rad].
-            v: velocity [m/s or rad/s].
-            parameters: a value of each symbol.
+        It takes position [m or rad], velocity [m/s or rad/s], and a value of each symbol.
         """
         raise NotImplementedError
 

@@ -171,8 +171,7 @@ class LearnedForce:
     def at(self, *x: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
         """The force at N places [N or N m].
 
-        Args:
-            x: for each axis, the coordinates in its unit.
+        There are coordinates for each axis, in its unit.
         """
         return design(self.axes, x) @ np.array(self.weights)
 
@@ -207,11 +206,7 @@ def tabulate(
 ) -> Learned:
     """Learned forces as the compiled loops take them.
 
-    Args:
-        layout: of the plant.
-        forces: joint and grid of each.
-        weights: of each, in S systems.
-        systems: S.
+    Forces are joint and grid of each, weights those of each in S `systems`.
     """
     if not forces:
         return nothing(systems)

@@ -27,12 +27,8 @@ def inverse_dynamics(
 ) -> list[Any]:
     """tau = M(q) q'' + bias(q, q'), body by body in the body's frame [N or N m].
 
-    Args:
-        chain: one system of `mcpilco.bodies.Chains`, with numbers of any kind.
-        q: joint positions [m or rad].
-        dq: joint velocities [m/s or rad/s].
-        ddq: joint accelerations [m/s^2 or rad/s^2].
-        gravity: [m/s^2].
+    The chain is one system of `mcpilco.bodies.Chains`, with numbers of any kind; positions are in
+    [m or rad], gravity in [m/s^2].
 
     Reference: Featherstone, Rigid Body Dynamics Algorithms (2008), section 5.3.
     """

@@ -158,10 +158,7 @@ def past_inputs(delay: float, lag: float, dt: float) -> int:
     The command before the last n acted until n dt - delay before now. Of a lagging force it leaves
     the share exp(-(n dt - delay) / lag), which may be `FORGOTTEN`; without a lag it must be over.
 
-    Args:
-        delay: of the actuator [s].
-        lag: its time constant [s].
-        dt: time for which a command is held [s].
+    Delay and lag are the actuator's, dt is the time for which a command is held [s].
     """
     whole, part = _whole_steps(delay, dt)
     late = delay - math.log(FORGOTTEN) * lag
@@ -347,10 +344,8 @@ def followable(known: SimpleNamespace, system: Any, step: float) -> None:
     near rest, where m is the joint's inertia. `w` is raised to where this is `STABLE` a step;
     steps that are short enough leave it.
 
-    Args:
-        known: the system in plain numbers, at its nominal parameters.
-        system: the same as numbers of a tape; the constants of its laws are changed.
-        step: longest of the integration [s].
+    The system is `known` in plain numbers, at its nominal parameters; of `system`, numbers of a
+    tape, the constants of its laws are changed. `step` is the longest of the integration [s].
     """
     friction = np.zeros(len(known.origin))
     for effect, joint, constants in known.laws:
