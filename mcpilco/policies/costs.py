@@ -174,6 +174,5 @@ def cart_pole_cost(cart_lengthscale: float = 1.5, angle_lengthscale: float = 1.0
 
     Reference: thesis section 5.5.1.
     """
-    return SaturatingCost(
-        (0, 2), (0.0, math.pi), (cart_lengthscale, angle_lengthscale), (False, True)
-    )
+    scales = cart_lengthscale, angle_lengthscale
+    return SaturatingCost((0, 2), (0.0, math.pi), scales, (False, True))

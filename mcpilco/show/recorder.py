@@ -106,11 +106,8 @@ class Recorder(Callback):
         self._agent.save(self.run.agent_path)
         trials = self.run.finished_trials()
         last = {"trials": len(trials), **_outcome(self.run.result(trials[-1]))} if trials else {}
-        seconds = {
-            "wall_s": time.perf_counter() - self._wall,
-            "cpu_s": time.process_time() - self._cpu,
-        }
-        self.run.write_summary({**last, **seconds})
+        wall, cpu = time.perf_counter() - self._wall, time.process_time() - self._cpu
+        self.run.write_summary({**last, "wall_s": wall, "cpu_s": cpu})
 
     def _rows(self, rollout: Rollout) -> Transitions:
         """The model's training data, past inputs included where its states hold them."""

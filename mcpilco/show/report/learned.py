@@ -50,12 +50,8 @@ class OneStep:
 
     def __add__(self, other: OneStep) -> OneStep:
         """Both trials' changes."""
-        return OneStep(
-            self.names,
-            self.units,
-            np.concatenate([self.errors, other.errors]),
-            np.concatenate([self.std, other.std]),
-        )
+        errors = np.concatenate([self.errors, other.errors])
+        return OneStep(self.names, self.units, errors, np.concatenate([self.std, other.std]))
 
     def coverage(self, levels: Float[np.ndarray, " L"]) -> Float[np.ndarray, "L E"]:
         """The share of changes within the central interval of each level."""
