@@ -316,7 +316,13 @@ class Scaled(Kernel):
 
 
 class ActiveDims(Kernel):
-    """k(x, x') = k_1(x_dims, x'_dims): a kernel of some of the regressors."""
+    """k(x, x') = k_1(x_dims, x'_dims): a kernel of some of the regressors.
+
+    Args:
+        kernel: k_1, as wide as there are `dims`.
+        dims: which regressors it sees.
+        width: how many regressors there are.
+    """
 
     dims: Tensor
 

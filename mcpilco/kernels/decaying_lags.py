@@ -25,11 +25,16 @@ class SEDMPK(VolterraKernel):
         S_p(t, t') = exp(-decorrelation_p |t - t'| - decay_p (t + t')),    t, t' = 0, ..., lags
 
     Of several inputs ("channels") each has its own decorrelation and decay, and a weight; x holds
-    all lags of the first, then all of the second, ...: D = channels (lags + 1); S_p has a
-    block for each. Where other regressors stand beside the lags, wrap the kernel in `ActiveDims`.
+    all lags of the first, then all of the second, ..., and S_p has a block for each. Where other
+    regressors stand beside the lags, wrap the kernel in `ActiveDims`.
 
-    With `hierarchical` each factor of each degree has its own S_p, ordered as those of
-    `VolterraMPK`; by default all are one, which is cheaper, and what the thesis measured.
+    Args:
+        width: D = channels (lags + 1).
+        degree: r, of the series.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
+        channels: how many inputs.
+        hierarchical: each factor of each degree has its own S_p, ordered as those of `VolterraMPK`;
+            by default all are one, which is cheaper, and what the thesis measured.
 
     Reference: thesis eqs. (6.29), (6.30) and (6.35); the hierarchy as in (6.28).
     Differs: the thesis has one input.

@@ -31,7 +31,9 @@ Linear = Callable[[Sequence[int]], Tensor]
 class _OfChain(Kernel):
     """The joints of a chain, and the hyperparameters that both kernels share.
 
-    `kinds` has `hinge` or `slide` for each joint, from the base to the tip.
+    Args:
+        kinds: `hinge` or `slide` for each joint, from the base to the tip.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
     """
 
     weights = Positive()
@@ -195,6 +197,10 @@ class GIP(Product):
 
     z is [cos(hinges), sin(hinges), slides, products of velocities, accelerations]: what
     `mcpilco.dynamics.features.JointPolynomials` makes of q, q' and q''.
+
+    Args:
+        kinds: of the J joints, `hinge` or `slide` each.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
 
     Reference: thesis eqs. (3.8), (3.10) and (3.11), proposition 3.3.1.
     """

@@ -67,7 +67,12 @@ def _accumulate(total: dict[tuple[int, ...], Tensor], more: dict[tuple[int, ...]
 
 
 class MonomialBasis:
-    """All monomials of D regressors up to degree r, each once, without factors before them."""
+    """All monomials of D regressors up to degree r, each once, without factors before them.
+
+    Args:
+        width: D.
+        degree: r.
+    """
 
     def __init__(self, width: int, degree: int) -> None:
         self.width, self.degree = width, degree

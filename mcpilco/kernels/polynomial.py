@@ -9,14 +9,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Columns, Kernel, Matrix, Positive, Rows, Term, mean_square
+from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
 from mcpilco.typing import InputError
 
 
 class Linear(Kernel):
     """k(x, x') = bias + sum_d weights_d x_d x'_d, the factor that polynomial kernels are made of.
 
-    Without `bias` every function is zero at the origin.
+    Args:
+        width: D, how many regressors it sees.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
+        bias: False leaves the bias out, and every function is zero at the origin.
     """
 
     weights = Positive()
@@ -29,11 +32,13 @@ class Linear(Kernel):
         if bias:
             self.bias = self.spread(1.0)
 
-    def forward(self, X1: Rows, X2: Columns) -> Matrix:
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
         linear = (X1 * self.weights[..., None, :]) @ X2.mT
         return linear + self.bias[..., None, None] if self.has_bias else linear
 
-    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         linear = (X.square() * self.weights[..., None, :]).sum(-1)
         return linear + self.bias[..., None] if self.has_bias else linear
 
@@ -60,6 +65,11 @@ class MPK(Kernel):
     The factors are ordered, so that no permutation of them is another optimum: offsets and weights
     are sums sigma_p = a_p + a_{p+1} + ... + a_degree of positive steps a, `offset_steps` and
     `weight_steps`. Small a_pd for all p > q keep the degree of the d-th regressor at q or below.
+
+    Args:
+        width: D, how many regressors it sees.
+        degree: how many factors, and so the degree of the polynomials.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
 
     Reference: thesis eqs. (5.10), (6.24) and (6.28).
     Differs: the offsets have the hierarchy too.
@@ -88,7 +98,9 @@ class MPK(Kernel):
         """sigma0_p, from the largest to the smallest."""
         return self.offset_steps @ self._later.mT
 
-    def forward(self, X1: Rows, X2: Columns) -> Matrix:
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
         offsets, weights = self.offsets.unbind(-1), self.weights.unbind(-2)
         factors = (
             c[..., None, None] + (X1 * s[..., None, :]) @ X2.mT
@@ -96,7 +108,7 @@ class MPK(Kernel):
         )
         return reduce(torch.mul, factors)
 
-    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         return (self.offsets[..., None, :] + X.square() @ self.weights.mT).prod(-1)
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:

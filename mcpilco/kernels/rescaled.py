@@ -8,14 +8,16 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mcpilco.kernels.base import Columns, Kernel, Matrix, Rows, mean_square
+from mcpilco.kernels.base import Kernel, mean_square
 from mcpilco.typing import InputError
 
 
 class Gate(nn.Module, ABC):
     """A scale a(x) in [0, 1] that is 1 where one of the regressors is 0, and falls as it grows.
 
-    `size` is where it falls, in the unit of the regressor, which is that of `column`.
+    Args:
+        column: which regressor.
+        size: where it falls, in the unit of the regressor.
     """
 
     def __init__(self, column: int, size: float) -> None:
@@ -61,6 +63,10 @@ class SmoothGate(Gate):
 class Rescaled(Kernel):
     """k(x, x') = a(x) k_1(x, x') a(x'): the covariance of a(x) f(x), with f of covariance k_1.
 
+    Args:
+        kernel: k_1.
+        scale: a, a module without hyperparameters of its own.
+
     Reference: thesis section 1.3 (vertical rescaling) and section 4.5.2.
     """
 
@@ -68,10 +74,12 @@ class Rescaled(Kernel):
         super().__init__(kernel.width, kernel.batch)
         self.kernel, self.scale = kernel, scale
 
-    def forward(self, X1: Rows, X2: Columns) -> Matrix:
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
         return self.scale(X1)[..., :, None] * self.kernel(X1, X2) * self.scale(X2)[..., None, :]
 
-    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         return self.scale(X).square() * self.kernel.diag(X)
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:

@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Columns, Kernel, Matrix, Positive, Rows, Term, mean_square
+from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
 from mcpilco.kernels.monomials import MonomialBasis
 from mcpilco.typing import InputError
 
@@ -34,6 +34,11 @@ class Map(NamedTuple):
 
 class VolterraKernel(Kernel):
     """k(x, x') = k_0 + sum_{i=1..degree} v_i prod_{p=1..i} x^T S_ip x', with diagonal S_ip.
+
+    Args:
+        width: D, how many lagged inputs it sees.
+        degree: r, of the series.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
 
     Reference: thesis eqs. (6.32) to (6.34).
     """
@@ -54,10 +59,12 @@ class VolterraKernel(Kernel):
     def maps(self) -> list[Map]:
         """The priors of h_1, ..., h_r; metrics that are equal may be one object."""
 
-    def forward(self, X1: Rows, X2: Columns) -> Matrix:
+    def forward(
+        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
+    ) -> Float[Tensor, "*#b N M"]:
         return self._total(lambda S: self.times(X1, S) @ X2.mT, 2)
 
-    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
         return self._total(lambda S: (self.times(X, S) * X).sum(-1), 1)
 
     def terms(self) -> list[Term]:
@@ -80,6 +87,9 @@ class VolterraKernel(Kernel):
 
         The prior variance of a coefficient, averaged over the orders of its lags.
 
+        Args:
+            degree: i of h_i, from 1 to r.
+
         Reference: thesis eq. (6.37).
         """
         scale, metrics = self.maps()[degree - 1]
@@ -89,6 +99,9 @@ class VolterraKernel(Kernel):
 
     def weight_covariance(self, basis: MonomialBasis) -> Float[Tensor, "*b F F"]:
         """Lambda, with k(x, x') = phi(x)^T Lambda phi(x') for the monomials phi of a basis.
+
+        Args:
+            basis: of the kernel's width and degree.
 
         Reference: thesis eqs. (6.21) and (6.27).
         """
@@ -101,7 +114,7 @@ class VolterraKernel(Kernel):
 
     # What differs where the metrics are full:
 
-    def times(self, X: Rows, S: Tensor) -> Rows:
+    def times(self, X: Float[Tensor, "*#b N D"], S: Tensor) -> Float[Tensor, "*#b N D"]:
         """X S."""
         return X * S[..., None, :]
 

@@ -46,7 +46,11 @@ class IPK(VolterraKernel):
 
     One weight a lag for all degrees: the least flexible of these priors.
 
-    The offset is learned, where it is not given.
+    Args:
+        width: D, how many lagged inputs it sees.
+        degree: r, of the series.
+        batch: shape of the hyperparameters, `(E,)` for the E outputs of a GP.
+        offset: its value, where it is not to be learned; broadcasts to `batch`.
 
     Reference: thesis eq. (6.23), which has an offset of 1.
     """
