@@ -26,24 +26,24 @@ _BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
 
 
 class Whitening(NamedTuple):
-    """Inverse root a (I - U diag(c) U^T) of the covariance that random forces give residuals."""
+    """The inverse root (I - U diag(c) U^T) diag(a) of the covariance of residuals."""
 
+    a: Float[np.ndarray, " n"]
+    """one over the noise std of each reading [reported ones]"""
     U: Float[np.ndarray, "W n m"]
     """orthonormal directions in which random forces move a window's measurements"""
     c: Float[np.ndarray, "W m"]
     """part of each that is taken off [-]"""
-    a: float = 1.0
-    """one over the noise std, in reported ones [-]"""
 
     def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
         """White residuals."""
-        flat = r.reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
+        flat = (self.a * r).reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
         coloured = self.U @ (self.c[:, :, None] * (self.U.transpose(0, 2, 1) @ flat))
-        return self.a * (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
+        return (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
 
     def of(self, chosen: Any) -> Whitening:
         """That of some windows."""
-        return Whitening(self.U[chosen], self.c[chosen], self.a)
+        return Whitening(self.a, self.U[chosen], self.c[chosen])
 
 
 @dataclass(frozen=True)

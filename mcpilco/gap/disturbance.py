@@ -8,11 +8,12 @@ joint,
 and what it may do to a motion weighs little in a fit. With G the response to forces that are held
 for short intervals, residuals of a window have the covariance
 
-    S = kappa^2 (I + G D G^T),      D = diag(sigma_j^2),
+    S = K + G D G^T,      D = diag(sigma_j^2),      K = diag(kappa_x^2),
 
 the initial state's part eliminated. The sizes are those of the largest likelihood. A significant
-one says in which joint something is missing, and how much. To first order this is the likelihood
-of an extended Kalman filter's innovations over the window.
+sigma says in which joint something is missing, and how much; a kappa that is larger than reported,
+in which reading. To first order this is the likelihood of an extended Kalman filter's innovations
+over the window.
 
 Reference: Kristensen, Madsen & Jørgensen, Parameter estimation in stochastic grey-box models,
     Automatica 40 (2004); Harville, Maximum likelihood approaches to variance component
@@ -24,7 +25,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import minimize
 
 from mcpilco.gap.data import Whitening, Windows
@@ -41,15 +42,15 @@ class Evidence:
     """-2 log likelihood, without a constant, with the random forces that fit best"""
     std: Float[np.ndarray, " J"]
     """of the random force in each joint, held for `FORCE.hold_s` [usual forces]"""
-    noise: float
-    """std of the measurement noise over the reported one [-]"""
+    noise: Float[np.ndarray, " X"]
+    """std of each state's measurement noise over the reported one [-]"""
     samples: int
     """measured values beyond those that fix the initial states"""
 
     @property
     def deficient(self) -> bool:
         """Whether the model needs random forces, or noise, beyond what any machine has."""
-        return bool((self.std > VERDICT.force).any() or self.noise > VERDICT.noise)
+        return bool((self.std > VERDICT.force).any() or (self.noise > VERDICT.noise).any())
 
 
 @dataclass(frozen=True)
@@ -79,71 +80,145 @@ class Disturbance:
         """The evidence for a fit, its initial states and random forces eliminated."""
         windows = self.windows
         lin = lean(fit.model, windows, fit.theta, fit.x0)
-        G = lin.cleaned(np.where(lin.lost[:, :, None], 0.0, self.columns))
-        r = lin.cleaned(lin.r[:, :, None])[:, :, 0]
-        seen = windows.measured.sum(axis=(1, 2))
-        samples = int(np.maximum(seen - fit.x0.shape[1], 0).sum())
-        return _Likelihood.of(r, G, self.joint, samples).largest()
+        G = np.where(lin.lost[:, :, None], 0.0, self.columns)
+        seen = windows.measured.reshape(lin.r.shape)
+        G, r = (np.where(seen[:, :, None], part, 0.0) for part in (G, lin.r[:, :, None]))
+        return _Likelihood(r[:, :, 0], G, lin.basis, seen, self.joint, fit.x0.shape[1]).largest()
 
     def whitened(self, evidence: Evidence) -> Windows:
         """The windows, what the random forces of a model may do weighing little in them.
 
-        Noise that is smaller than was reported counts as it is; a model that misses much seems to
-        have more of it, which is no reason to trust its data less.
+        Noise that is smaller than was reported counts as it is. A model that misses much seems to
+        have more of it in every reading, which is no reason to trust its data less; in some of them
+        it is.
         """
-        std = np.minimum(evidence.std, DISTURBANCE.most) / max(evidence.noise, 1e-12)
-        measured = self.windows.measured.reshape(len(self.windows), -1, 1)
-        U, d, _ = np.linalg.svd(
-            np.where(measured, self.columns * std[self.joint], 0.0), full_matrices=False
-        )
-        noise = min(max(evidence.noise, DISTURBANCE.least_noise), 1.0)
-        white = Whitening(U, 1.0 - 1.0 / np.sqrt(1.0 + d**2), 1.0 / noise)
+        noise = np.maximum(evidence.noise, DISTURBANCE.least_noise)
+        common = max(float(noise.min()), 1.0)
+        weight = np.repeat(common / noise, self.windows.y.shape[2])
+        std = np.minimum(evidence.std, DISTURBANCE.most) / common
+        measured = self.windows.measured.reshape(len(self.windows), -1)
+        G = (measured * weight)[:, :, None] * (self.columns * std[self.joint])
+        U, d, _ = np.linalg.svd(np.where(measured[:, :, None], G, 0.0), full_matrices=False)
+        white = Whitening(weight, U, 1.0 - 1.0 / np.sqrt(1.0 + d**2))
         return replace(self.windows, whitening=white)
 
 
 @dataclass(frozen=True)
 class _Likelihood:
-    """That of the random forces' sizes, of residuals that no initial state could have made."""
+    """That of the sizes of random forces and noise, with residuals in reported noise std."""
 
     r: Float[np.ndarray, "W n"]
     G: Float[np.ndarray, "W n m"]
+    basis: Float[np.ndarray, "W n X"]
+    """orthonormal, of what initial states can make"""
+    seen: Bool[np.ndarray, "W n"]
+    """where there is a measurement"""
     joint: Int[np.ndarray, " m"]
-    samples: int
-    A: Float[np.ndarray, "W m m"]
-    b: Float[np.ndarray, "W m"]
-
-    @classmethod
-    def of(cls, r: np.ndarray, G: np.ndarray, joint: np.ndarray, samples: int) -> _Likelihood:
-        """That of `samples` residuals."""
-        A = np.matmul(G.transpose(0, 2, 1), G)
-        return cls(r, G, joint, samples, A, np.einsum("wni,wn->wi", G, r))
+    states: int
+    """X"""
 
     def largest(self) -> Evidence:
-        """The evidence with the sizes that fit best."""
-        J = int(self.joint.max()) + 1
-        found = minimize(
+        """The evidence with the sizes that fit best, those of the noise in a few turns.
+
+        Reference: MacKay, Bayesian interpolation, Neural Computation 4 (1992), eq. (4.8), for a
+            noise's size by the squares over the degrees of freedom that they have.
+        """
+        noise = np.ones(self.states)
+        given = _GivenNoise.of(self, noise)
+        ratios = given.largest(np.full(int(self.joint.max()) + 1, -2.0))
+        read = self.seen.reshape(len(self.seen), self.states, -1).any(axis=(0, 2))
+        for _ in range(DISTURBANCE.turns if read.sum() > 1 else 0):
+            squares, freedom = given.by_state(ratios)
+            known = freedom > DISTURBANCE.least_freedom
+            turned = np.where(known, np.sqrt(squares / np.where(known, freedom, 1.0)), 1.0)
+            turned = np.maximum(turned, DISTURBANCE.least_noise)
+            near = np.abs(np.log(turned / noise)).max() < DISTURBANCE.same_noise
+            noise, given = turned, _GivenNoise.of(self, turned)
+            ratios = given.largest(ratios)
+            if near:
+                break
+        deviance, _, common = given(ratios)
+        std = common * np.exp(0.5 * ratios)
+        return Evidence(deviance, std, common * noise, given.samples)
+
+
+@dataclass(frozen=True)
+class _GivenNoise:
+    """The likelihood of the random forces' sizes, up to a common factor of the noise."""
+
+    r: Float[np.ndarray, "W n"]
+    """without what initial states can make, like G; both in noise std"""
+    G: Float[np.ndarray, "W n m"]
+    Q: Float[np.ndarray, "W n X"]
+    """orthonormal, of what initial states can make"""
+    noise: Float[np.ndarray, " n"]
+    """std of each reading [reported ones]"""
+    seen: Bool[np.ndarray, "W n"]
+    joint: Int[np.ndarray, " m"]
+    A: Float[np.ndarray, "W m m"]
+    b: Float[np.ndarray, "W m"]
+    constant: float
+    """of the deviance"""
+    samples: int
+    """readings beyond those that fix the initial states"""
+
+    @classmethod
+    def of(cls, whole: _Likelihood, noise: Float[np.ndarray, " X"]) -> _GivenNoise:
+        """That with some sizes of the noise."""
+        rows = np.repeat(noise, whole.r.shape[1] // len(noise))
+        Q, R = np.linalg.qr(whole.basis / rows[:, None])
+        r, G = whole.r / rows, whole.G / rows[:, None]
+        r = r - np.einsum("wnx,wx->wn", Q, np.einsum("wnx,wn->wx", Q, r))
+        G = G - Q @ (Q.transpose(0, 2, 1) @ G)
+        samples = np.maximum(whole.seen.sum(axis=1) - whole.states, 0).sum()
+        sizes = 2.0 * np.log(np.maximum(np.abs(np.einsum("wxx->wx", R)), 1e-300)).sum()
+        constant = 2.0 * float((whole.seen * np.log(rows)).sum()) + float(sizes)
+        A = np.matmul(G.transpose(0, 2, 1), G)
+        b = np.einsum("wni,wn->wi", G, r)
+        return cls(r, G, Q, rows, whole.seen, whole.joint, A, b, constant, int(samples))
+
+    def largest(self, start: Float[np.ndarray, " J"]) -> Float[np.ndarray, " J"]:
+        """Logs of the variances that fit best, over that of the noise."""
+        return minimize(
             lambda x: self(x)[:2],
-            np.full(J, -2.0),
+            start,
             jac=True,
             method="L-BFGS-B",
-            bounds=[DISTURBANCE.ratios] * J,
-        )
-        deviance, _, noise = self(found.x)
-        return Evidence(deviance, noise * np.exp(0.5 * found.x), noise, self.samples)
+            bounds=[DISTURBANCE.ratios] * len(start),
+        ).x
+
+    def _forces(
+        self, log_ratio: Float[np.ndarray, " J"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Their std, the posterior precision and covariance in these, and its mean."""
+        s, one = np.exp(0.5 * log_ratio)[self.joint], np.eye(len(self.joint))
+        M = one + s[:, None] * self.A * s
+        inverse = np.linalg.inv(M)
+        return s, M, inverse, np.einsum("wij,wj->wi", inverse, s * self.b)
 
     def __call__(
         self, log_ratio: Float[np.ndarray, " J"]
     ) -> tuple[float, Float[np.ndarray, " J"], float]:
-        """Deviance, its slope, and the noise, at logs of variances over that of the noise."""
-        s, one = np.exp(0.5 * log_ratio)[self.joint], np.eye(len(self.joint))
-        M = one + s[:, None] * self.A * s
-        inverse = np.linalg.inv(M)
-        z = np.einsum("wij,wj->wi", inverse, s * self.b)  # the forces, each in its std
+        """Deviance, its slope, and the common factor of the noise, at logs of variances."""
+        s, M, inverse, z = self._forces(log_ratio)
         left = self.r - np.einsum("wni,wi->wn", self.G, s * z)
         quad = float(np.square(left).sum() + np.square(z).sum()) + 1e-300
         logs = 2.0 * np.log(np.einsum("wii->wi", np.linalg.cholesky(M))).sum()
         slope = (1.0 - np.einsum("wii->wi", inverse)).sum(axis=0)
         slope -= np.square(z).sum(axis=0) * self.samples / quad
-        deviance = self.samples * (np.log(quad / self.samples) + 1.0) + logs
+        deviance = self.samples * (np.log(quad / self.samples) + 1.0) + logs + self.constant
         noise = float(np.sqrt(quad / self.samples))
         return float(deviance), np.bincount(self.joint, slope, len(log_ratio)), noise
+
+    def by_state(
+        self, log_ratio: Float[np.ndarray, " J"]
+    ) -> tuple[Float[np.ndarray, " X"], Float[np.ndarray, " X"]]:
+        """Squares that each state's readings leave [reported variances], and their freedom."""
+        s, _, inverse, z = self._forces(log_ratio)
+        left = self.noise * (self.r - np.einsum("wni,wi->wn", self.G, s * z))
+        G = self.G * s
+        taken = np.square(self.Q).sum(axis=2) + np.einsum("wni,wni->wn", G @ inverse, G)
+        parts = np.square(left), np.where(self.seen, 1.0 - taken, 0.0)
+        W, X = len(self.r), self.Q.shape[2]
+        squares, freedom = (part.reshape(W, X, -1).sum(axis=(0, 2)) for part in parts)
+        return squares, freedom

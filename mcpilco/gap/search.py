@@ -234,11 +234,11 @@ class Tried:
         return fit_model(fit.model, self.windows, fit.theta, fit.x0, iterations=8)
 
 
-def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_1"]:
-    """Variances of the random forces, and of the noise beyond the reported one; none if small."""
-    forces = np.where(evidence.std > SEARCH.least_force, evidence.std**2, 0.0)
-    noise = evidence.noise**2 - 1.0
-    return np.append(forces, noise if noise > SEARCH.least_noise else 0.0)
+def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_X"]:
+    """Variances of the random forces, and of noise beyond the reported one; none where small."""
+    forces, noise = evidence.std**2, evidence.noise**2 - 1.0
+    forces = np.where(evidence.std > SEARCH.least_force, forces, 0.0)
+    return np.append(forces, np.where(noise > SEARCH.least_noise, noise, 0.0))
 
 
 def search(

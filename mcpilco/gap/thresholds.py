@@ -123,7 +123,13 @@ class DisturbanceThresholds:
     """random force by which a fit is weighed at most [usual forces]: beyond, a model that misses
     much would be fitted to next to nothing"""
     least_noise: float = 0.1
-    """noise by which a fit is weighed at least [reported noise]: smaller is rounding"""
+    """noise of a reading, at least [reported noise]: smaller is rounding"""
+    turns: int = 5
+    """in which the noise of each reading is estimated, at most"""
+    same_noise: float = 0.05
+    """change of its log below which a turn is the last"""
+    least_freedom: float = 10.0
+    """readings beyond what forces and initial states explain, with which it is estimated"""
 
 
 @dataclass(frozen=True)

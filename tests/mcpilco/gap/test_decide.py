@@ -55,7 +55,7 @@ def searched(
 ) -> tuple[SearchResult, Fit]:
     """A search that ended with these effects, and their fit."""
     null, best = (with_effects(nominal, windows, each) for each in ([], effects))
-    nothing = Evidence(0.0, np.zeros(1), 1.0, 1000)
+    nothing = Evidence(0.0, np.zeros(1), np.ones(2), 1000)
     return SearchResult(best, null, ((best, 0.0), (null, 500.0)), (), windows, nothing), best
 
 
@@ -66,7 +66,7 @@ def searched(
 def test_a_force_is_left_beyond_what_small_errors_of_masses_make(
     std: float, noise: float, left: bool
 ) -> None:
-    assert Evidence(0.0, np.array([0.0, std]), noise, 100).deficient == left
+    assert Evidence(0.0, np.array([0.0, std]), np.array([1.0, noise]), 100).deficient == left
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,18 @@ STD = 0.03
 """of a random force [usual forces]"""
 
 
-def disturbed(seed: int, std: float, noise: float = 1.0) -> tuple[Fit, Windows, Disturbance]:
-    """A pendulum's windows as random forces and noise make them about its own motion."""
+def disturbed(
+    seed: int, std: float, noise: float | tuple[float, float] = 1.0
+) -> tuple[Fit, Windows, Disturbance]:
+    """A pendulum's windows as random forces and noise make them about its own motion.
+
+    Velocities are read too where they have a noise of their own.
+    """
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [])
     windows = known.windows()
+    if isinstance(noise, tuple):
+        y = np.repeat(windows.y[:, :1], 2, axis=1)
+        windows = replace(windows, y=y, std=np.array([windows.std[0], 10.0 * windows.std[0]]))
     model = known.model(windows)
     theta, rng = np.zeros(model.nuisances), np.random.default_rng(seed)
     fit = fitted(model, windows, theta)
@@ -32,13 +40,14 @@ def disturbed(seed: int, std: float, noise: float = 1.0) -> tuple[Fit, Windows, 
     disturbance = Disturbance.of(fit, windows)
     force = rng.normal(0.0, std, (len(windows), disturbance.columns.shape[2]))
     moved = np.einsum("wnm,wm->wn", disturbance.columns, force).reshape(windows.y.shape)
-    measured = noise * rng.standard_normal(windows.y.shape)
+    size = np.broadcast_to(np.array(noise), 2)[:, None]
+    measured = size * rng.standard_normal(windows.y.shape)
     y = true + windows.std[:, None] * (moved + measured)
     windows = replace(windows, y=np.where(windows.measured, y, np.nan))
     return fit, windows, Disturbance.of(fit, windows)
 
 
-def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: float) -> float:
+def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: np.ndarray) -> float:
     """-2 log likelihood of the residuals' parts that no start makes, by their whole covariance."""
     windows = disturbance.windows
     lin = lean(fit.model, windows, fit.theta, fit.x0)
@@ -47,7 +56,8 @@ def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: f
         seen = windows.measured[w].ravel()
         start = np.linalg.svd(lin.Jx[w][seen])[0][:, lin.Jx.shape[2] :].T
         G = start @ disturbance.columns[w][seen] * std[disturbance.joint]
-        covariance = noise**2 * np.eye(len(start)) + G @ G.T
+        rows = np.repeat(noise, windows.y.shape[2])[seen]
+        covariance = (start * rows**2) @ start.T + G @ G.T
         r = start @ lin.r[w][seen]
         total += np.linalg.slogdet(covariance)[1] + r @ np.linalg.solve(covariance, r)
     return total
@@ -69,11 +79,16 @@ def test_no_other_size_is_likelier() -> None:
         assert dense_deviance(fit, disturbance, std, noise) > least
 
 
-@pytest.mark.parametrize(("std", "noise"), [(STD, 1.0), (4.0 * STD, 1.0), (STD, 2.0)])
-def test_the_sizes_that_made_the_data_are_recovered(std: float, noise: float) -> None:
+@pytest.mark.parametrize(
+    ("std", "noise"), [(STD, 1.0), (4.0 * STD, 1.0), (STD, 2.0), (STD, (1.0, 8.0))]
+)
+def test_the_sizes_that_made_the_data_are_recovered(
+    std: float, noise: float | tuple[float, float]
+) -> None:
     found = [d.evidence(fit) for fit, _, d in (disturbed(seed, std, noise) for seed in range(3))]
     assert np.mean([float(each.std[0]) for each in found]) == pytest.approx(std, rel=0.15)
-    assert np.mean([each.noise for each in found]) == pytest.approx(noise, rel=0.1)
+    expected = np.broadcast_to(np.array(noise), 2)
+    assert np.mean([each.noise for each in found], axis=0) == pytest.approx(expected, rel=0.1)
 
 
 def test_where_nothing_is_missing_no_force_is_left() -> None:
@@ -94,26 +109,35 @@ def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
     fit, windows, disturbance = disturbed(4, STD)
     evidence = disturbance.evidence(fit)
     white = disturbance.whitened(evidence)
-    std = (evidence.std / evidence.noise)[disturbance.joint]
+    std, rows = evidence.std[disturbance.joint], np.repeat(evidence.noise, windows.y.shape[2])
     y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
     plain, weighed = residual(windows, y), residual(white, y)
     for w in (0, len(windows) - 1):
         G: Float[np.ndarray, "n m"] = disturbance.columns[w] * std
         G = np.where(windows.measured[w].reshape(-1, 1), G, 0.0)
-        covariance = np.eye(len(G)) + G @ G.T
+        covariance = np.diag(rows**2) + G @ G.T
         squares = plain[w] @ np.linalg.solve(covariance, plain[w])
-        expected = squares / min(evidence.noise, 1.0) ** 2
+        expected = squares * max(evidence.noise.min(), 1.0) ** 2
         assert np.square(weighed[w]).sum() == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("noise", "scale"), [(0.5, 2.0), (3.0, 1.0)])
-def test_noise_that_is_smaller_than_was_reported_counts_as_it_is(
-    noise: float, scale: float
+@pytest.mark.parametrize(
+    ("noise", "weights"),
+    [
+        ((0.5, 0.5), (2.0, 2.0)),
+        ((3.0, 3.0), (1.0, 1.0)),
+        ((1.0, 8.0), (1.0, 0.125)),
+        ((3.0, 6.0), (1.0, 0.5)),
+    ],
+    ids=["less than reported", "more in all", "more in one", "more in all, and in one"],
+)
+def test_a_reading_weighs_by_its_noise_beside_the_others(
+    noise: tuple[float, float], weights: tuple[float, float]
 ) -> None:
-    fit, _, disturbance = disturbed(4, STD)
-    white = disturbance.whitened(replace(disturbance.evidence(fit), noise=noise))
+    fit, windows, disturbance = disturbed(4, STD)
+    white = disturbance.whitened(replace(disturbance.evidence(fit), noise=np.array(noise)))
     assert white.whitening is not None
-    assert white.whitening.a == pytest.approx(scale)
+    np.testing.assert_allclose(white.whitening.a.reshape(2, -1).T, [weights] * windows.y.shape[2])
 
 
 def test_a_window_is_whitened_alike_among_others_and_alone() -> None:

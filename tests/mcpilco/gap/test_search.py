@@ -90,7 +90,7 @@ def test_an_effect_explains_as_much_as_it_leaves(
     for fit, (std, noise), deviance in ((null, before, 3e3), (larger, after, 1e3)):
         key = frozenset(fit.model.effects)
         tried.fits[key] = fit
-        tried.evidence[key] = Evidence(deviance, np.array([std]), noise, 1000)
+        tried.evidence[key] = Evidence(deviance, np.array([std]), np.array([noise]), 1000)
     assert tried.bic(null) - tried.bic(larger) > 1000.0
     assert tried.prefers(larger, null) == worth
     assert (tried.best() is larger) == worth
@@ -107,7 +107,7 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     perfect = replace(null, model=model, theta=theta)
     key = frozenset(model.effects)
     tried.fits[key] = perfect
-    tried.evidence[key] = Evidence(-1e6, np.zeros(1), 1.0, 1000)
+    tried.evidence[key] = Evidence(-1e6, np.zeros(1), np.ones(2), 1000)
     assert tried.prefers(perfect, tried.null) == meant
 
 
