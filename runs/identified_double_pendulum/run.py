@@ -2,8 +2,9 @@
 
     python runs/identified_double_pendulum/run.py --data FOLDER
 
-FOLDER holds the two recordings that README.md names. Each is fitted once, and what was found is
-judged on the other one. README.md is rewritten between its marked lines.
+FOLDER holds the folder dfki_double_pendulum of the two recordings that README.md names. Each is
+fitted once, and what was found is judged on the other one. README.md is rewritten between its
+marked lines.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ from harness import fill, use_one_thread
 from identified_double_pendulum import judge
 from identified_double_pendulum.free_runs import fit_free_runs
 from identified_double_pendulum.motion import KEPT, Motion, low_passed
-from measured_double_pendulum.run import NAMES, recordings
+from real_machines.machines import MACHINES
 
 from mcpilco import identification
 from mcpilco.identification import Moments, RigidBody, Rows, base_parameters, check_links, project
 from mcpilco.sweep import markdown
 
 HERE = Path(__file__).parent
+MACHINE = MACHINES["dfki_double_pendulum"]
+NAMES = "double_chirp_both", "double_chirp_both_c"
 TERMS = "viscous", "coulomb", "armature"
 RICH = 1
 """the recording whose motion does not repeat itself"""
@@ -48,7 +51,7 @@ class Arguments:
     """Identify a real double pendulum."""
 
     data: Path
-    """folder of the recordings"""
+    """folder of the machines' folders, of which `dfki_double_pendulum` is one"""
     out: Path = HERE
     """folder of README.md"""
 
@@ -57,10 +60,10 @@ def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     use_one_thread()
     started = time.process_time()
-    motions = [Motion.of(recording) for recording in recordings(arguments.data, DT)]
+    motions = [Motion.of(recording) for recording in MACHINE.recordings(arguments.data, DT)]
     robot = published()
     parts = []
-    coarse = recordings(arguments.data, COARSE)
+    coarse = MACHINE.recordings(arguments.data, COARSE)
     for train, unseen in ((0, 1), (RICH, 1 - RICH)):
         found = {method: fit(robot, motions[train], method) for method in FITTED}
         found["free runs"] = fit_free_runs(robot, coarse[train])

@@ -24,7 +24,7 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # what runs share, wherever it is run from
 
 from harness import fill, keep, use_one_thread
-from machines import MACHINES
+from real_machines.machines import MACHINES
 
 from mcpilco.compiling import digest
 from mcpilco.gap import Gap, investigate, to_json

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from mcpilco.config import PRESETS, PolicyConfig, SearchConfig
-from tests.mcpilco.gap.pushed import found  # noqa: F401  a fixture
 
 RUNS = Path(__file__).parent.parent.parent / "runs"
 

@@ -56,8 +56,7 @@ def test_true_parameters_predict_without_error(run, truth):
 
 @pytest.mark.slow
 def test_the_real_recordings_fill_the_page(run, data, tmp_path, monkeypatch):
-    folder = data / "dfki_double_pendulum"
-    words = ["run.py", "--data", str(folder), "--out", str(tmp_path)]
+    words = ["run.py", "--data", str(data), "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", words)
     assert run.main() == 0
     page = (tmp_path / "README.md").read_text()
