@@ -194,6 +194,8 @@ class Cross(Command):
         if "effects" in given:
             raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
         make_env(self.sim, **{**given, "effects": None}).close()
+        if not (self.out / "cross.json").exists():
+            make_env(self.env, **keywords("--env-kwargs", self.env_kwargs)).close()
 
 
 def _in_words(outcome: Outcome) -> str:

@@ -22,8 +22,8 @@ class Demo(Command):
 
     out: Annotated[Path | None, optional("FOLDER", "that of `mcpilco train`")] = None
     """run folder to make; the picture goes there too"""
-    seed: int = 2
-    """of everything random; 2 is one of the two in three whose second policy swings the pole up"""
+    seed: int = 1
+    """of everything random; 1 is one of the two in three whose second policy swings the pole up"""
     no_view: bool = False
     """do not open the viewer at the end, which opens where there is a display"""
 

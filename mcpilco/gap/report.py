@@ -330,6 +330,8 @@ def verdict_sentence(gap: Gap) -> str:
     said = f"{len(gap.named)} effects are missing in the plant"
     said = said if several else "an effect is missing in the plant"
     said = _VERDICTS[gap.verdict].format(said)
+    if gap.comparison is not None and not gap.held_out:
+        said = f"{said.rstrip('.')} ({IN_SAMPLE})."
     if not gap.suspicions:
         return said
     return f"this looks wrong: {' '.join(gap.suspicions)} Taken as it is, {said}"

@@ -50,7 +50,8 @@ def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[st
         if same is None:
             kept.append(one)
         else:
-            remarks.append(f"{one.name} holds the same as {same.name}: it is counted once.")
+            other = "another file" if one.name == same.name else same.name
+            remarks.append(f"{one.name} holds the same as {other}: it is counted once.")
     return kept, tuple(remarks)
 
 
@@ -124,8 +125,8 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
         now, _, spans = alike[0]
     if questions and now < SUSPICION.explained:
         yield (
-            f"{' '.join(questions)} So the plant misses {_percent(now)} of the motion over "
-            f"{SUSPICION.span_s:g} s, and {_percent(start)} of it as recorded."
+            f"{' '.join(questions)} Read so, the plant misses {_percent(now)} of the motion over "
+            f"{SUSPICION.span_s:g} s; as recorded, {_percent(start)}."
         )
         return
     yield from _inconsistent(plant, spans)

@@ -83,7 +83,7 @@ def _require_affordable(path: Path) -> None:
     if count > MOST_ELEMENTS:
         raise InputError(
             f"{path} must have at most {MOST_ELEMENTS} elements, for MuJoCo writes them all out, "
-            f"got {count:.3g} with the copies of its {' and '.join(COPYING)}; lower their count."
+            f"got {count:.3g} with the copies that {', '.join(COPYING)} make; lower their count."
         )
 
 
@@ -118,7 +118,7 @@ def _require_finite(path: str | Path, model: mujoco.MjModel, said: Sequence[str]
     if not 0.0 < model.opt.timestep < math.inf:
         wrong.append(f"timestep must be positive [s], got {model.opt.timestep:g}.")
     if wrong:
-        raise InputError(f"{path} must have finite numbers: {' '.join(wrong)} Mend them.")
+        raise InputError(f"{path} cannot be simulated: {' '.join(wrong)} Mend the number.")
 
 
 def plant_of(path: str | Path) -> Plant:

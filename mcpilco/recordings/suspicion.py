@@ -237,7 +237,7 @@ def suspicions(recording: Recording) -> Iterator[str]:
             yield f"{names[k]} comes in steps of {step:.3g}, more than its noise."
     for name, column in zip(recording.input_names, recording.inputs.T, strict=True):
         if np.ptp(column) == 0:
-            yield f"{name} is {column[0]:g} throughout; it excites nothing."
+            yield f"{name} is {column[0] + 0.0:g} throughout; it excites nothing."
 
 
 def doubts(recording: Recording) -> Iterator[str]:
@@ -288,6 +288,6 @@ def _about_rest(recording: Recording, k: int) -> Iterator[str]:
     ]
     if end - first >= np.isfinite(column).sum() or any(moving):
         yield (
-            f"{recording.state_names[k]} is {column[first]:g} to the last digit from "
+            f"{recording.state_names[k]} is {column[first] + 0.0:g} to the last digit from "
             f"{recording.time[first]:.3f} to {recording.time[end - 1]:.3f} s; is it stuck?"
         )

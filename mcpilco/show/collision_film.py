@@ -101,7 +101,7 @@ def _notes(name: str, told: Sequence[Event]) -> str:
         f"- {event.start_s:.2f} s: {', '.join(event.joints)}, {event.excess:.1f} thresholds"
         for event in told
     ]
-    return "\n".join([f"### {name}: {len(told)} alarms", "", *lines, "", IN_WORDS])
+    return "\n".join([f"### {name}: {len(told)} alarms", "", IN_WORDS, "", *lines])
 
 
 def _log_alarms(

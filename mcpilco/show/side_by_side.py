@@ -145,7 +145,7 @@ def write_gap_film(gap: Gap, path: Path) -> Path:
     layout = gap.plant.layout
     naming = Naming(
         states=dict(zip(layout.states, layout.units, strict=True)),
-        inputs=dict.fromkeys(layout.inputs, ""),
+        inputs={n: layout.unit_of(layout.actuator(u))[1] for u, n in enumerate(layout.inputs)},
     )
     name = gap.plant.name
     return write_side_by_side(path, clips, found.windows.dt, naming, chain_scene(chain), name)

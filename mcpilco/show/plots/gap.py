@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 NOMINAL, REFIT = "tab:orange", "tab:purple"
 _STYLES: dict[str, dict[str, Any]] = {
-    "nominal": {"color": NOMINAL},
-    "refit": {"color": REFIT, "linestyle": "--"},
-    "corrected": {"color": MODEL},
+    "nominal": {"color": NOMINAL, "label": "nominal"},
+    "refit": {"color": REFIT, "linestyle": "--", "label": "refitted"},
+    "corrected": {"color": MODEL, "label": "corrected"},
 }
 """of a plant's line, by its name"""
 _FLOOR = "noise_floor"
@@ -61,7 +61,7 @@ def plot_growth(
             continue
         style = _STYLES[name]
         ax.fill_between(times[seen], low, high, color=style["color"], alpha=0.2, linewidth=0)
-        ax.plot(times[seen], values[seen], label=name, **style)
+        ax.plot(times[seen], values[seen], **style)
     least = min(float(np.nanmin(values)) for values in errors.values())
     ax.set(
         xlabel="time since the start [s]",
@@ -97,11 +97,13 @@ def plot_shrink(
     ax.errorbar(errors, places, xerr=reach, fmt="none", ecolor=SYSTEM, capsize=2, linewidth=1)
     ax.axvline(floor, color=SYSTEM, linewidth=1, linestyle=":")
     least = 0.5 * min(floor, float(errors.min()))
-    ax.text(floor, -0.72, " noise alone", fontsize="small", va="center")
+    words: dict[str, Any] = {"fontsize": "small", "va": "center"}
+    words["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # over the dotted line
+    ax.text(1.04 * floor, -0.72, "noise alone", **words)
     for place, (name, error) in enumerate(zip(names, errors, strict=True)):
         text = name if place == 0 else f"+ {name}"
         number = f"{error:.0f}" if error >= 1000.0 else f"{error:.3g}"
-        ax.text(1.06 * least, place - 0.35, f"{text}: {number}", fontsize="small", va="center")
+        ax.text(1.06 * least, place - 0.35, f"{text}: {number}", **words)
     ax.set(
         xlabel="error at the end [noise std]",
         xscale="log",
@@ -169,9 +171,9 @@ def plot_profile(
         middles, (low, median, high) = 0.5 * (edges[:-1] + edges[1:])[bins], quartiles.T
         style = _STYLES[name]
         ax.fill_between(middles, low, high, color=style["color"], alpha=0.2, linewidth=0)
-        ax.plot(middles, median, marker=".", label=name, **style)
+        ax.plot(middles, median, marker=".", **style)
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    ax.locator_params(axis="y", nbins=6)
+    ax.locator_params(nbins=6)
     add_legend(ax)
     return ax
 
@@ -220,7 +222,7 @@ def plot_window(
     ax.axvspan(0.0, known_s, color=PARTICLES, alpha=0.15, linewidth=0)
     ax.plot(times, measured, ".", color=SYSTEM, markersize=3, label="measured")
     for name, values in runs.items():
-        ax.plot(times, values, label=name, **_STYLES[name])
+        ax.plot(times, values, **_STYLES[name])
     ax.set(xlabel="time since the start [s]", ylabel=label, xlim=(0, times[-1]))
     ax.set_title(title, **_ABOVE)
     add_legend(ax)

@@ -117,6 +117,8 @@ _PARTS = 0.9, 0.5, 0.1
 """of the held-out windows in which a plant is better than in one that is shown"""
 _SETS = 12
 """of effects that are listed"""
+_HEADS = {"refit": "refitted", "noise_floor": "noise alone"}
+"""of columns of errors, where they are not the names in a comparison"""
 
 
 def effects(gap: Gap) -> Section:
@@ -189,10 +191,10 @@ def worth(gap: Gap, found: Comparison) -> Section:
         (channel, *(f"{errors[name]:.3g} {units[channel]}" for name in names))
         for channel, errors in found.channels.items()
     ]
-    everywhere = [
-        three_digits(found.everywhere[n]) if n in found.everywhere else "–" for n in names
-    ]
-    rows.append(("all, with what was left out [noise std]", *everywhere))
+    left_out = ", with what was left out" if gap.events else ""
+    whole = {**found.everywhere, **({} if gap.events else {"noise_floor": found.noise_floor})}
+    everywhere = [three_digits(whole[n]) if n in whole else "–" for n in names]
+    rows.append((f"all{left_out} [noise std]", *everywhere))
     return Section(
         "What adding it is worth" if gap.mended else f"Errors on {_kind(gap)} recordings",
         f"Free runs through {len(found.windows)} windows "
@@ -207,11 +209,7 @@ def worth(gap: Gap, found: Comparison) -> Section:
             draw("Error over the time since the start, by plant", growth),
             draw("Error at the end of a window, by model", shrink, left=0.05),
         ],
-        [
-            Table(
-                (f"error after {found.horizon_s:g} s", *(n.replace("_", " ") for n in names)), rows
-            )
-        ],
+        [Table((f"error after {found.horizon_s:g} s", *(_HEADS.get(n, n) for n in names)), rows)],
     )
 
 
@@ -256,7 +254,8 @@ def _force_at(j: int, plant: Plant, left: Mapping[str, MissingForce]) -> Iterato
     along = {q: [part.q[:, j] for part in left.values()]}
     along[v] = [part.v[:, j] for part in left.values()]
     for u, name in enumerate(layout.inputs):
-        along[name] = [part.u[:, u] for part in left.values()]
+        unit = layout.unit_of(layout.actuator(u))[1]
+        along[f"{name} [{unit}]"] = [part.u[:, u] for part in left.values()]
     for name, values in along.items():
         profiles = {
             plant: (x, part.force[:, j])

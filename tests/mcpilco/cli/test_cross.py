@@ -174,6 +174,7 @@ def test_a_plant_without_an_env_is_not_offered_as_a_simulation(hindered: Path, c
         (["--sim-kwargs", "effects=hidden.json"], "must leave out effects"),
         (["--sim-kwargs", "wheel=3"], "has no keyword wheel"),
         (["--env-kwargs", "effects=nowhere.json"], "cannot read nowhere.json"),
+        (["--env-kwargs", "wheel=3"], "has no keyword wheel"),
         (["--env-kwargs", "effects"], "--env-kwargs must be NAME=VALUE, got 'effects'"),
         (["--episodes", "0"], "--episodes must be at least 1"),
     ],

@@ -75,7 +75,9 @@ def test_errors_of_fitted_recordings_are_not_called_held_out(found: Gap) -> None
     alone = replace(found, train=(*found.train, *found.held_out), held_out=())
     assert "on held-out recordings" in " ".join(summary(found))
     told = " ".join([*summary(alone), *cautions(alone)])
-    assert "in-sample: nothing was held out" in told
+    assert summary(alone)[0].endswith("(in-sample: nothing was held out).")
+    assert "in-sample" not in summary(found)[0]
+    assert "The errors are in-sample: nothing was held out" in told
     assert "on held-out recordings" not in told
     assert to_json(alone)["recordings"]["held_out"] == []
     assert to_json(alone)["recordings"]["errors_are"] == "in-sample: nothing was held out"

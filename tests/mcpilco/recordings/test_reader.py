@@ -356,7 +356,7 @@ def test_a_coarse_encoder_is_noticed(tmp_path: Path) -> None:
 
 def test_a_stuck_channel_and_a_dead_input_are_noticed(tmp_path: Path) -> None:
     rows = uniform(500)
-    rows[:, 5] = 0
+    rows[:, 5] = -0.0
     rows[100:200, 3] = rows[100, 3]
     remarks = said(tmp_path, rows)
     assert "pole_angle is" in remarks

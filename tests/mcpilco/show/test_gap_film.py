@@ -39,6 +39,16 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
     assert 5 < len(shown) <= samples // windows.y.shape[2]
 
 
+def test_states_and_commands_are_shown_with_their_units(
+    found: Gap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[film.Naming] = []
+    monkeypatch.setattr(film, "write_side_by_side", lambda *given: told.append(given[3]))
+    write_gap_film(found, tmp_path / "gap.rrd")
+    assert told[0].states == {"angle": "rad", "velocity": "rad/s"}
+    assert told[0].inputs == {"torque": "N m"}
+
+
 def test_a_free_run_that_runs_away_is_shown_as_far_as_it_goes_and_told(
     found: Gap, tmp_path: Path
 ) -> None:

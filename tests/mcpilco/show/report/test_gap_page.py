@@ -48,6 +48,10 @@ def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
     assert all(image["alt"] for image in page.images)
     series = [image["alt"] for image in page.images[-3:]]
     assert all(f"angle in {found.held_out[0]}, from" in says for says in series)
+    assert any("over torque [N m]" in image["alt"] for image in page.images)
+    assert "refitted" in page.text
+    assert "all, with what was left out [noise std]" in page.text
+    assert "all [noise std]" in read(found, tmp_path).text
     friction = found.named[0]
     assert f"{friction.parameters['f_c'].value:.4g} N m" in page.text
     for name in (*found.train, *found.held_out):
