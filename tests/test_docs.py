@@ -229,6 +229,7 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(
     nbformat = pytest.importorskip("nbformat")
     pytest.importorskip("ipykernel")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", ""))))
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # which a command in this process has set
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     place = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(notebook, timeout=None, resources=place).execute()

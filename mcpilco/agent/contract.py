@@ -57,9 +57,12 @@ def task_of(env: gym.Env, task: TaskSpec | None, quiet: bool = False) -> TaskSpe
 
     Raises:
         EnvError: there is none and none can be guessed, or it does not match the env's spaces.
+        InputError: the one that is given is none.
     """
     _check_kind(env, env.observation_space, "observation")
     _check_kind(env, env.action_space, "action")
+    if not isinstance(task, TaskSpec | None):
+        raise InputError(f"task must be a mcpilco.task.TaskSpec, got {task!r:.80}.")
     if task is None:
         task = getattr(env.unwrapped, "task", None)
     if task is None:

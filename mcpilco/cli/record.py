@@ -33,6 +33,8 @@ REMEDY = "name another folder or another seed"
 """where a file is there already"""
 KINDS = ("excitation", "random")
 """policies that are no run folder"""
+MOST_FILES = 100_000
+"""of rollouts, in one folder"""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,8 @@ class Record(Command):
             if value is not None and not 0 < value < float("inf"):
                 raise InputError(f"--{name} must be positive [s], got {value}.")
         require_at_least(1, rollouts=self.rollouts)
+        if self.rollouts > MOST_FILES:
+            raise InputError(f"--rollouts must be at most {MOST_FILES}, got {self.rollouts}.")
         require_at_least(0, seed=self.seed)
 
     def _env(self, run: RunFolder | None) -> gym.Env:

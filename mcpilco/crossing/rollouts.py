@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from mcpilco.agent import TrialAgent
 
-FEWEST = 10
-"""steps of a rollout"""
+FEWEST, MOST = 10, 10_000_000
+"""steps of a rollout; more than the latter take a GB and more"""
 
 
 def record_rollouts(
@@ -45,6 +45,11 @@ def record_rollouts(
         raise InputError(
             f"--seconds must leave each rollout at least {FEWEST} steps of {task.dt:g} s, got "
             f"{seconds:g} s for {len(names)} of them; record for longer."
+        )
+    if steps > MOST:
+        raise InputError(
+            f"--seconds must leave each rollout at most {MOST} steps of {task.dt:g} s, got "
+            f"{seconds:g} s for {len(names)} of them; record for a shorter time."
         )
     act, view = _actor(policy, task, env, steps), state_view(env, task)
 

@@ -513,6 +513,7 @@ def test_a_wrong_env_is_answered_with_a_sentence(env, error: type, message: str)
         ({"config": Config()}, "no time limit; pass a horizon"),
         ({"config": {}}, r"config must be a Config, got {}; write config=Config\(horizon=60\)"),
         ({"config": TINY.search}, "config must be a Config, got SearchConfig"),
+        ({"task": 3}, "task must be a mcpilco.task.TaskSpec, got 3"),
         ({"kernel": "rbf"}, "kernel must be a function of .*got 'rbf'"),
     ],
 )

@@ -144,6 +144,8 @@ def test_an_interruption_keeps_what_is_there(tmp_path, monkeypatch, capsys) -> N
         (["--seconds", "nan"], "--seconds must be positive"),
         (["--dt", "-1"], "--dt must be positive"),
         (["--rollouts", "0"], "--rollouts must be at least 1"),
+        (["--rollouts", "100000000"], "--rollouts must be at most 100000, got 100000000"),
+        (["--seconds", "1e9"], "at most 10000000 steps of 0.1 s, got 1e+09 s for 6"),
         (["--seed", "-1"], "--seed must not be negative"),
         (["--seconds", "1"], "each rollout at least 10 steps of 0.1 s, got 1 s for 6"),
         (["--policy", "nothing"], "excitation or random or a run folder, got 'nothing'"),

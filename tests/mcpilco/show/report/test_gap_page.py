@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
@@ -57,6 +58,20 @@ def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
     for name in (*found.train, *found.held_out):
         assert name in page.text
     assert "Left out of recording_1, as no model explains it: 4.0 to 4.7 s." in page.text
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("command", [0.0, 0.3])
+def test_columns_that_never_change_are_drawn_without_a_warning(
+    found: Gap, tmp_path: Path, command: float
+) -> None:
+    still = tuple(
+        replace(one, inputs=np.full_like(one.inputs, command), states=0.0 * one.states)
+        for one in found.recordings
+    )
+    page = read(replace(found, recordings=still), tmp_path)
+    assert len(page.images) == 11
+    assert "cannot be shown" not in page.text
 
 
 @pytest.mark.usefixtures("undrawn")
