@@ -259,8 +259,11 @@ class ModelBasedAgent(TrialAgent):
 
         Before the first trial the action is the middle of its range, or random, with a warning.
 
-        Observations are in the env's units; `episode_start` says which of a batch begin an episode,
-        whatever the state says; a policy is deterministic always.
+        Args:
+            observation: in the env's units.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
+            deterministic: not used; the policy is deterministic.
 
         Raises:
             InputError: the observation has another width, or is not finite; or the state belongs to
