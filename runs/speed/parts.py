@@ -57,10 +57,10 @@ def shares(size: Size, engine: str, repeats: int) -> dict[str, Any]:
                 seconds = cpu_seconds(lambda: [sweep(*call) for call in calls])  # noqa: B023
             outcome.setdefault(name, []).append(seconds)
     ms = {name: 1e3 * statistics.median(taken[1:]) for name, taken in outcome.items()}
-    _, _, noise, _, _, model, *_ = calls[0]
+    _, _, noise, arrays, _ = calls[0]
     return {
         "parts_ms": {name: round(value, 3) for name, value in parts(ms).items()},
-        **rates(ms, size, noise.shape[1], model.alpha.dtype),
+        **rates(ms, size, noise.shape[1], arrays[2].alpha.dtype),
     }
 
 
@@ -152,23 +152,9 @@ def _each_step(part):
     """A sweep of a part of the policy; its arguments are those of the forward sweep."""
 
     @_loop
-    def sweep(
-        start,
-        stop,
-        noise,
-        mask,
-        policy,
-        model,
-        drift,
-        features,
-        own,
-        past,
-        observer,
-        foresight,
-        trace,
-        *memories,
-    ):
-        policy_memory = memories[0]
+    def sweep(start, stop, noise, arrays, memory):
+        mask, policy, _, _, _, trace = arrays
+        policy_memory = memory[0]
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             for t in range(noise.shape[0]):
@@ -181,23 +167,9 @@ def _each_output(part):
     """The same for a part of the posterior."""
 
     @_loop
-    def sweep(
-        start,
-        stop,
-        noise,
-        mask,
-        policy,
-        model,
-        drift,
-        features,
-        own,
-        past,
-        observer,
-        foresight,
-        trace,
-        *memories,
-    ):
-        policy_memory, model_memory = memories[:2]
+    def sweep(start, stop, noise, arrays, memory):
+        _, _, model, _, _, trace = arrays
+        policy_memory, model_memory = memory[:2]
         width = policy_memory.slope.size
         for first in range(start, stop, width):
             last = first + width

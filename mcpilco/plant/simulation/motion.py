@@ -36,6 +36,7 @@ MOST_STEPS = 20000.0
 
 A = np.array(
     [
+        [0, 0, 0, 0, 0, 0],
         [1 / 5, 0, 0, 0, 0, 0],
         [3 / 40, 9 / 40, 0, 0, 0, 0],
         [44 / 45, -56 / 15, 32 / 9, 0, 0, 0],
@@ -44,7 +45,7 @@ A = np.array(
         [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
     ]
 )
-C = (1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
+C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
 ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40])
 """fifth-order solution minus the fourth-order one"""
 
@@ -128,25 +129,23 @@ def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, t
     """
     J = len(q)
     done = 0.0
-    derivative(tables, s, q, v, actuated, done, w, kv, 0)
-    for j in range(J):
-        kq[0, j] = v[j]
-    tried = 0
+    first = tried = 0
     while duration - done > 1e-12:
         tried += 1
         taken[0] += 1
         if tried > 100.0 + MOST_STEPS * duration:
             return -1.0
         h = min(step, duration - done)
-        for i in range(6):
+        for i in range(first, 7):
             for j in range(J):
                 dq = dv = 0.0
-                for k in range(i + 1):
+                for k in range(i):
                     dq += A[i, k] * kq[k, j]
                     dv += A[i, k] * kv[k, j]
                 tq[j] = q[j] + h * dq
-                tv[j] = kq[i + 1, j] = v[j] + h * dv
-            derivative(tables, s, tq, tv, actuated, done + C[i] * h, w, kv, i + 1)
+                tv[j] = kq[i, j] = v[j] + h * dv
+            derivative(tables, s, tq, tv, actuated, done + C[i] * h, w, kv, i)
+        first = 1  # a step begins with the derivative that the one before it ended with
         worst = 0.0
         for j in range(J):
             eq = ev = 0.0
@@ -245,8 +244,10 @@ def _compiled(source: str):
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def follow(tables, system, start, window, commands, lead, dt, every, accuracy, y, w, taken):
-        """Fills y (B, X, T) with what is measured of B motions, NaN from where one is lost.
+    def follow(
+        tables, system, start, window, commands, lead, dt, every, accuracy, y, w, room, memory
+    ):
+        """Fills y (B, X, T), NaN before, with what is measured of B motions, until one is lost.
 
         Args:
             tables: of S systems.
@@ -261,21 +262,20 @@ def _compiled(source: str):
             accuracy: error allowed in a step, in units of the tolerances [-].
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
-            taken: (1,), the steps of the integrator are added to it.
+            room: that of `room_for`.
+            memory: room for the shaped commands (T_all, U) and where the actuators are (U, 2), and
+                the steps of the integrator (1,), which are counted on.
         """
         source  # noqa: B018  closed over
-        J, U, T = start.shape[1] // 2, len(tables.drives), y.shape[2]
-        q, v, tq, tv = np.empty(J), np.empty(J), np.empty(J), np.empty(J)
-        kq, kv = np.empty((7, J)), np.empty((7, J))
-        forces = np.empty((commands.shape[1], U))
-        actuated = np.empty((U, 2))
+        T = y.shape[2]
+        forces, actuated, taken = memory
+        q, v, tq, tv, kq, kv = room
         for b in range(len(start)):
             s, n = system[b], window[b]
-            for j in range(J):
+            for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
             prepare(tables, s, commands, n, lead, dt, forces, actuated)
-            y[b] = np.nan
-            for x in range(2 * J):  # before the first look of a sensor that lags behind
+            for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
                 offset, scale = tables.sensors[s, x, OFFSET], tables.sensors[s, x, SCALE]
                 late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))
                 for k in range(min(T, late + 1)):
@@ -339,8 +339,18 @@ def simulate(
     """
     for law in tables.law:
         force_of(law)
-    y = np.empty((*start.shape, (commands.shape[1] - lead) // every))
-    w = scratch(start.shape[1] // 2)
+    y = np.full((*start.shape, (commands.shape[1] - lead) // every), np.nan)
+    J, (_, T, U) = start.shape[1] // 2, commands.shape
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
-    _follow(tables, system, start, window, commands, lead, dt, every, accuracy, y, w, taken)
+    memory, room = (np.empty((T, U)), np.empty((U, 2)), taken), room_for(J)
+    given = tables, system, start, window, commands, lead, dt, every, accuracy
+    _follow(*given, y, scratch(J), room, memory)
     return y
+
+
+def room_for(joints: int) -> tuple[np.ndarray, ...]:
+    """Work space of `travel`: q, v, tq, tv, (J,) each, and kq, kv, (7, J) each.
+
+    Handed to compiled functions, for what makes arrays itself takes long to compile.
+    """
+    return *np.empty((4, joints)), *np.empty((2, 7, joints))

@@ -12,7 +12,15 @@ from mcpilco.bodies import scratch
 from mcpilco.compiling import digest
 from mcpilco.plant.simulation.laws import shaped
 from mcpilco.plant.simulation.layout import DELAY, LATENCY, OFFSET, SCALE, Tables
-from mcpilco.plant.simulation.motion import SOURCES, look, next_event, settle, switch, travel
+from mcpilco.plant.simulation.motion import (
+    SOURCES,
+    look,
+    next_event,
+    room_for,
+    settle,
+    switch,
+    travel,
+)
 
 ACCURACY = 1e-3
 """error allowed in an integrator's step, relative to that of `simulate` [-]: the motion of an env
@@ -26,7 +34,7 @@ def _compiled(source: str):
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def advance(tables, commands, dt, states, forces, actuated, seen, path, w):
+    def advance(tables, commands, dt, states, forces, actuated, seen, path, w, room):
         """Holds commands (B, U) for dt; fills path (T, B, X) with the states on the way.
 
         Args:
@@ -39,18 +47,19 @@ def _compiled(source: str):
             seen: (B, X, future), what the sensors see now and at the next samples.
             path: the states at T equally spaced times, the last one at the end; NaN where lost.
             w: work space of `mcpilco.bodies.compiled.scratch`.
+            room: q, v, tq, tv, kq, kv and taken of `travel`, see `room_for`.
         """
         source  # noqa: B018  closed over
-        T, J, U = len(path), states.shape[1] // 2, len(tables.drives)
-        q, v, tq, tv = np.empty(J), np.empty(J), np.empty(J), np.empty(J)
-        kq, kv = np.empty((7, J)), np.empty((7, J))
-        taken = np.zeros(1, np.int64)
+        T, B, X = path.shape
+        q, v, tq, tv, kq, kv, taken = room
         newest = forces.shape[1] - 1
-        for b in range(len(states)):
-            q[:], v[:] = states[b, 0::2], states[b, 1::2]
-            for u in range(U):
+        for b in range(B):
+            for j in range(len(q)):
+                q[j], v[j] = states[b, 2 * j], states[b, 2 * j + 1]
+            for u in range(forces.shape[2]):
                 last = forces[b, newest, u]
-                forces[b, :-1, u] = forces[b, 1:, u].copy()
+                for i in range(newest):
+                    forces[b, i, u] = forces[b, i + 1, u]
                 forces[b, newest, u] = shaped(tables.actuators[0, u], commands[b, u], last)
             switch(tables, 0, forces[b], newest, 0.0, dt, actuated[b])
             now, step = 0.0, dt
@@ -62,16 +71,18 @@ def _compiled(source: str):
                     step = travel(
                         tables, 0, q, v, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
                     )
-                    settle(tables, 0, event - now, actuated[b])
+                    settle(tables, 0, rest, actuated[b])
                     now = event
                     if now < dt and step > 0.0:
                         switch(tables, 0, forces[b], newest, now, dt, actuated[b])
                         look(tables, 0, q, v, 0, now, dt, 1, seen[b])
-                for j in range(J):
+                for j in range(len(q)):
                     path[k, b, 2 * j] = q[j] if step > 0.0 else np.nan
                     path[k, b, 2 * j + 1] = v[j] if step > 0.0 else np.nan
-            states[b] = path[T - 1, b]
-            seen[b, :, :-1] = seen[b, :, 1:].copy()
+            for x in range(X):
+                states[b, x] = path[T - 1, b, x]
+                for i in range(seen.shape[2] - 1):
+                    seen[b, x, i] = seen[b, x, i + 1]
             look(tables, 0, q, v, 0, 0.0, dt, 1, seen[b])
 
     return advance
@@ -103,7 +114,8 @@ class Stepper:
         self._actuated = np.zeros((batch, U, 2))
         self._seen = np.zeros((batch, X, future))
         self._path = np.empty((samples, batch, X))
-        self._work = scratch(X // 2)
+        J = X // 2
+        self._work = scratch(J), (*room_for(J), np.zeros(1, np.int64))
         self.restart(np.ones(batch, dtype=bool), self.states)
 
     def restart(self, which: Bool[np.ndarray, " B"], states: Float[np.ndarray, "b X"]) -> None:
@@ -125,7 +137,7 @@ class Stepper:
             self._actuated,
             self._seen,
             self._path,
-            self._work,
+            *self._work,
         )
         return self._path.copy()
 
