@@ -13,6 +13,7 @@ from .modules import import_named
 from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
 from .presets import preset_numbers, suitable_preset, with_model
+from .rehearsal import rehearsed
 from .stored import (
     agent_of,
     algorithm_of,
@@ -59,6 +60,7 @@ __all__ = [
     "make_env",
     "open_run_env",
     "preset_numbers",
+    "rehearsed",
     "remembering",
     "reopened",
     "reported",

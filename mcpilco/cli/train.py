@@ -115,15 +115,16 @@ class Train(Learning):
 
     def _learn(self, agent: Any, run: RunFolder) -> int:
         """Learn the trials that the run lacks, say where they are, and return the exit code."""
-        from mcpilco.agent import learn_rest
+        from mcpilco.agent import learn_rest, rehearsed
         from mcpilco.show import run_callbacks
 
         try:
             with (
                 self._watched(run),
+                rehearsed(agent) as waiting,
                 run_callbacks(run, not self.quiet, self.tensorboard) as callbacks,
             ):
-                learn_rest(run, agent, callbacks)
+                learn_rest(run, agent, [*waiting, *callbacks])
         except KeyboardInterrupt:
             raise KeyboardInterrupt(_saved(run)) from None
         except McPilcoError:
