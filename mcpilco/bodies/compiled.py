@@ -61,11 +61,13 @@ class Scratch(NamedTuple):
     """(J,), zeros"""
     x: np.ndarray
     """(J,), work space"""
+    load: np.ndarray
+    """(J,), work space: the forces of the actuators at their joints [N or N m]"""
 
 
 def scratch(joints: int) -> Scratch:
     """Room for one evaluation."""
-    shapes = [(3, 3), (3,), (6,), (), (3,), *[(6,)] * 4, (joints,), (), (), ()]
+    shapes = [(3, 3), (3,), (6,), (), (3,), *[(6,)] * 4, (joints,), (), (), (), ()]
     return Scratch(*(np.zeros((joints, *shape)) for shape in shapes))
 
 

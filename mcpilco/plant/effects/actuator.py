@@ -10,6 +10,7 @@ import numpy as np
 from mcpilco.plant.arithmetic import exp, larger, smaller
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, not_proportional, sizes
 from mcpilco.plant.simulation.layout import (
+    DEAD_BELOW,
     DEAD_ZONE,
     DELAY,
     GAIN,
@@ -17,6 +18,7 @@ from mcpilco.plant.simulation.layout import (
     LIMIT,
     PLAY,
     RANGE,
+    RATE,
     Layout,
     Tables,
 )
@@ -72,12 +74,28 @@ class ActuatorDeadZone(ActuatorEffect):
     column = DEAD_ZONE
 
     @staticmethod
-    def shape(x: Any, d: Any) -> Any:
-        """The part of a force x that is left [N or N m]."""
-        return larger(x - d, 0.0) + smaller(x + d, 0.0)
+    def shape(x: Any, d_p: Any, d_n: Any) -> Any:
+        """The part of a force x that is left [N or N m], of a zone from -d_n to d_p."""
+        return larger(x - d_p, 0.0) + smaller(x + d_n, 0.0)
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.actuators[system, at, [DEAD_ZONE, DEAD_BELOW]] += values[0], values[-1]
 
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.01, 0.05, 0.15, unit=scale.command)
+
+
+class AsymmetricDeadZone(ActuatorDeadZone):
+    """No force for commands from -d_n to d_p; beyond, the command less the end of that zone."""
+
+    name = "asymmetric_dead_zone"
+    special = ("actuator_dead_zone",)
+    repeats = ("actuator_dead_zone",)
+    symbols = (Symbol("d_p", "{f}", low=0.0), Symbol("d_n", "{f}", low=0.0))
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        ends = [(0.01, 0.05), (0.05, 0.01), (0.02, 0.15), (0.15, 0.02)]
+        return [Probe(scale.command * np.array([pair]), proportional=False) for pair in ends]
 
 
 class ActuatorSaturation(ActuatorEffect):
@@ -146,6 +164,26 @@ class ActuatorLag(ActuatorEffect):
         model.lag(target, values[0])
 
 
+class ActuatorRateLimit(ActuatorEffect):
+    """The force follows the command by at most r in a second."""
+
+    name = "actuator_rate_limit"
+    symbols = (Symbol("r", "{f}/s", np.inf, 0.0),)
+    column = RATE
+    install = ActuatorSaturation.install
+
+    def in_equations(self) -> bool:
+        return False  # it depends on all commands before
+
+    @staticmethod
+    def shape(x: Any, goal: Any, since: Any, r: Any) -> Any:
+        """The force [N or N m], `since` seconds after it was x on its way to a goal."""
+        return smaller(larger(goal, x - r * since), x + r * since)
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return not_proportional(50.0, 20.0, 8.0, 3.0, unit=scale.command)
+
+
 class Backlash(ActuatorEffect):
     """Play: the force follows the command only when that has moved p away from it."""
 
@@ -166,7 +204,7 @@ class Backlash(ActuatorEffect):
 
 
 def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[..., Any]:
-    """The function from a command to the force that it asks for, all but delay and lag.
+    """The function from a command to the force that it asks for, all but delay, lag and rate.
 
     It takes a row of `Tables.actuators`, a command, and the force that the last command asked for.
 
@@ -179,8 +217,8 @@ def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[...,
 
     def shaped(actuator, command, previous):
         x = times(within(command, actuator[RANGE]), actuator[GAIN])
-        if actuator[DEAD_ZONE] != 0.0:
-            x = outside(x, actuator[DEAD_ZONE])
+        if actuator[DEAD_ZONE] != 0.0 or actuator[DEAD_BELOW] != 0.0:
+            x = outside(x, actuator[DEAD_ZONE], actuator[DEAD_BELOW])
         x = limited(x, actuator[LIMIT])
         if actuator[PLAY] != 0.0:
             x = follow(x, actuator[PLAY], previous)

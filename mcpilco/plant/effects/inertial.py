@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.plant.effects.base import MOST, Effect, Place, Probe, Scale, Symbol
+from mcpilco.plant.effects.base import MOST, Effect, Place, Probe, Scale, Symbol, sizes
 from mcpilco.plant.simulation.layout import Layout, Tables
 
 if TYPE_CHECKING:
@@ -108,3 +109,49 @@ class Armature(InertialEffect):
 
     def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
         model.joint(target).armature += values[0]
+
+
+class BodyLength(InertialEffect):
+    """A body is l_d longer: what it carries is so much further from its joint."""
+
+    name = "body_length"
+    relative_to = "length"
+    symbols = (Symbol("l_d", "m"),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        return tuple(body for body in super().targets(layout) if body != layout.bodies[-1])
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        for child in np.flatnonzero(tables.chains.parent == at):
+            origin = tables.chains.origin[system, child]
+            length = np.linalg.norm(origin)
+            if length > 0.0:
+                origin *= 1.0 + values[0] / length
+
+    write_mjcf = Effect.write_mjcf
+
+
+class GravityTilt(Effect):
+    """Gravity turned by t about the y axis: a base that is not level."""
+
+    name = "gravity_tilt"
+    place = "body"
+    symbols = (Symbol("t", "rad", low=-0.5, high=0.5),)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        return layout.bodies[:1]
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.chains.gravity[system] = _turned(tables.chains.gravity[system], values[0])
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(0.01)]
+
+    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+        model.spec.option.gravity = _turned(np.array(model.spec.option.gravity), values[0])
+
+
+def _turned(g: Float[np.ndarray, " 3"], angle: float) -> Float[np.ndarray, " 3"]:
+    """A vector turned about the y axis [rad]."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([cos * g[0] + sin * g[2], g[1], -sin * g[0] + cos * g[2]])

@@ -7,7 +7,7 @@ To add one: a class here, its line in the catalogue (`mcpilco.plant.effects`), a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -38,6 +38,8 @@ class JointForce(Effect):
     """
 
     place = "joint"
+    loaded: ClassVar[bool] = False
+    """whether its formula takes the force of the joint's actuators too, behind q and v"""
 
     @staticmethod
     def force(q: Any, v: Any, *parameters: Any) -> Any:
@@ -180,6 +182,52 @@ class AsymmetricFriction(DryFriction):
     def probes(self, scale: Scale) -> list[Probe]:
         small = SMALL * scale.force
         return [Probe(np.array([[small, 0.0, TURN.neutral], [0.0, small, TURN.neutral]]))]
+
+
+class AsymmetricViscousFriction(JointForce):
+    """-b_p v where v > 0, -b_n v where v < 0: viscous friction of another size each way."""
+
+    name = "asymmetric_viscous_friction"
+    special = ("viscous_friction",)
+    repeats = ("viscous_friction",)
+    symbols = (Symbol("b_p", "{f} s/{q}", low=0.0), Symbol("b_n", "{f} s/{q}", low=0.0))
+
+    @staticmethod
+    def force(q, v, b_p, b_n):
+        return -0.5 * ((b_p + b_n) * v + (b_p - b_n) * abs(v))
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        small = SMALL * scale.force / scale.velocity
+        return [Probe(np.array([[small, 0.0], [0.0, small]]))]
+
+
+class LoadDependentFriction(JointForce):
+    """-mu |F| sign(v), as -mu |F| tanh(v / v_r), of the force F of the actuators of its joint."""
+
+    name = "load_dependent_friction"
+    symbols = (Symbol("mu", "-", low=0.0, high=1.0), TURN)
+    loaded = True
+
+    @staticmethod
+    def force(q, v, F, mu, v_r):
+        return -mu * abs(F) * tanh(v / v_r)
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        return tuple(name for j, name in enumerate(layout.joints) if j in layout.drives)
+
+    def turn_over(self, values: Sequence[float]) -> float:
+        return values[1] if values[0] != 0.0 else 0.0
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [sizes(SMALL, TURN.neutral)]
+
+    def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
+        return np.full(2, np.inf)
+
+    def in_equations(self) -> bool:
+        return False  # its joint's actuator lags and is late
+
+    write_mjcf = Effect.write_mjcf
 
 
 class Spring(JointForce):

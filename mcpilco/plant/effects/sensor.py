@@ -5,8 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+import numpy as np
+
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, not_proportional, sizes
-from mcpilco.plant.simulation.layout import LATENCY, OFFSET, SCALE, Layout, Tables
+from mcpilco.plant.simulation.layout import (
+    COSINE,
+    FILTER,
+    LATENCY,
+    OFFSET,
+    SCALE,
+    SINE,
+    Layout,
+    Tables,
+)
 
 
 class SensorEffect(Effect):
@@ -66,3 +77,37 @@ class SensorDelay(SensorEffect):
 
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.005, 0.02)
+
+
+class SensorLag(SensorEffect):
+    """T y' = state - y: the filter of a sensor, or of what differentiates its readings."""
+
+    name = "sensor_lag"
+    symbols = (Symbol("T", "s", low=0.0, high=0.1),)
+    column = FILTER
+
+    def in_equations(self) -> bool:
+        return False  # a state of the model would have to hold past states
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return not_proportional(0.003, 0.02)
+
+
+class EccentricEncoder(SensorEffect):
+    """The angle plus s sin(angle) + c cos(angle): an encoder's disc that is not on its axis."""
+
+    name = "eccentric_encoder"
+    symbols = (Symbol("s", "{x}"), Symbol("c", "{x}"))
+
+    def targets(self, layout: Layout) -> tuple[str, ...]:
+        pairs = zip(layout.states[::2], layout.slides, strict=True)
+        return tuple(angle for angle, slides in pairs if not slides)
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.sensors[system, at, [SINE, COSINE]] += values
+
+    def in_equations(self) -> bool:
+        return False  # no formula gives the angle of a reading
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return [Probe(np.array([[0.01, 0.0], [0.0, 0.01]]))]

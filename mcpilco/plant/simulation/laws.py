@@ -16,7 +16,7 @@ from numba.extending import intrinsic, overload
 from mcpilco.bodies import INLINED
 from mcpilco.plant import arithmetic
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.effects.actuator import ActuatorLag, shaping
+from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, shaping
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.simulation.layout import CONSTANTS
 from mcpilco.typing import InputError
@@ -105,10 +105,10 @@ def _call(context, address, q, v, a, b, c, d):
 def _dispatcher():
     """The force of law, q, v and four constants: that of the effect with this code."""
     names = {f"force_{k}": njit(**INLINED)(effect.force) for k, effect in enumerate(_CATALOGUE)}
-    lines = ["def force(law, q, v, a, b, c, d):"]
+    lines = ["def force(law, q, v, load, a, b, c, d):"]
     for k, effect in enumerate(_CATALOGUE):
-        constants = ", ".join("abcd"[: len(effect.symbols)])
-        lines += [f"    if law == {k}:", f"        return force_{k}(q, v, {constants})"]
+        given = ", ".join(["load"] * effect.loaded + [*"abcd"[: len(effect.symbols)]])
+        lines += [f"    if law == {k}:", f"        return force_{k}(q, v, {given})"]
     lines += ["    return call(law, q, v, a, b, c, d)"]
     scope = {"call": _call, **names}
     exec("\n".join(lines), scope)  # numba compiles one function faster than a chain of them
@@ -116,8 +116,9 @@ def _dispatcher():
 
 
 joint_force = _dispatcher()
-"""force of a law on its joint [N or N m], at position q and velocity v, for compiled callers"""
+"""force of a law on its joint [N or N m], of position q, velocity v and what its actuators give"""
 shaped = njit(**INLINED)(shaping(njit(**INLINED)))
 """the force that a command asks for, see `mcpilco.plant.effects.actuator.shaping`"""
+ramping = njit(**INLINED)(ActuatorRateLimit.shape)
 lagging = njit(**INLINED)(ActuatorLag.shape)
-"""the force of an actuator on its way, see `mcpilco.plant.effects.actuator.ActuatorLag`"""
+"""the force of an actuator on its way, see `mcpilco.plant.effects.actuator`"""

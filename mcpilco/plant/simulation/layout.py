@@ -64,12 +64,13 @@ class Layout:
         return tuple(unit for x in positions for unit in (x, f"{x}/s"))
 
 
-GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE = range(7)
-"""columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command]"""
-OFFSET, SCALE, LATENCY = range(3)
-"""columns of `Tables.sensors`: [state], [-], [s]"""
-IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf)
-IDEAL_SENSOR = (0.0, 1.0, 0.0)
+GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE, DEAD_BELOW, RATE = range(9)
+"""columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command], [force],
+[force/s]; a dead zone's ends above 0 and below it may differ"""
+OFFSET, SCALE, LATENCY, FILTER, SINE, COSINE = range(6)
+"""columns of `Tables.sensors`: [state], [-], [s], [s], [state], [state]"""
+IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf, 0.0, np.inf)
+IDEAL_SENSOR = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 CONSTANTS = 4
@@ -91,9 +92,9 @@ class Tables(NamedTuple):
     """velocity over which each turns over [m/s or rad/s]; 0 if it is no dry friction"""
     drives: Int[np.ndarray, " U"]
     """the joint that each input drives"""
-    actuators: Float[np.ndarray, "S U 7"]
-    """from command to force, see `GAIN` to `RANGE`"""
-    sensors: Float[np.ndarray, "S X 3"]
-    """from state to measurement, see `OFFSET` to `LATENCY`"""
+    actuators: Float[np.ndarray, "S U 9"]
+    """from command to force, see `GAIN` to `RATE`"""
+    sensors: Float[np.ndarray, "S X 6"]
+    """from state to measurement, see `OFFSET` to `COSINE`"""
     learned: Learned
     """forces in joints that no formula gives"""

@@ -20,8 +20,20 @@ from numba import njit
 from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from mcpilco.compiling import digest
 from mcpilco.plant.effects.learned import learned_force, place_on
-from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, shaped
-from mcpilco.plant.simulation.layout import DELAY, GAIN, LAG, LATENCY, OFFSET, SCALE, Tables
+from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, ramping, shaped
+from mcpilco.plant.simulation.layout import (
+    COSINE,
+    DELAY,
+    FILTER,
+    GAIN,
+    LAG,
+    LATENCY,
+    OFFSET,
+    RATE,
+    SCALE,
+    SINE,
+    Tables,
+)
 
 SOURCES = "bodies", "plant/simulation", "plant/effects"
 """folders of the code that is compiled here"""
@@ -53,10 +65,12 @@ ERROR = np.array([71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 /
 @njit(**INLINED)
 def drive(tables, s, u, actuated, since):
     """Force that input u is at, `since` seconds into a segment."""
-    lag = tables.actuators[s, u, LAG]
+    lag, rate, goal = tables.actuators[s, u, LAG], tables.actuators[s, u, RATE], actuated[u, 1]
     if lag > 0.0:
-        return lagging(actuated[u, 0], actuated[u, 1], since, lag)
-    return actuated[u, 1]
+        goal = lagging(actuated[u, 0], goal, since, lag)
+    if rate < np.inf:
+        goal = ramping(actuated[u, 0], goal, since, rate)
+    return goal
 
 
 @njit(**INLINED)
@@ -85,14 +99,16 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
         linearise(tables.chains, s, q, v, w)
     factorise(w)
     for j in range(J):
-        w.x[j] = -w.bias[j]
+        w.load[j] = 0.0
     for u in range(len(tables.drives)):
-        w.x[tables.drives[u]] += drive(tables, s, u, actuated, since)
+        w.load[tables.drives[u]] += drive(tables, s, u, actuated, since)
+    for j in range(J):
+        w.x[j] = w.load[j] - w.bias[j]
     for i in range(len(tables.law)):
         j = tables.joint[i]
         a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
         c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
-        w.x[j] += joint_force(tables.law[i], q[j], v[j], a, b, c, d)
+        w.x[j] += joint_force(tables.law[i], q[j], v[j], w.load[j], a, b, c, d)
     for k in range(len(tables.learned.joint)):
         x = grid_place(tables, s, k, 0, q, v, actuated, since)
         y = grid_place(tables, s, k, 1, q, v, actuated, since)
@@ -172,11 +188,14 @@ def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, t
 
 
 @njit(**INLINED)
-def next_event(tables, s, now, dt):
-    """When an input jumps or a sensor looks next after `now`, in an interval of dt; dt if never."""
+def next_event(tables, s, now, dt, actuated):
+    """When an input jumps, a ramp ends or a sensor looks next after `now`; dt if never before."""
     event = dt
     for u in range(len(tables.drives)):
         at = tables.actuators[s, u, DELAY] % dt
+        if now < at < event:
+            event = at
+        at = now + abs(actuated[u, 1] - actuated[u, 0]) / tables.actuators[s, u, RATE]
         if now < at < event:
             event = at
     for x in range(tables.sensors.shape[1]):
@@ -187,18 +206,46 @@ def next_event(tables, s, now, dt):
 
 
 @njit(**INLINED)
-def look(tables, s, q, v, k, now, dt, every, y):
+def look(tables, s, q, v, k, now, dt, every, y, filters):
     """Enters what the sensors see `now` seconds after command k, for those that look now.
 
-    Each `every`-th command comes with a sample.
+    Each `every`-th command comes with a sample. filters (X, 3) are position and velocity when each
+    looked last, and what its filter made of them; NaN before the first look.
     """
     for x in range(y.shape[0]):
         latency = tables.sensors[s, x, LATENCY]
         if -latency % dt == now:
             row, between = divmod(k + round((now + latency) / dt), every)
             if between == 0 and row < y.shape[1]:
-                truth = v[x // 2] if x % 2 else q[x // 2]
-                y[x, row] = tables.sensors[s, x, OFFSET] + tables.sensors[s, x, SCALE] * truth
+                j, sensor = x // 2, tables.sensors[s, x]
+                seen = v[j] if x % 2 else q[j]
+                if sensor[FILTER] > 0.0:
+                    seen = filtered(filters[x], x % 2, q[j], v[j], every * dt, sensor[FILTER])
+                if sensor[SINE] != 0.0 or sensor[COSINE] != 0.0:
+                    seen += sensor[SINE] * math.sin(seen) + sensor[COSINE] * math.cos(seen)
+                y[x, row] = sensor[OFFSET] + sensor[SCALE] * seen
+
+
+@njit(**INLINED)
+def filtered(filter, of_velocity, q, v, dt, T):
+    """What T y' = x - y makes of a position or its velocity x, in the last dt [s].
+
+    Position and velocity at both ends make the motion between a cubic, of which
+    x - T Dx + T^2 D^2 x - T^3 D^3 x, with D for d/dt, solves the equation.
+    """
+    if filter[0] != filter[0]:  # at first it lags behind a motion that goes on as it is
+        filter[2] = v if of_velocity else q - T * v
+    else:
+        mean = (q - filter[0]) / dt
+        jerk = 6.0 * (filter[1] + v - 2.0 * mean) / dt**2
+        a1 = (4.0 * v + 2.0 * filter[1] - 6.0 * mean) / dt  # at the end
+        a0 = a1 - jerk * dt
+        begun, ended = filter[1] - T * (a0 - T * jerk), v - T * (a1 - T * jerk)
+        if not of_velocity:
+            begun, ended = filter[0] - T * begun, q - T * ended
+        filter[2] = ended + (filter[2] - begun) * math.exp(-dt / T)
+    filter[0], filter[1] = q, v
+    return filter[2]
 
 
 @njit(**INLINED)
@@ -214,7 +261,7 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
         now = 0.0
         while now < dt:
             switch(tables, s, forces, i, now, dt, actuated)
-            event = next_event(tables, s, now, dt)
+            event = next_event(tables, s, now, dt, actuated)
             settle(tables, s, event - now, actuated)
             now = event
 
@@ -263,18 +310,21 @@ def _compiled(source: str):
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
             room: that of `room_for`.
-            memory: room for the shaped commands (T_all, U) and where the actuators are (U, 2), and
-                the steps of the integrator (1,), which are counted on.
+            memory: room for the shaped commands (T_all, U), where the actuators are (U, 2) and what
+                the sensors' filters have seen (X, 3), and the steps of the integrator (1,), which
+                are counted on.
         """
         source  # noqa: B018  closed over
         T = y.shape[2]
-        forces, actuated, taken = memory
+        forces, actuated, filters, taken = memory
         q, v, tq, tv, kq, kv = room
         for b in range(len(start)):
             s, n = system[b], window[b]
             for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
             prepare(tables, s, commands, n, lead, dt, forces, actuated)
+            for x in range(len(filters)):
+                filters[x, 0] = np.nan
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
                 offset, scale = tables.sensors[s, x, OFFSET], tables.sensors[s, x, SCALE]
                 late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))
@@ -284,11 +334,11 @@ def _compiled(source: str):
             for k in range((T - 1) * every + 1):
                 now = 0.0
                 switch(tables, s, forces, lead + k, now, dt, actuated)
-                look(tables, s, q, v, k, now, dt, every, y[b])
+                look(tables, s, q, v, k, now, dt, every, y[b], filters)
                 if k == (T - 1) * every:
                     break
                 while now < dt and step > 0.0:
-                    event = next_event(tables, s, now, dt)
+                    event = next_event(tables, s, now, dt, actuated)
                     rest = event - now
                     step = travel(
                         tables, s, q, v, actuated, rest, step, accuracy, w, kq, kv, tq, tv, taken
@@ -297,7 +347,7 @@ def _compiled(source: str):
                     now = event
                     if now < dt and step > 0.0:
                         switch(tables, s, forces, lead + k, now, dt, actuated)
-                        look(tables, s, q, v, k, now, dt, every, y[b])
+                        look(tables, s, q, v, k, now, dt, every, y[b], filters)
                 if step < 0.0:
                     break
 
@@ -342,7 +392,8 @@ def simulate(
     y = np.full((*start.shape, (commands.shape[1] - lead) // every), np.nan)
     J, (_, T, U) = start.shape[1] // 2, commands.shape
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
-    memory, room = (np.empty((T, U)), np.empty((U, 2)), taken), room_for(J)
+    memory = np.empty((T, U)), np.empty((U, 2)), np.empty((2 * J, 3)), taken
+    room = room_for(J)
     given = tables, system, start, window, commands, lead, dt, every, accuracy
     _follow(*given, y, scratch(J), room, memory)
     return y

@@ -11,7 +11,16 @@ from numba import njit
 from mcpilco.bodies import scratch
 from mcpilco.compiling import digest
 from mcpilco.plant.simulation.laws import shaped
-from mcpilco.plant.simulation.layout import DELAY, LATENCY, OFFSET, SCALE, Tables
+from mcpilco.plant.simulation.layout import (
+    COSINE,
+    DELAY,
+    FILTER,
+    LATENCY,
+    OFFSET,
+    SCALE,
+    SINE,
+    Tables,
+)
 from mcpilco.plant.simulation.motion import (
     SOURCES,
     look,
@@ -34,7 +43,7 @@ def _compiled(source: str):
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def advance(tables, commands, dt, states, forces, actuated, seen, path, w, room):
+    def advance(tables, commands, dt, states, forces, actuated, seen, filters, path, w, room):
         """Holds commands (B, U) for dt; fills path (T, B, X) with the states on the way.
 
         Args:
@@ -45,6 +54,7 @@ def _compiled(source: str):
             forces: (B, past, U), the last shaped commands, the newest at the end.
             actuated: (B, U, 2), the force that each input is at, and the one that it lags behind.
             seen: (B, X, future), what the sensors see now and at the next samples.
+            filters: (B, X, 3), of `look`.
             path: the states at T equally spaced times, the last one at the end; NaN where lost.
             w: work space of `mcpilco.bodies.compiled.scratch`.
             room: q, v, tq, tv, kq, kv and taken of `travel`, see `room_for`.
@@ -66,7 +76,7 @@ def _compiled(source: str):
             for k in range(T):
                 until = dt if k == T - 1 else (k + 1) * dt / T
                 while now < until and step > 0.0:
-                    event = min(next_event(tables, 0, now, dt), until)
+                    event = min(next_event(tables, 0, now, dt, actuated[b]), until)
                     rest = event - now
                     step = travel(
                         tables, 0, q, v, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
@@ -75,7 +85,7 @@ def _compiled(source: str):
                     now = event
                     if now < dt and step > 0.0:
                         switch(tables, 0, forces[b], newest, now, dt, actuated[b])
-                        look(tables, 0, q, v, 0, now, dt, 1, seen[b])
+                        look(tables, 0, q, v, 0, now, dt, 1, seen[b], filters[b])
                 for j in range(len(q)):
                     path[k, b, 2 * j] = q[j] if step > 0.0 else np.nan
                     path[k, b, 2 * j + 1] = v[j] if step > 0.0 else np.nan
@@ -83,7 +93,7 @@ def _compiled(source: str):
                 states[b, x] = path[T - 1, b, x]
                 for i in range(seen.shape[2] - 1):
                     seen[b, x, i] = seen[b, x, i + 1]
-            look(tables, 0, q, v, 0, 0.0, dt, 1, seen[b])
+            look(tables, 0, q, v, 0, 0.0, dt, 1, seen[b], filters[b])
 
     return advance
 
@@ -113,6 +123,7 @@ class Stepper:
         self._forces = np.zeros((batch, past, U))
         self._actuated = np.zeros((batch, U, 2))
         self._seen = np.zeros((batch, X, future))
+        self._filters = np.zeros((batch, X, 3))
         self._path = np.empty((samples, batch, X))
         J = X // 2
         self._work = scratch(J), (*room_for(J), np.zeros(1, np.int64))
@@ -124,7 +135,12 @@ class Stepper:
         self.states[which] = states
         self._forces[which] = 0.0
         self._actuated[which] = 0.0
-        self._seen[which] = (sensors[:, OFFSET] + sensors[:, SCALE] * states)[..., None]
+        seen = states.copy()
+        seen[:, 0::2] -= sensors[0::2, FILTER] * states[:, 1::2]
+        both = np.repeat(states.reshape(len(states), -1, 2), 2, axis=1)
+        self._filters[which] = np.concatenate([both, seen[..., None]], axis=-1)
+        seen += sensors[:, SINE] * np.sin(seen) + sensors[:, COSINE] * np.cos(seen)
+        self._seen[which] = (sensors[:, OFFSET] + sensors[:, SCALE] * seen)[..., None]
 
     def advance(self, commands: Float[np.ndarray, "B U"]) -> Float[np.ndarray, "T B X"]:
         """Holds commands for dt: the true states on the way, NaN where a motion runs away."""
@@ -136,6 +152,7 @@ class Stepper:
             self._forces,
             self._actuated,
             self._seen,
+            self._filters,
             self._path,
             *self._work,
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from envs.plants import cart_pole, double_pendulum, pendulum
+from envs.plants import cart_pole, double_pendulum, pendubot, pendulum
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
@@ -52,13 +52,14 @@ def test_an_effect_is_felt_from_when_the_plant_has_it():
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_effects_begin_as_nothing_and_end_as_they_are(name):
     effect = CATALOGUE[name]
-    target = effect.targets(cart_pole().layout)[0]
+    make = pendubot if name == "body_length" else cart_pole
+    target = effect.targets(make().layout)[0]
     values = [0.05 if np.isinf(s.neutral) else s.neutral + 0.05 for s in effect.symbols]
-    plant = cart_pole().having([(EffectInstance(effect, target), values)])
+    plant = make().having([(EffectInstance(effect, target), values)])
     start, inputs = some_motions(2)
     moved = [
         some.simulate(start, inputs, DT)
-        for some in (cart_pole(), plant.weakened(0.0), plant.weakened(0.5), plant.weakened(1.0))
+        for some in (make(), plant.weakened(0.0), plant.weakened(0.5), plant.weakened(1.0))
     ]
     np.testing.assert_array_equal(moved[1], moved[0])
     np.testing.assert_array_equal(moved[3], plant.simulate(start, inputs, DT))
@@ -131,8 +132,9 @@ def test_arguments_are_left_as_they_were():
 
 def test_candidates_are_every_effect_at_every_target():
     found = [str(candidate) for candidate in cart_pole().candidates()]
-    assert len(found) == len(set(found)) == 9 * 2 + 2 + 1 + 1 + 2 + 6 + 3 * 4
-    assert {c.effect.name for c in cart_pole().candidates()} == set(CATALOGUE)
+    assert len(found) == len(set(found)) == 10 * 2 + 1 + 2 + 1 + 1 + 2 + 8 + 4 * 4 + 2
+    names = {c.effect.name for p in (cart_pole, double_pendulum) for c in p().candidates()}
+    assert names == set(CATALOGUE)
     assert "center_of_mass (pole)" in found
     assert "center_of_mass (cart)" not in found  # it moves without turning
     assert "backlash (elbow_torque)" in map(str, double_pendulum().candidates())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lsim, lti
 
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import generalised_forces
@@ -82,6 +83,11 @@ ACTUATORS = {
         np.sign(PULSES) * np.maximum(np.abs(PULSES) - 0.4, 0.0),
         {},
     ),
+    "dead zone of two ends": (
+        [("asymmetric_dead_zone", (0.4, 0.1))],
+        np.where(PULSES > 0, np.maximum(PULSES - 0.4, 0.0), np.minimum(PULSES + 0.1, 0.0)),
+        {},
+    ),
     "limit": ([("actuator_saturation", 1.2)], np.clip(PULSES, -1.2, 1.2), {}),
     "play": ([("backlash", 0.35)], play(PULSES, 0.35), {}),
     "gain, then play": (
@@ -107,7 +113,7 @@ def test_an_actuator_moves_a_pendulum_as_scipy_says(case):
     effects, forces, memory = ACTUATORS[case]
     truth = pendulum_motion(START, forces, DT, **memory)
     expected = [truth.at(k * DT) for k in range(T + 1)]
-    plant = having(*((name, "actuator", [value]) for name, value in effects))
+    plant = having(*((name, "actuator", np.atleast_1d(value)) for name, value in effects))
     np.testing.assert_allclose(followed(plant), expected, **CLOSE)
 
 
@@ -133,6 +139,73 @@ def test_each_sensor_looks_at_its_own_time():
     times = np.arange(T + 1) * DT
     expected = [[truth.at(t - 0.013)[0], truth.at(t - 0.031)[1]] for t in times]
     np.testing.assert_allclose(found, expected, **CLOSE)
+
+
+@pytest.mark.parametrize("lag", [0.004, 0.03])
+def test_a_filter_lags_behind_a_state_as_scipy_says(lag):
+    truth = pendulum_motion(START, PULSES, DT)
+    found = followed(having(("sensor_lag", "angle", [lag]), ("sensor_scale", "angle", [1.3])))
+    begun = START[0] - lag * START[1]
+    fine = np.arange(0.0, T * DT + 1e-9, 1e-3)
+    angle = [truth.at(t)[0] for t in fine]
+    system = lti([1.0], [lag, 1.0])
+    _, filtered, _ = lsim(system, angle, fine, X0=[begun * lag])
+    np.testing.assert_allclose(found[:, 0], 1.3 * filtered[::20], rtol=0.0, atol=1e-4)
+    assert np.abs(found[:, 0] / 1.3 - angle[::20]).max() > 5e-3
+
+
+def test_an_eccentric_disc_is_seen_at_its_angle():
+    angle = followed(pendulum())[:, 0]
+    found = followed(having(("eccentric_encoder", "angle", [0.1, -0.05])))[:, 0]
+    expected = angle + 0.1 * np.sin(angle) - 0.05 * np.cos(angle)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_friction_of_a_load_takes_a_part_of_the_drive():
+    """As long as the joint keeps its direction: the share that friction takes of every force."""
+    forces = np.abs(PULSES)
+    start = np.array([0.0, 3.0])
+    found = followed(having(("load_dependent_friction", "pendulum", [0.3, 5e-3])), forces, start)
+    truth = pendulum_motion(start, 0.7 * forces, DT)
+    forward = found[:, 1] > 0.1
+    until = len(forward) if forward.all() else int(np.argmin(forward))
+    assert until > 5
+    expected = [truth.at(k * DT) for k in range(until)]
+    np.testing.assert_allclose(found[:until], expected, **CLOSE)
+
+
+@pytest.mark.parametrize("rate", [400.0, 60.0, 15.0])
+def test_a_force_that_is_slow_ramps_to_its_command(rate):
+    """Against a drive that is told ten thousand times a second how far it has come."""
+    fine = np.repeat(PULSES, 200)
+    ramp, force = np.empty_like(fine), PULSES[0]
+    for k, goal in enumerate(fine):
+        before, force = force, float(np.clip(goal, force - rate * 1e-4, force + rate * 1e-4))
+        ramp[k] = 0.5 * (before + force)
+    truth = pendulum().simulate(START[None], ramp[None, :, None], 1e-4)[0, ::200]
+    found = followed(having(("actuator_rate_limit", "actuator", [rate])))
+    np.testing.assert_allclose(found, truth, **CLOSE)
+
+
+def test_a_tilted_base_is_another_zero_of_the_angle():
+    tilted = followed(having(("gravity_tilt", "pendulum", [0.2])))
+    turns = np.array([[0.2, 0.0], [-0.2, 0.0]])
+    shifted = [followed(pendulum(), start=START + turn) - turn for turn in turns]
+    assert min(np.abs(tilted - other).max() for other in shifted) < 5e-5
+
+
+def test_a_longer_body_carries_the_next_one_further_out():
+    plant, more = double_pendulum(), 0.07
+    values = {parameter.name: parameter.value for parameter in plant.parameters}
+    length = values["upper_length"] + more
+    ratio = values["upper_length"] / length  # center and inertia are told by the length
+    center, inertia = values["upper_center"] * ratio, values["upper_inertia"] * ratio**2
+    known = plant.where(upper_length=length, upper_center=center, upper_inertia=inertia)
+    longer = plant.having([(EffectInstance(CATALOGUE["body_length"], "upper"), [more])])
+    start, commands = np.array([[0.5, 1.0, -1.0, 2.0]]), np.zeros((1, T, 2))
+    found, expected = (p.simulate(start, commands, DT) for p in (longer, known))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert np.abs(found - plant.simulate(start, commands, DT)).max() > 0.01
 
 
 def test_a_double_pendulum_without_friction_keeps_its_energy():
