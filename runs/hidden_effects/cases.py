@@ -12,27 +12,34 @@ from typing import Any
 import numpy as np
 from felt import Machine, felt
 from scipy.interpolate import CubicHermiteSpline
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim
 from systems import SYSTEMS, System
 from truth import (
     ARMATURE,
+    BACKWARD,
+    CABLE,
     CONSTANT,
     COS,
     COULOMB,
     COUPLING,
     CUBIC,
     DETENT,
+    DOUBLE_PENDULUM,
     DRAG,
     EXTRA,
     FEED,
+    FORWARD,
+    LOAD,
     MINUS,
     NUMBERS,
     PATCH,
     PLUS,
+    REACH,
     ROTARY_PENDULUM,
     SIN,
     SPEED,
     SPRING,
+    TILT,
     VISCOUS,
     WAVES,
     simulate,
@@ -84,6 +91,10 @@ def joint_effects(system: System, rng: np.random.Generator, size: float):
             "n": (WAVES, rng.uniform(4, 20) / reach),
         },
         "armature": {"I_a": (ARMATURE, rng.uniform(0.1, 0.3) * size * inertia)},
+        "asymmetric_viscous_friction": {
+            "b_p": (FORWARD, 1.5 * part * f / v),
+            "b_n": (BACKWARD, 0.5 * part * f / v),
+        },
     }
     return j, forms
 
@@ -112,6 +123,17 @@ ACTUATOR = (
     "backlash",
 )
 SENSOR = ("sensor_offset", "sensor_scale", "sensor_delay")
+FURTHER = (
+    "asymmetric_viscous_friction",
+    "load_dependent_friction",
+    "body_length",
+    "asymmetric_dead_zone",
+    "actuator_rate_limit",
+    "sensor_lag",
+    "eccentric_encoder",
+    "gravity_tilt",
+)
+"""of the catalogue too, in a tier of their own: the draws of the others stay what they were"""
 SYMBOL = {
     "body_mass": "m_d",
     "center_of_mass": "c_d",
@@ -141,6 +163,10 @@ class Tier:
     """whether one is hidden that is not in the catalogue"""
     laboratory: bool = False
     """parameters off by 1 to 3 %, noise correlated, stamps that jitter, outliers, feedback"""
+    rough: bool = False
+    """besides, a cable, encoders that count and samples that are lost; up to three effects"""
+    pool: tuple[str, ...] = (*JOINT, *BODY, *ACTUATOR, *SENSOR)
+    """of the effects"""
     uncertainty: float = 0.01
     """relative std of masses, lengths, frictions and gains, as the workflow is told"""
 
@@ -154,6 +180,8 @@ TIERS = {
     "outside": Tier(0, outside=True),
     "laboratory-one": Tier(1, laboratory=True, uncertainty=0.03),
     "laboratory-none": Tier(0, laboratory=True, uncertainty=0.03),
+    "further": Tier(1, pool=FURTHER),
+    "rough": Tier(3, laboratory=True, rough=True, uncertainty=0.03),
 }
 
 
@@ -176,10 +204,14 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
         machine.body[:, :3] *= part
         machine.joint[:, VISCOUS] *= part[:, 0]
     bare = machine.copy()
-    pool = (*JOINT, *BODY, *ACTUATOR, *SENSOR)
+    if tier.rough:
+        bind(system, rng, machine)
+        bare = machine.copy()
+    pool = [name for name in tier.pool if possible(name, system)]
     size = float(np.exp(rng.uniform(*np.log(tier.size))))
-    chosen, lacking = [], [bare.copy() for _ in range(tier.effects)]
-    for number, name in enumerate(rng.choice(pool, size=tier.effects, replace=False)):
+    count = seed % (tier.effects + 1) if tier.rough else tier.effects
+    chosen, lacking = [], [bare.copy() for _ in range(count)]
+    for number, name in enumerate(rng.choice(pool, size=count, replace=False)):
         for other, without in enumerate(lacking):
             if other != number:
                 hide(str(name), system, deepcopy(rng), size, without)
@@ -221,6 +253,8 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
         columns = measure(
             system, states, commands, machine.sensor, velocities, rng, tier.laboratory
         )
+        if tier.rough:
+            columns = roughened(system, columns, rng)
         recordings.append(columns)
         motions.append((states, commands))
     std, how = np.array([noise_of(system, j) for j in range(J)]), (DT, GRAVITY, width)
@@ -233,8 +267,39 @@ def nominal(system: System) -> Machine:
     """The plant as the workflow knows it."""
     joint = np.zeros((len(system.joints), NUMBERS))
     joint[:, VISCOUS] = system.viscous
-    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (len(system.inputs), 1))
+    ideal = [1.0, 0.0, np.inf, 0.0, 0.0, 0.0, 0.0, np.inf]
+    actuator = np.tile(ideal, (len(system.inputs), 1))
     return Machine(np.array(system.body), joint, actuator, {})
+
+
+def possible(name: str, system: System) -> bool:
+    """Whether a plant can have an effect, and this simulation knows it there."""
+    links = system.kind in (DOUBLE_PENDULUM, ROTARY_PENDULUM)
+    return not (
+        (name == "body_length" and not links)
+        or (name == "gravity_tilt" and system.kind == ROTARY_PENDULUM)
+    )
+
+
+def bind(system: System, rng: np.random.Generator, machine: Machine) -> None:
+    """Ties a cable to the first joint: a weak spring, and a force that turns over on the way."""
+    reach, part = 1.0 if system.slides[0] else 2.0, rng.uniform(0.005, 0.015)
+    machine.joint[0, SPRING] += part * system.force[0] / reach
+    machine.joint[0, CABLE] = part * system.force[0]
+    machine.joint[0, REACH] = rng.uniform(0.02, 0.1) * reach
+
+
+def roughened(
+    system: System, columns: Mapping[str, np.ndarray], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """The columns as encoders count them, and without some samples."""
+    kept = rng.random(len(columns["time"])) > 0.005
+    kept[[0, -1]] = True
+    counted = {name: np.asarray(values)[kept] for name, values in columns.items()}
+    for j, name in enumerate(system.states[0::2]):
+        count = 1.5 * noise_of(system, j)
+        counted[name] = count * np.round(counted[name] / count)
+    return counted
 
 
 def noise_of(system: System, joint: int) -> float:
@@ -263,7 +328,7 @@ def hide(
 ) -> dict[str, Any]:
     """Puts an effect into a machine; says what it is."""
     body, joint = machine.body, machine.joint
-    if name in JOINT:
+    if name in (*JOINT, "asymmetric_viscous_friction"):
         j, forms = joint_effects(system, rng, size)
         for number, value in forms[name].values():
             joint[j, number] += value
@@ -312,6 +377,8 @@ def hide(
         machine.actuator[u, ACTUATOR.index(name)] = value
         target = "actuator" if len(system.inputs) == 1 else system.inputs[u]
         return {"name": name, "target": target, "parameters": {SYMBOL[name]: float(value)}}
+    if name in MORE:
+        return MORE[name](system, rng, machine)
     positions = list(range(0, len(system.states), 2))
     if name == "sensor_offset":  # the zero of a cart's position can be seen by nothing
         positions = [k for k in positions if system.swings[k // 2]]
@@ -323,6 +390,76 @@ def hide(
     }[name]
     machine.sensor.setdefault(k, {})[name] = float(value)
     return {"name": name, "target": system.states[k], "parameters": {SYMBOL[name]: float(value)}}
+
+
+def load(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """Friction of a driven joint that grows with what its actuator does."""
+    j, value = int(rng.choice(system.drives)), float(rng.uniform(0.08, 0.25))
+    machine.joint[j, LOAD] = value
+    return _told("load_dependent_friction", system.joints[j], mu=value)
+
+
+def lengthen(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A longer or shorter first link, where it carries another."""
+    value = float(rng.uniform(0.1, 0.3) * rng.choice([-1, 1]) * system.body[0][3])
+    machine.body[0, 3] += value
+    return _told("body_length", system.bodies[0], l_d=value)
+
+
+def widen(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A dead zone that is wider below 0."""
+    u = int(rng.integers(len(system.inputs)))
+    up, more = rng.uniform(0.02, 0.06, 2) * system.limit[u] * [1.0, 2.0]
+    machine.actuator[u, [1, 6]] = up, more
+    return _told("asymmetric_dead_zone", _actuator(system, u), d_p=up, d_n=up + more)
+
+
+def slow(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A force that needs 0.1 to 0.3 s from 0 to its limit."""
+    u = int(rng.integers(len(system.inputs)))
+    machine.actuator[u, 7] = value = system.limit[u] / rng.uniform(0.1, 0.3)
+    return _told("actuator_rate_limit", _actuator(system, u), r=value)
+
+
+def filter_(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A filter behind the sensor of a position."""
+    k, value = 2 * int(rng.integers(len(system.joints))), float(rng.uniform(0.01, 0.05))
+    machine.sensor[k] = {"sensor_lag": value}
+    return _told("sensor_lag", system.states[k], T=value)
+
+
+def decentre(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A disc that is not on its axis."""
+    k = 2 * int(rng.choice(np.flatnonzero(~np.array(system.slides))))
+    s, c = (float(value) for value in rng.uniform(0.03, 0.08, 2) * rng.choice([-1, 1], 2))
+    machine.sensor[k] = {"sine": s, "cosine": c}
+    return _told("eccentric_encoder", system.states[k], s=s, c=c)
+
+
+def tilt(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A base that is not level."""
+    machine.joint[0, TILT] = value = float(rng.uniform(0.02, 0.08) * rng.choice([-1, 1]))
+    return _told("gravity_tilt", system.bodies[0], t=value)
+
+
+MORE = {
+    "load_dependent_friction": load,
+    "body_length": lengthen,
+    "asymmetric_dead_zone": widen,
+    "actuator_rate_limit": slow,
+    "sensor_lag": filter_,
+    "eccentric_encoder": decentre,
+    "gravity_tilt": tilt,
+}
+
+
+def _told(name: str, target: str, **parameters: float) -> dict[str, Any]:
+    numbers = {symbol: float(value) for symbol, value in parameters.items()}
+    return {"name": name, "target": target, "parameters": numbers}
+
+
+def _actuator(system: System, u: int) -> str:
+    return "actuator" if len(system.inputs) == 1 else system.inputs[u]
 
 
 def measure(
@@ -343,9 +480,7 @@ def measure(
         if k % 2 and not velocities:
             continue
         hidden = sensor.get(k, {})
-        late = stamps - hidden.get("sensor_delay", 0.0)
-        y = at(states, k, np.maximum(late, 0.0))
-        y = hidden.get("sensor_scale", 1.0) * y + hidden.get("sensor_offset", 0.0)
+        y = seen(states, k, stamps, hidden)
         noise = rng.standard_normal(T)
         if laboratory:  # correlated over two samples, and now and then far off
             noise = lfilter([math.sqrt(1.0 - 0.5**2)], [1.0, -0.5], noise)
@@ -355,6 +490,15 @@ def measure(
     return columns | {name: commands[:, u] for u, name in enumerate(system.inputs)}
 
 
+def seen(states: np.ndarray, k: int, t: np.ndarray, hidden: Mapping[str, float]) -> np.ndarray:
+    """What the sensor of state k says of it at times t, without noise."""
+    y = at(states, k, np.maximum(t - hidden.get("sensor_delay", 0.0), 0.0))
+    if "sensor_lag" in hidden:
+        y = behind(states, k, t, hidden["sensor_lag"])
+    y = y + hidden.get("sine", 0.0) * np.sin(y) + hidden.get("cosine", 0.0) * np.cos(y)
+    return hidden.get("sensor_scale", 1.0) * y + hidden.get("sensor_offset", 0.0)
+
+
 def at(states: np.ndarray, k: int, t: np.ndarray) -> np.ndarray:
     """State k between the samples."""
     own = DT * np.arange(len(states))
@@ -362,6 +506,14 @@ def at(states: np.ndarray, k: int, t: np.ndarray) -> np.ndarray:
         return states[:, k]
     spline = CubicHermiteSpline(own, states[:, k - k % 2], states[:, k - k % 2 + 1])
     return spline.derivative()(t) if k % 2 else spline(t)
+
+
+def behind(states: np.ndarray, k: int, t: np.ndarray, lag: float) -> np.ndarray:
+    """State k behind a filter of first order that starts at rest, at times t."""
+    fine = np.arange(0.0, DT * (len(states) - 1) + 1e-9, DT / 40)
+    seen = at(states, k, fine)
+    _, filtered, _ = lsim(([1.0], [lag, 1.0]), seen, fine, X0=[seen[0] * lag])
+    return np.interp(t, fine, filtered)
 
 
 def excitation(rng: np.random.Generator, limit: float, number: int) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lsim
 from systems import System
 from truth import simulate
 
@@ -53,6 +54,10 @@ class Machine:
             if k % 2 == 0:
                 late = time - hidden.get("sensor_delay", 0.0)
                 y = np.interp(late, time, states[:, k])
+                if "sensor_lag" in hidden:
+                    system_ = [1.0], [hidden["sensor_lag"], 1.0]
+                    y = lsim(system_, y, time, X0=[y[0] * hidden["sensor_lag"]])[1]
+                y = y + hidden.get("sine", 0.0) * np.sin(y) + hidden.get("cosine", 0.0) * np.cos(y)
                 seen[:, k // 2] = hidden.get("sensor_scale", 1.0) * y + hidden.get(
                     "sensor_offset", 0.0
                 )

@@ -80,7 +80,10 @@ SYSTEMS = {
         (4.0,),
         (False,),
         (True,),
-        (frozenset({("body_inertia", "pendulum"), ("armature", "pendulum")}),),
+        (
+            frozenset({("body_inertia", "pendulum"), ("armature", "pendulum")}),
+            frozenset({("sensor_offset", "angle"), ("gravity_tilt", "pendulum")}),
+        ),
         (frozenset({("actuator_delay", "actuator"), ("sensor_delay", "angle")}),),
     ),
     "mcpilco/DoublePendulum-v0": System(
@@ -97,7 +100,10 @@ SYSTEMS = {
         (4.0, 5.0),
         (False, False),
         (True, True),
-        (frozenset({("body_inertia", "upper"), ("armature", "shoulder")}),),
+        (
+            frozenset({("body_inertia", "upper"), ("armature", "shoulder")}),
+            frozenset({("sensor_offset", "shoulder_angle"), ("gravity_tilt", "upper")}),
+        ),
     ),
     "rotary_pendulum.xml": System(
         ROTARY_PENDULUM,

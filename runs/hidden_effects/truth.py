@@ -30,13 +30,17 @@ AXIAL = 1e-5  # inertia of the rotary pendulum's rod about its length
 ) = range(14)
 # outside the catalogue: detent (magnet), feeding energy, patch, coupling
 DETENT, FEED, PATCH, COUPLING = range(14, 18)
-NUMBERS = 18
-# per actuator: gain, dead zone, limit, delay, lag, play
+FORWARD, BACKWARD, LOAD = range(18, 21)
+# a cable: a force with hysteresis, the way after which it turns over, where it is on that way
+CABLE, REACH, WAY = range(21, 24)
+TILT = 24  # of the first joint's base
+NUMBERS = 25
+# per actuator: gain, dead zone, limit, delay, lag, play, more dead zone below 0, rate
 # per body: mass, moment, inertia about the joint
 
 
 @njit(cache=True)
-def joint_force(q, v, p, width):
+def joint_force(q, v, tau, p, width):
     sign = v / math.sqrt(v * v + width * width)
     force = -p[VISCOUS] * v - p[DRAG] * v * abs(v) - p[SPRING] * q - p[CUBIC] * q**3 + p[CONSTANT]
     dry = p[COULOMB]
@@ -45,7 +49,9 @@ def joint_force(q, v, p, width):
     dry += p[PLUS] if v > 0.0 else p[MINUS]
     if p[PATCH] > 0.0 and 0.3 < q < 0.8:
         dry += p[PATCH]
-    force -= dry * sign
+    dry += p[LOAD] * abs(tau)
+    force -= dry * sign + (p[FORWARD] if v > 0.0 else p[BACKWARD]) * v
+    force -= p[CABLE] * p[WAY]
     force += p[SIN] * math.sin(p[WAVES] * q) + p[COS] * math.cos(p[WAVES] * q)
     if p[DETENT] != 0.0:
         force -= p[DETENT] * (q - 0.4) * math.exp(-(((q - 0.4) / 0.1) ** 2)) / 0.1
@@ -56,11 +62,12 @@ def joint_force(q, v, p, width):
 
 @njit(cache=True)
 def acceleration(kind, q, v, tau, body, joint, g, width, out):
-    t0 = tau[0] + joint_force(q[0], v[0], joint[0], width)
+    t0 = tau[0] + joint_force(q[0], v[0], tau[0], joint[0], width)
+    tilt = joint[0, TILT]
     if kind == PENDULUM:
-        out[0] = (t0 - body[0, 1] * g * math.sin(q[0])) / (body[0, 2] + joint[0, ARMATURE])
+        out[0] = (t0 - body[0, 1] * g * math.sin(q[0] + tilt)) / (body[0, 2] + joint[0, ARMATURE])
         return
-    t1 = tau[1] + joint_force(q[1], v[1], joint[1], width)
+    t1 = tau[1] + joint_force(q[1], v[1], tau[1], joint[1], width)
     t0 -= joint[0, COUPLING] * math.sin(2.0 * q[1])
     t1 -= joint[0, COUPLING] * math.cos(2.0 * q[1]) * q[0]
     if kind == CART_POLE:
@@ -68,7 +75,8 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
         m11, m22 = body[0, 0] + body[1, 0] + joint[0, ARMATURE], body[1, 2] + joint[1, ARMATURE]
         m12 = h * math.cos(q[1])
         f0 = t0 + h * math.sin(q[1]) * v[1] ** 2
-        f1 = t1 - h * g * math.sin(q[1])
+        f0 -= (body[0, 0] + body[1, 0]) * g * math.sin(tilt)
+        f1 = t1 - h * g * math.sin(q[1] + tilt)
     elif kind == ROTARY_PENDULUM:
         # 2 T = (J + m r^2 + I s^2 + A c^2) a'^2 + 2 h r c a' b' + I b'^2,  V = -h g c
         h, inertia, r = body[1, 1], body[1, 2], body[0, 3]
@@ -86,8 +94,11 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
         c = length * h2 * s2
         f0 = t0 + c * (2.0 * v[0] * v[1] + v[1] ** 2)
         f1 = t1 - c * v[0] ** 2
-        f0 -= g * ((body[0, 1] + body[1, 0] * length) * math.sin(q[0]) + h2 * math.sin(q[0] + q[1]))
-        f1 -= g * h2 * math.sin(q[0] + q[1])
+        f0 -= g * (
+            (body[0, 1] + body[1, 0] * length) * math.sin(q[0] + tilt)
+            + h2 * math.sin(q[0] + q[1] + tilt)
+        )
+        f1 -= g * h2 * math.sin(q[0] + q[1] + tilt)
         m11 += joint[0, ARMATURE]
         m22 += joint[1, ARMATURE]
     det = m11 * m22 - m12 * m12
@@ -101,7 +112,7 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
     J, T, U = len(start) // 2, len(commands), commands.shape[1]
     n = round(dt / STEP)
     shaped = np.empty_like(commands)
-    q, v = start[0::2].copy(), start[1::2].copy()
+    q, v, joint = start[0::2].copy(), start[1::2].copy(), joint.copy()
     last = np.zeros(U)
     level = np.zeros(U)
     out = np.empty((T, 2 * J))
@@ -116,7 +127,7 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                 commands[k, u] -= feedback[u, x] * out[k, x]
             x = actuator[u, 0] * commands[k, u]
             d = actuator[u, 1]
-            x = max(x - d, 0.0) + min(x + d, 0.0)
+            x = max(x - d, 0.0) + min(x + d + actuator[u, 6], 0.0)
             x = min(max(x, -actuator[u, 2]), actuator[u, 2])
             p = actuator[u, 5]
             if k == 0:
@@ -136,8 +147,16 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                     middle = goal + (level[u] - goal) * math.exp(-0.5 * STEP / actuator[u, 4])
                     level[u] = goal + (level[u] - goal) * decay
                     tau[drives[u]] += middle
+                elif actuator[u, 7] < np.inf:
+                    before, most = level[u], STEP * actuator[u, 7]
+                    level[u] = min(max(goal, before - most), before + most)
+                    tau[drives[u]] += 0.5 * (before + level[u])
                 else:
                     tau[drives[u]] += goal
+            for j in range(J):
+                if joint[j, CABLE] > 0.0:
+                    way = joint[j, WAY]
+                    joint[j, WAY] += STEP * (v[j] - abs(v[j]) * way) / joint[j, REACH]
             acceleration(kind, q, v, tau, body, joint, g, width, a1)
             v2 = v + half * a1
             acceleration(kind, q + half * v, v2, tau, body, joint, g, width, a2)

@@ -63,24 +63,57 @@ def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
     rng = np.random.default_rng(0)
     start = rng.normal(0.0, 0.5, 2 * J)
     commands = np.stack([cases.excitation(rng, limit, 1)[:50] for limit in system.limit], axis=1)
-    joint = np.zeros((J, truth.NUMBERS))
-    joint[:, truth.VISCOUS] = system.viscous
-    actuator = np.tile([1.0, 0.0, np.inf, 0.0, 0.0, 0.0], (U, 1))
+    machine = cases.nominal(system)
     theirs = truth.simulate(
         system.kind,
         start,
         commands.copy(),
         np.zeros((U, 2 * J)),
         0.02,
-        np.array(system.body),
-        joint,
-        actuator,
+        machine.body,
+        machine.joint,
+        machine.actuator,
         np.array(system.drives),
         cases.GRAVITY,
         2e-3,
     )
     ours = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
     np.testing.assert_allclose(ours, theirs, atol=2e-5)
+
+
+@every_plant
+@pytest.mark.parametrize("seed", [0, 1])
+def test_an_effect_of_the_further_tier_moves_the_plant_as_its_formula_does(
+    modules: dict[str, ModuleType], name: str, seed: int
+) -> None:
+    """Also its sign; friction turns over by another curve."""
+    cases, truth = modules["cases"], modules["truth"]
+    system, plant = cases.SYSTEMS[name], modules["run"].nominal(name)
+    how = np.array(system.drives), cases.GRAVITY, 2e-3
+    for effect in cases.FURTHER:
+        if not cases.possible(effect, system):
+            continue
+        rng, machine = np.random.default_rng(seed), cases.nominal(system)
+        told = cases.hide(effect, system, rng, 1.0, machine)
+        instance = EffectInstance(CATALOGUE[effect], told["target"])
+        values = [told["parameters"].get(s.name, 2e-3) for s in instance.effect.symbols]
+        J, U = len(system.joints), len(system.inputs)
+        start = np.array([0.3, 0.5] * J)
+        commands = np.stack([cases.excitation(rng, u, 1)[:50] for u in system.limit], axis=1)
+        held, none = commands.copy(), np.zeros((U, 2 * J))
+        arrays = machine.body, machine.joint, machine.actuator, *how
+        states = truth.simulate(system.kind, start, held, none, 0.02, *arrays)
+        theirs = np.stack(
+            [
+                cases.seen(states, k, 0.02 * np.arange(50), machine.sensor.get(k, {}))
+                for k in range(2 * J)
+            ],
+            axis=1,
+        )
+        ours = plant.having([(instance, values)]).simulate(start[None], commands[None, :-1], 0.02)
+        nominal = plant.simulate(start[None], commands[None, :-1], 0.02)[0]
+        gap, error = np.abs(theirs - nominal).max(), np.abs(theirs - ours[0])[8:].max()
+        assert error < 0.03 * gap, effect
 
 
 def test_no_two_hidden_effects_add_up_to_a_third(modules: dict[str, ModuleType]) -> None:
@@ -149,21 +182,26 @@ def test_effects_that_count_as_one_change_every_motion_alike(
     rest = np.zeros((1, 2 * len(system.joints)))
 
     def moved(effect: str, target: str) -> np.ndarray:
-        machine = plant.having(
-            [(EffectInstance(CATALOGUE[effect], target), (size(effect, target),))]
-        )
-        return machine.simulate(rest, commands[None], 0.02)[0, :, 0::2]
+        """From where a machine rests."""
+        value = size(effect, target)
+        machine = plant.having([(EffectInstance(CATALOGUE[effect], target), (value,))])
+        start = rest - value * np.eye(*rest.shape) * (effect == "gravity_tilt")
+        return machine.simulate(start, commands[None], 0.02)[0, :, 0::2]
 
     def size(effect: str, target: str) -> float:
-        if effect.endswith("delay"):
+        if effect == "gravity_tilt":
+            return -0.01
+        if effect.endswith(("delay", "offset")):
             return 0.01
         place = system.bodies if target in system.bodies else system.joints
         mass, _, inertia, _ = system.body[place.index(target)]
         return 0.1 * (mass if effect == "body_mass" or not inertia else inertia)
 
-    still = plant.simulate(rest, commands[None], 0.02)[0, :, 0::2]
     for alike in system.synonyms(velocities=False):
         first, *others = [moved(*effect) for effect in sorted(alike)]
+        begun = np.zeros_like(rest)
+        begun[0, 0::2] = first[0]
+        still = plant.simulate(begun, commands[None], 0.02)[0, :, 0::2]
         assert np.abs(first - still).max() > 1e-3
         for other in others:
             np.testing.assert_allclose(other, first, atol=1e-5)
