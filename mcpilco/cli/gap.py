@@ -34,8 +34,16 @@ if TYPE_CHECKING:
     from mcpilco.gap import Gap as Investigated
     from mcpilco.plant import Plant
 
-INTERRUPTED = "interrupted.json"
-FILES = ("gap.json", "corrected.json", "corrected.xml", "gap.rrd", "report.html", INTERRUPTED)
+INTERRUPTED, STABILITY = "interrupted.json", "stability.json"
+FILES = (
+    "gap.json",
+    STABILITY,
+    "corrected.json",
+    "corrected.xml",
+    "gap.rrd",
+    "report.html",
+    INTERRUPTED,
+)
 """that the command writes"""
 REMEDY = "name another folder, or pass --overwrite"
 """where one is there already"""
@@ -69,6 +77,8 @@ class Gap(Command):
     """sampling time to which all are brought [s]"""
     accept: bool = False
     """go on with recordings that look wrong, such as a torque in mN m; the verdict says so first"""
+    stability: bool = False
+    """repeat it without each recording, thinned, and begun later: say which names come back"""
     overwrite: bool = False
     """replace what an earlier run has left in the folder"""
     quiet: bool = False
@@ -87,8 +97,8 @@ class Gap(Command):
             return 130
 
     def _investigate(self, stages: Stages) -> int:
-        from mcpilco.files import make_folder
-        from mcpilco.gap import investigate, require_plausible, suspicions, write_json
+        from mcpilco.files import make_folder, write_bytes
+        from mcpilco.gap import investigate, repetitions, require_plausible, suspicions, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
@@ -107,16 +117,15 @@ class Gap(Command):
         make_folder(self.out, *FILES)
         for name in FILES:
             (self.out / name).unlink(missing_ok=True)
-        gap = investigate(
-            plant,
-            recordings,
-            uncertainty=uncertainty(self.uncertainty),
-            free=tuple(separated(self.free)),
-            noise=named_numbers("--noise", self.noise),
-            held_out=tuple(separated(self.held_out)),
-            effects=self.effects,
-            accepted=doubts,
-        )
+        options: dict[str, Any] = {
+            "uncertainty": uncertainty(self.uncertainty),
+            "free": tuple(separated(self.free)),
+            "noise": named_numbers("--noise", self.noise),
+            "effects": self.effects,
+            "accepted": doubts,
+        }
+        held_out = tuple(separated(self.held_out))
+        gap = investigate(plant, recordings, held_out=held_out, **options)
         write_json(gap, self.out / "gap.json")
         written = ["gap.json"]
         if gap.verdict != "too_poor":
@@ -125,7 +134,16 @@ class Gap(Command):
             written.append("corrected.json")
             if Path(self.plant).suffix == ".xml":
                 written += self._write_mjcf(gap)
-        return show_gap(gap, self.out, written, stages.begin)
+        if self.stability:
+            stages.begin("repetitions")
+            repeated = repetitions(gap, **options)
+            text = json.dumps(repeated.to_json(), indent=2)
+            write_bytes(self.out / STABILITY, text.encode())
+            written.append(STABILITY)
+        code = show_gap(gap, self.out, written, stages.begin)
+        if self.stability:
+            print(*repeated.summary(), sep="\n")
+        return code
 
     def _write_mjcf(self, gap: Investigated) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""

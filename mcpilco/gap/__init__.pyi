@@ -25,6 +25,7 @@ from .report import (
     write_json,
 )
 from .search import SearchResult
+from .stability import Stability, repetitions
 from .suspicion import suspicions
 from .thresholds import COMPARISON, DATA
 
@@ -43,6 +44,7 @@ __all__ = [
     "MissingForce",
     "NamedEffect",
     "SearchResult",
+    "Stability",
     "TimeMap",
     "Windows",
     "cautions",
@@ -51,6 +53,7 @@ __all__ = [
     "fit_model",
     "investigate",
     "missing_force",
+    "repetitions",
     "require_plausible",
     "scaled_errors",
     "squares_at_end",

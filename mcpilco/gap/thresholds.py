@@ -386,6 +386,14 @@ class SuspicionThresholds:
     """likewise where the verdict is unknown [-]; sound recordings have up to 160"""
 
 
+@dataclass(frozen=True)
+class StabilityThresholds:
+    """How an investigation is repeated."""
+
+    later_s: float = 0.5
+    """by which recordings begin later [s]: half a window, so that all windows are others"""
+
+
 DATA = DataThresholds()
 BUDGET = BudgetThresholds()
 FIT = FitThresholds()
@@ -398,3 +406,4 @@ CHOICE = ChoiceThresholds()
 COMPARISON = ComparisonThresholds()
 VERDICT = VerdictThresholds()
 SUSPICION = SuspicionThresholds()
+STABILITY = StabilityThresholds()

@@ -118,6 +118,19 @@ class Recording:
         """Inputs a sample, as they came."""
         return 1 if self.held is None else len(self.held) // len(self)
 
+    def from_sample(self, n: int) -> Recording:
+        """What follows the first n samples."""
+        late, clock = n * self.dt, self.by_clock
+        return replace(
+            self,
+            time=self.time[n:] - self.time[n],
+            states=self.states[n:],
+            inputs=self.inputs[n:],
+            held=None if self.held is None else self.held[n * self.every :],
+            by_clock=None if clock is None else clock[n * (len(clock) // len(self)) :],
+            gaps=tuple((max(a - late, 0.0), b - late) for a, b in self.gaps if b > late),
+        )
+
     def every_nth(self, n: int) -> Recording:
         """One of n samples; the inputs between keep their rate."""
         rows = len(self) // n

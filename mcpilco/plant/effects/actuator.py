@@ -70,7 +70,7 @@ class ActuatorDeadZone(ActuatorEffect):
     """No force for commands within d of 0; beyond, the command less d."""
 
     name = "actuator_dead_zone"
-    symbols = (Symbol("d", "{f}", low=0.0),)
+    symbols: ClassVar[tuple[Symbol, ...]] = (Symbol("d", "{f}", low=0.0),)
     column = DEAD_ZONE
 
     @staticmethod

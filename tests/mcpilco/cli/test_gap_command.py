@@ -14,7 +14,8 @@ import mcpilco.gap
 import mcpilco.show
 import mcpilco.show.report
 from mcpilco.cli import main
-from mcpilco.gap import Gap
+from mcpilco.gap import Gap, Stability
+from mcpilco.gap.stability import Repetition
 from mcpilco.recordings import write_recording
 from mcpilco.typing import RunFolderError
 from tests.mcpilco.gap.machines import recorded
@@ -68,6 +69,24 @@ def test_stages_are_shown_with_their_times(
     assert re.search(r"drawing of report.html: \d+\.\d s", told)
     assert found_in(tmp_path / "b", log, more=("--quiet",)) == 0
     assert "check of the recordings" not in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("prompt")
+def test_names_that_come_back_are_told_and_kept(
+    log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    brake = ("coulomb_friction", "pendulum")
+    told = Stability(
+        (Repetition("one", "named", (brake,)), Repetition("two", "none", ())), (brake,)
+    )
+    monkeypatch.setattr(mcpilco.gap, "repetitions", lambda gap, **options: told)
+    assert found_in(tmp_path, log, more=("--stability",)) == 0
+    assert "coulomb_friction (pendulum) came back in 1 of 2" in capsys.readouterr().out
+    kept = json.loads((tmp_path / "stability.json").read_text())
+    assert kept["names"] == [{"name": brake[0], "target": brake[1], "count": 1, "first": True}]
 
 
 def test_an_interrupted_run_keeps_the_stages_that_have_ended(
