@@ -7,13 +7,19 @@ from __future__ import annotations
 
 from baselines.moments.bases import Bases, through_bases
 from baselines.moments.costs import expected_cost
-from baselines.moments.image import Gaussian, Image
+from baselines.moments.image import (
+    Gaussian,
+    Image,
+    through_sine,
+    through_squash,
+    through_trig,
+    through_waves,
+)
 from baselines.moments.plain import (
     gaussian_through_gp,
     gaussian_through_squash,
     gaussian_through_trig,
 )
-from baselines.moments.sines import through_sine, through_squash, through_trig, through_waves
 
 __all__ = [
     "Bases",

@@ -3,8 +3,7 @@ from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference, load_policy
 from .algorithms import find, with_package
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from .controller import Act, remembering
-from .episode import BrokenEpisodeError, Streams, reported, run_episode
+from .episode import Act, BrokenEpisodeError, Streams, remembering, reported, run_episode
 from .guess import guess_task
 from .inspection import inspect_env
 from .model import Model

@@ -16,7 +16,6 @@ from typing import Any
 import tyro
 
 from mcpilco.cli.collisions import Collisions
-from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
 from mcpilco.cli.demo import Demo
 from mcpilco.cli.doctor import CheckEnv, Doctor
@@ -26,7 +25,7 @@ from mcpilco.cli.identify import Identify
 from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
-from mcpilco.cli.sweep import Sweep
+from mcpilco.cli.sweep import Compare, Sweep
 from mcpilco.cli.train import Train
 from mcpilco.cli.view import View
 from mcpilco.cli.volterra import Volterra

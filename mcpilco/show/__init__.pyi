@@ -1,8 +1,7 @@
 from .bodies import chain_scene
 from .collision_film import write_collision_film
 from .comparison import estimate_cell, solved_table, write_comparison
-from .film import Reel, write_run_film
-from .follow import Follower
+from .film import Follower, Reel, write_run_film
 from .plots.rollouts import plot_costs, plot_input, plot_state, plot_states
 from .plots.training import (
     plot_coverage,
