@@ -13,10 +13,16 @@ and is chosen as `package:name`; or it is installed with an entry point, and cho
 
 Commands, sweeps and reports know of an agent and its class what
 `mcpilco.agent.trial_agent.TrialAgent` says.
+
+A name `module:Name` may also come from a file that somebody sent. So nothing that opens an env or
+finds an algorithm imports its module: it must have been imported before, in Python by an `import`,
+on the command line because the user typed the name, or the module after `--trust`.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
@@ -25,6 +31,7 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.agent.trial_agent import TrialAgent
+
 
 ENTRY_POINTS = "mcpilco.algorithms"
 """group of the entry points by which installed packages register algorithms"""
@@ -80,3 +87,35 @@ def with_package(name: str) -> str:
     """The name of an algorithm as any process can find it: `package:name` where it needs one."""
     package = find(name).__module__.partition(".")[0]
     return name if ":" in name or package == "mcpilco" else f"{package}:{name}"
+
+
+def import_named(*names: str) -> None:
+    """Import the modules of names that the user typed, also from the folder where the user is.
+
+    An import executes the module: never call this with what a file holds.
+
+    Names are `module:Name`; those without a module are left out.
+
+    Raises:
+        InputError: there is no such module, or it fails.
+    """
+    for name in names:
+        module = name.rpartition(":")[0]
+        if not module:
+            continue
+        if (here := os.getcwd()) not in sys.path:  # as with `python -m`
+            sys.path.append(here)
+        try:
+            import_module(module)
+        except Exception as error:  # whatever a foreign module may raise
+            raise InputError(f"Cannot import the module {module}: {error}.") from error
+
+
+def require_imported(name: str) -> None:
+    """Make sure that a name needs no import."""
+    module = name.rpartition(":")[0]
+    if module and module not in sys.modules:
+        raise InputError(
+            f"{name!r} is of the module {module}, and no module is imported because a file names "
+            f"it; if you trust it, say so: `--trust {module}`, in Python `import {module}` before."
+        )

@@ -42,9 +42,7 @@ class Cross(options.Command):
     """recordings, of equal length"""
     dt: Annotated[float | None, options.optional("FLOAT", "the env's")] = None
     """sampling time of the recordings [s], for envs with the keyword `dt`"""
-    options.uncertainty: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STD|NAME=STD...")] = (
-        "0.01",
-    )
+    uncertainty: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STD|NAME=STD...")] = ("0.01",)
     """prior std of nominal parameters, as in `mcpilco gap`"""
     free: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...|all")] = ()
     """parameters of which nothing is known beforehand"""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mcpilco.files import csv_bytes, make_folder, write_bytes
-from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
 from mcpilco.show.plots.style import add_legend, new_axes, write_picture
+from mcpilco.show.plots.training import Curve, plot_curves, plot_seeds
 from mcpilco.sweep import (
     CONFIDENCE,
     SHOWN,
