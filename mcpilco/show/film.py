@@ -16,18 +16,8 @@ import rerun as rr
 
 from mcpilco.data import Rollout
 from mcpilco.logbook import History, PastTrial, RunFolder, read_search, read_task, read_trial
+from mcpilco.show import entities
 from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, build_blueprint
-from mcpilco.show.entities import (
-    FILM_IN_WORDS,
-    OVERLAID,
-    OVERLAID_IN_WORDS,
-    RGB,
-    Colors,
-    Track,
-    log_curves,
-    log_particles,
-    log_scene,
-)
 from mcpilco.show.recording import extent_of, log_note, new_recording
 from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError, RunFolderError
@@ -63,8 +53,8 @@ class Film:
         self._reels = reels
         self._live = live
         self._start_s, self._first = 0.0, 0
-        alone = (Colors(observed=None, estimated=None),)
-        self._colors: Sequence[Colors] = alone if len(reels) == 1 else OVERLAID
+        alone = (entities.Colors(observed=None, estimated=None),)
+        self._colors: Sequence[entities.Colors] = alone if len(reels) == 1 else entities.OVERLAID
         _require_one_system(reels)
 
     def add(self, trials: Sequence[PastTrial | None]) -> None:
@@ -88,7 +78,7 @@ class Film:
         )
         self._note(
             f"### trial {trial}: searching the policy\n\n{len(costs)} steps, the models expect a "
-            f"cost of **{costs[-1]:.2f}**\n\n{FILM_IN_WORDS}"
+            f"cost of **{costs[-1]:.2f}**\n\n{entities.FILM_IN_WORDS}"
         )
 
     def frame(self, trials: Sequence[PastTrial]) -> None:
@@ -106,7 +96,7 @@ class Film:
 
     def _add(self, i: int, trial: PastTrial) -> None:
         reel, rollout = self._reels[i], trial.rollout
-        track = Track(
+        track = entities.Track(
             self.rec,
             rollout.dt,
             start_s=self._start_s,
@@ -116,15 +106,17 @@ class Film:
             group="" if len(self._reels) == 1 else "ab"[i],
         )
         if reel.scene is not None:
-            log_scene(track, reel.scene, rollout.shown_states)
+            entities.log_scene(track, reel.scene, rollout.shown_states)
             if trial.prediction is not None:
-                log_particles(track, reel.scene, trial.prediction)
-        log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
+                entities.log_particles(track, reel.scene, trial.prediction)
+        entities.log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
         if trial.number:
             self._log_cost(track, "predicted", track.colors.model, trial.predicted_cost, rollout)
             self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
 
-    def _log_cost(self, track: Track, name: str, color: RGB, cost: float, rollout: Rollout) -> None:
+    def _log_cost(
+        self, track: entities.Track, name: str, color: entities.RGB, cost: float, rollout: Rollout
+    ) -> None:
         path = track.under(LEARNING, name)
         track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
         levels = np.append(np.full(len(rollout) + 1, cost), np.nan)
@@ -171,7 +163,7 @@ def _notes(reels: Sequence[Reel], trials: Sequence[PastTrial | None]) -> str:
         (f"{_name(reel)}: " if len(reels) > 1 else "") + _told(trial)
         for reel, trial in zip(reels, trials, strict=True)
     ]
-    words = FILM_IN_WORDS if len(reels) == 1 else OVERLAID_IN_WORDS
+    words = entities.FILM_IN_WORDS if len(reels) == 1 else entities.OVERLAID_IN_WORDS
     return "\n\n".join([title, *lines, words])
 
 
