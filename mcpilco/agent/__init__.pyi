@@ -1,7 +1,14 @@
 from . import algorithms
 from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference, load_policy
-from .algorithms import find, import_named, with_package
+from .algorithms import (
+    find,
+    import_named,
+    preset_numbers,
+    suitable_preset,
+    with_model,
+    with_package,
+)
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .episode import Act, BrokenEpisodeError, Streams, remembering, reported, run_episode
 from .guess import guess_task
@@ -10,7 +17,6 @@ from .model import Model
 from .model_based import ModelBasedAgent
 from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
-from .presets import preset_numbers, suitable_preset, with_model
 from .rehearsal import rehearsed
 from .stored import (
     agent_of,
