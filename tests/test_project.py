@@ -316,9 +316,8 @@ def test_a_file_that_is_written_elsewhere_would_be_found() -> None:
 
 EXECUTES = {
     "mcpilco/__init__.py": "its own rooms",
-    "mcpilco/agent/algorithms.py": "classes that are registered",
+    "mcpilco/agent/algorithms.py": "classes that are registered, modules that a user names",
     "mcpilco/agent/contract.py": "envs that are registered",
-    "mcpilco/agent/modules.py": "modules that a user names",
     "mcpilco/agent/task_file.py": "the task that a user names",
     "mcpilco/identification/noisy_inputs/methods.py": "scikit-learn",
     "mcpilco/plant/effects/own.py": "the effects that a user names",
@@ -354,7 +353,7 @@ def test_names_are_executed_in_few_modules() -> None:
         if _executes(name) or name == "import_named"
     }
     typed = {module for module, name in found if name == "import_named"}
-    assert typed == set(TYPED), "see mcpilco.agent.modules; a name out of a file is never typed"
+    assert typed == set(TYPED), "see mcpilco.agent.algorithms; a name out of a file is never typed"
     assert {module for module, _ in found} - typed == set(EXECUTES)
     readers = ("RunFolder", "read_json", "read_arrays", "read_groups")
     words = {module: (ROOT / module).read_text(encoding="utf-8") for module in EXECUTES | TYPED}

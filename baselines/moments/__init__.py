@@ -3,29 +3,6 @@
 from baselines.moments import gaussian_through_gp, gaussian_through_trig, gaussian_through_squash
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from baselines.moments.bases import Bases, through_bases
-from baselines.moments.costs import expected_cost
-from baselines.moments.image import Gaussian, Image
-from baselines.moments.plain import (
-    gaussian_through_gp,
-    gaussian_through_squash,
-    gaussian_through_trig,
-)
-from baselines.moments.sines import through_sine, through_squash, through_trig, through_waves
-
-__all__ = [
-    "Bases",
-    "Gaussian",
-    "Image",
-    "expected_cost",
-    "gaussian_through_gp",
-    "gaussian_through_squash",
-    "gaussian_through_trig",
-    "through_bases",
-    "through_sine",
-    "through_squash",
-    "through_trig",
-    "through_waves",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -11,8 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from baselines.moments.image import Gaussian
-from baselines.moments.sines import through_trig, through_waves
+from baselines.moments.image import Gaussian, through_trig, through_waves
 from mcpilco.policies import QuadraticCost, SaturatingCost, TipCost
 from mcpilco.typing import InputError
 

@@ -15,8 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from baselines.moments.bases import Bases, through_bases
-from baselines.moments.image import Image
-from baselines.moments.sines import through_squash, through_trig
+from baselines.moments.image import Image, through_squash, through_trig
 from mcpilco.gp import add_to_diagonal, cholesky
 from mcpilco.typing import InputError
 

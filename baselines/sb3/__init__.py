@@ -7,31 +7,6 @@ agent.learn(600)  # steps of the env
 action, _ = agent.predict(observation)
 """
 
-from __future__ import annotations
+import lazy_loader
 
-from baselines.sb3.agent import PPOAgent, SACAgent, SB3Agent, TQCAgent, make_learner
-from baselines.sb3.config import (
-    PolicyKwargs,
-    PPOConfig,
-    SACConfig,
-    SB3Config,
-    TQCConfig,
-    read_presets,
-)
-from baselines.sb3.from_model import WarmStart, warm_start
-
-__all__ = [
-    "PPOAgent",
-    "PPOConfig",
-    "PolicyKwargs",
-    "SACAgent",
-    "SACConfig",
-    "SB3Agent",
-    "SB3Config",
-    "TQCAgent",
-    "TQCConfig",
-    "WarmStart",
-    "make_learner",
-    "read_presets",
-    "warm_start",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

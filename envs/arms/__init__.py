@@ -1,26 +1,5 @@
 """Robot arms for identification: their models, what moves them, and what their sensors see."""
 
-from envs.arms.motions import Sinusoids, random_sinusoids
-from envs.arms.robots import (
-    ARMS,
-    Followed,
-    Gains,
-    control_times,
-    follow,
-    load,
-    measured,
-    record_sinusoids,
-)
+import lazy_loader
 
-__all__ = [
-    "ARMS",
-    "Followed",
-    "Gains",
-    "Sinusoids",
-    "control_times",
-    "follow",
-    "load",
-    "measured",
-    "random_sinusoids",
-    "record_sinusoids",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

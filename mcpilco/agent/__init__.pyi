@@ -1,18 +1,22 @@
 from . import algorithms
 from .agent import MCPILCO
 from .agent_file import Groups, SavedAgent, difference, load_policy
-from .algorithms import find, with_package
+from .algorithms import (
+    find,
+    import_named,
+    preset_numbers,
+    suitable_preset,
+    with_model,
+    with_package,
+)
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
-from .controller import Act, remembering
-from .episode import BrokenEpisodeError, Streams, reported, run_episode
+from .episode import Act, BrokenEpisodeError, Streams, remembering, reported, run_episode
 from .guess import guess_task
 from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
-from .modules import import_named
 from .numpy_policy import NumpyPolicy
 from .policy_file import write_policy
-from .presets import preset_numbers, suitable_preset, with_model
 from .rehearsal import rehearsed
 from .stored import (
     agent_of,

@@ -1,4 +1,4 @@
-"""The registry of algorithms: their names, as `--algo` takes them, and their classes.
+"""The registry of algorithms: their names, as `--algo` takes them, classes and presets.
 
 An algorithm is a name and a class, `module:Class`, that is loaded when it is used. Another package
 registers its own when it is imported, as `baselines` does and as Gymnasium's envs are registered,
@@ -13,18 +13,29 @@ and is chosen as `package:name`; or it is installed with an entry point, and cho
 
 Commands, sweeps and reports know of an agent and its class what
 `mcpilco.agent.trial_agent.TrialAgent` says.
+
+A name `module:Name` may also come from a file that somebody sent. So nothing that opens an env or
+finds an algorithm imports its module: it must have been imported before, in Python by an `import`,
+on the command line because the user typed the name, or the module after `--trust`.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import os
+import sys
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from mcpilco.config import KERNELS
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.agent.trial_agent import TrialAgent
+
 
 ENTRY_POINTS = "mcpilco.algorithms"
 """group of the entry points by which installed packages register algorithms"""
@@ -80,3 +91,125 @@ def with_package(name: str) -> str:
     """The name of an algorithm as any process can find it: `package:name` where it needs one."""
     package = find(name).__module__.partition(".")[0]
     return name if ":" in name or package == "mcpilco" else f"{package}:{name}"
+
+
+def import_named(*names: str) -> None:
+    """Import the modules of names that the user typed, also from the folder where the user is.
+
+    An import executes the module: never call this with what a file holds.
+
+    Names are `module:Name`; those without a module are left out.
+
+    Raises:
+        InputError: there is no such module, or it fails.
+    """
+    for name in names:
+        module = name.rpartition(":")[0]
+        if not module:
+            continue
+        if (here := os.getcwd()) not in sys.path:  # as with `python -m`
+            sys.path.append(here)
+        try:
+            import_module(module)
+        except Exception as error:  # whatever a foreign module may raise
+            raise InputError(f"Cannot import the module {module}: {error}.") from error
+
+
+def require_imported(name: str) -> None:
+    """Make sure that a name needs no import."""
+    module = name.rpartition(":")[0]
+    if module and module not in sys.modules:
+        raise InputError(
+            f"{name!r} is of the module {module}, and no module is imported because a file names "
+            f"it; if you trust it, say so: `--trust {module}`, in Python `import {module}` before."
+        )
+
+
+PHYSICS = "physics"
+"""the part of a model's name that makes the equations of the plant its mean"""
+
+
+def suitable_preset(given: str | None, algo: str, model: str | None) -> str:
+    """The preset of a training: the one that is given, or the one that suits its model.
+
+    Equations hold from the first trial on, so that it pays to search for longer in them.
+    """
+    physics = algo == "mcpilco" and PHYSICS in (model or "").split("+")
+    return given or ("thorough" if physics else "default")
+
+
+def preset_numbers(
+    kind: type[TrialAgent],
+    preset_name: str,
+    env_id: str,
+    horizon: int | None = None,
+    exploration: int | None = None,
+) -> tuple[Any, dict[str, Any]]:
+    """The agent's configuration and the env's keywords, of a preset.
+
+    Without `horizon` [steps] it is the env's time limit, without `exploration` [steps] one rollout.
+
+    Raises:
+        InputError: the algorithm has no such preset, or does not explore beforehand.
+    """
+    if preset_name not in kind.presets:
+        raise InputError(
+            f"--preset of the algorithm {kind.algo} must be one of {sorted(kind.presets)}, "
+            f"got {preset_name!r}."
+        )
+    preset = kind.presets[preset_name]
+    env_kwargs = preset.keywords(env_id)
+    config = preset.config_for(env_id)
+    if exploration is not None:
+        if not hasattr(config, "exploration"):
+            raise InputError(
+                f"--exploration is no option of the algorithm {kind.algo}; its presets say how it "
+                "begins."
+            )
+        config = dataclasses.replace(config, exploration=exploration)
+    if horizon is None:
+        return config, env_kwargs
+    config = dataclasses.replace(config, horizon=horizon)
+    return config, {**env_kwargs, "max_episode_steps": horizon}
+
+
+def with_model(
+    config: Any,
+    name: str | None = None,
+    prior: Path | None = None,
+    memory: int | None = None,
+    delay: float | None = None,
+) -> Any:
+    """The agent's numbers with another model.
+
+    `name` is a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the equations of the
+    plant are the mean, which the file `prior` describes, as `mcpilco gap` writes it. `memory` is
+    how many past inputs a state holds, `delay` how late the actuator answers [s].
+
+    Raises:
+        InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
+    """
+    if (name, prior, memory, delay) == (None,) * 4:
+        return config
+    if not hasattr(config, "model"):
+        raise InputError(
+            "--model, --prior, --memory and --delay are options of the algorithm mcpilco."
+        )
+    numbers = {"memory": memory, "delay": delay}
+    changes: dict[str, Any] = {key: value for key, value in numbers.items() if value is not None}
+    if name is not None:
+        parts = name.split("+")
+        kernel = [part for part in parts if part != PHYSICS]
+        if not kernel or not set(kernel) <= set(KERNELS):
+            raise InputError(
+                f"--model must be a sum of parts out of {', '.join(KERNELS)}, with {PHYSICS}+ "
+                f"before it where the mean is the plant's, such as physics+rbf, got {name!r}."
+            )
+        mean = PHYSICS if PHYSICS in parts else "zero"
+        changes |= {"kernel": "+".join(kernel), "mean": mean}
+    if prior is not None:
+        from mcpilco.plant import read_correction
+
+        read_correction(prior)  # it says what is wrong with the file
+        changes["plant"] = json.loads(prior.read_text(encoding="utf-8"))
+    return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))

@@ -14,8 +14,8 @@ from gymnasium.spaces import Box
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.agent.algorithms import require_imported
 from mcpilco.agent.guess import guess_task
-from mcpilco.agent.modules import require_imported
 from mcpilco.config import LONGEST, SearchConfig
 from mcpilco.policies import RewardCost
 from mcpilco.task import TaskSpec

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 
 from mcpilco.agent.agent_file import SavedModelBased
-from mcpilco.agent.controller import Act, Controller, remembering
+from mcpilco.agent.episode import Act, Controller, remembering
 from mcpilco.agent.model import Model
 from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult

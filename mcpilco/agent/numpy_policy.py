@@ -143,7 +143,7 @@ class _Model:
 class _LateActuator:
     """An extended Kalman filter for the state now, and the prediction of where a command acts.
 
-    See `mcpilco.sensing.delay.StateTracker` and `mcpilco.sensing.state_predictor`.
+    See `mcpilco.sensing.delay`.
     """
 
     def __init__(self, arrays: dict[str, Array]) -> None:

@@ -29,8 +29,14 @@ from mcpilco.agent.contract import (
     name_of,
     task_of,
 )
-from mcpilco.agent.controller import Act, Controller, remembering
-from mcpilco.agent.episode import BrokenEpisodeError, Streams, run_episode
+from mcpilco.agent.episode import (
+    Act,
+    BrokenEpisodeError,
+    Controller,
+    Streams,
+    remembering,
+    run_episode,
+)
 from mcpilco.agent.keywords import refuse_keywords
 from mcpilco.agent.model import Model
 from mcpilco.config import Preset

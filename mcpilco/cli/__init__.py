@@ -16,9 +16,7 @@ from typing import Any
 import tyro
 
 from mcpilco.cli.collisions import Collisions
-from mcpilco.cli.compare import Compare
 from mcpilco.cli.cross import Cross
-from mcpilco.cli.demo import Demo
 from mcpilco.cli.doctor import CheckEnv, Doctor
 from mcpilco.cli.finished import Evaluate, Export, Report
 from mcpilco.cli.gap import Gap
@@ -26,8 +24,8 @@ from mcpilco.cli.identify import Identify
 from mcpilco.cli.inverse_dynamics import InverseDynamics
 from mcpilco.cli.kinematics import Kinematics
 from mcpilco.cli.record import Record
-from mcpilco.cli.sweep import Sweep
-from mcpilco.cli.train import Train
+from mcpilco.cli.sweep import Compare, Sweep
+from mcpilco.cli.train import Demo, Train
 from mcpilco.cli.view import View
 from mcpilco.cli.volterra import Volterra
 from mcpilco.typing import McPilcoError

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import (
-    Columns,
-    Command,
-    Files,
-    column_names,
-    optional,
-    require_new,
-    use_one_thread,
-    warn,
-)
+from mcpilco.cli import options
 from mcpilco.identification.collision import ThresholdConfig
 from mcpilco.typing import InputError
 
@@ -37,7 +28,7 @@ LimitOptions = Annotated[ThresholdConfig, tyro.conf.arg(name="")]
 
 
 @dataclass(frozen=True)
-class Simulate(Command):
+class Simulate(options.Command):
     """Record a simulated arm whose joints stick: without contact, and pushed."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
@@ -61,7 +52,7 @@ class Simulate(Command):
             )
         names = ("arm.xml", "free.csv", "check.csv", "pushed.csv")
         make_folder(self.out, *names)
-        require_new(*(self.out / name for name in names), remedy="name another folder")
+        options.require_new(*(self.out / name for name in names), remedy="name another folder")
         rng = np.random.default_rng(self.seed)
         arm = StickyArm.drawn(rng)
         for name in ("free", "check"):
@@ -93,10 +84,10 @@ class Simulate(Command):
 
 
 @dataclass(frozen=True)
-class Learn(Command):
+class Learn(options.Command):
     """Learn which currents to expect, from recordings without any contact."""
 
-    recordings: Files
+    recordings: options.Files
     """CSV, npz or parquet: time, and for each joint position, velocity, current and targets"""
     robot: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
     """MJCF of the robot; its kinematics must be right, its masses need not"""
@@ -110,97 +101,88 @@ class Learn(Command):
     """below which a joint is quasi-static [rad/s or m/s]"""
     points: int = 1500
     """samples that the model keeps"""
-    columns: Columns = ()
+    columns: options.Columns = ()
     """what the files call their columns, where it differs; also separated by commas"""
-    dt: Annotated[float | None, optional("FLOAT", "that of the first recording")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "that of the first recording")] = None
     """sampling time of the model and of what it will watch [s]"""
     limits: LimitOptions = field(default_factory=ThresholdConfig)
 
     def __call__(self) -> int:
-        use_one_thread()
-        from mcpilco.identification.collision import (
-            CurrentConfig,
-            fit_currents,
-            save_collision_model,
-            thresholds,
-        )
+        options.use_one_thread()
+        from mcpilco.identification import collision
         from mcpilco.recordings import sampling_time
 
         if self.points < 100:
             raise InputError(f"--points must be at least 100, got {self.points}; try 1500.")
         body = _robot(self.robot)
-        joints, named = body.chain.joints, column_names(self.columns)
+        joints, named = body.chain.joints, options.column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
         dt = sampling_time(free[0].time) if self.dt is None else self.dt
-        config = CurrentConfig(self.kind, self.quiet_speed, points=self.points)
+        config = collision.CurrentConfig(self.kind, self.quiet_speed, points=self.points)
         train, held = _samples(free, config.window, 1.0 if self.check else 1.0 - HELD_OUT)
         if self.check:
             held, _ = _samples(_read(self.check, joints, named, dt), config.window)
-        model, report = fit_currents(train, body, dt, config)
-        limits = thresholds(model, held, self.limits)
-        save_collision_model(self.out, model, limits)
+        model, report = collision.fit_currents(train, body, dt, config)
+        limits = collision.thresholds(model, held, self.limits)
+        collision.save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
         _print_errors(model, held)
         _print_thresholds(model, limits)
-        warn(*report.warnings)
+        options.warn(*report.warnings)
         if not report.converged:
-            warn("the fit was stopped before it converged.")
+            options.warn("the fit was stopped before it converged.")
         print(f"Model: {self.out}")
         return 0
 
 
 @dataclass(frozen=True)
-class Threshold(Command):
+class Threshold(options.Command):
     """Set the thresholds of a model anew, from recordings without any contact."""
 
     model: ModelPath
     """file of `mcpilco collisions learn`, which is rewritten"""
-    recordings: Files
+    recordings: options.Files
     """without contact, and others than those that it was learned from"""
-    columns: Columns = ()
+    columns: options.Columns = ()
     """what the files call their columns, where it differs"""
     limits: LimitOptions = field(default_factory=ThresholdConfig)
 
     def __call__(self) -> int:
-        use_one_thread()
-        from mcpilco.identification.collision import (
-            load_collision_model,
-            save_collision_model,
-            thresholds,
-        )
+        options.use_one_thread()
+        from mcpilco.identification import collision
 
-        model, _ = load_collision_model(self.model)
-        read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
+        model, _ = collision.load_collision_model(self.model)
+        read = _read(self.recordings, model.joints, options.column_names(self.columns), model.dt)
         held, _ = _samples(read, model.config.window)
-        limits = thresholds(model, held, self.limits)
-        save_collision_model(self.model, model, limits)
+        limits = collision.thresholds(model, held, self.limits)
+        collision.save_collision_model(self.model, model, limits)
         _print_errors(model, held)
         _print_thresholds(model, limits)
         return 0
 
 
 @dataclass(frozen=True)
-class Detect(Command):
+class Detect(options.Command):
     """Find collisions in recordings, as a detector would while they were made."""
 
     model: ModelPath
     """file of `mcpilco collisions learn`"""
-    recordings: Files
+    recordings: options.Files
     """to search; columns push_x, push_y, push_z of a simulation are the truth"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for collisions.json and, of each recording, a table (.csv) and a film (.rrd)"""
-    columns: Columns = ()
+    columns: options.Columns = ()
     """what the files call their columns, where it differs"""
 
     def __call__(self) -> int:
-        use_one_thread()
+        options.use_one_thread()
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
         from mcpilco.recordings import arm_samples
         from mcpilco.show import write_collision_film
 
         model, limits = load_collision_model(self.model)
-        read = _read(self.recordings, model.joints, column_names(self.columns), model.dt)
+        read = _read(self.recordings, model.joints, options.column_names(self.columns), model.dt)
         files = [f"{one.name}{suffix}" for one in read for suffix in (".rrd", ".csv")]
         make_folder(self.out, "collisions.json", *files)
         told: dict[str, Any] = {}
@@ -224,7 +206,7 @@ class Detect(Command):
 
 
 @dataclass(frozen=True)
-class Collisions(Command):
+class Collisions(options.Command):
     """Find collisions of an arm in its motor currents, without other sensors."""
 
     command: tyro.conf.OmitArgPrefixes[
@@ -261,7 +243,7 @@ def _read(
     for path in paths:
         found.append(read_arm(path, joints, columns, dt))
         dt = sampling_time(found[0].time) if dt is None else dt
-        warn(*found[-1].remarks, about=path.stem)
+        options.warn(*found[-1].remarks, about=path.stem)
     return found
 
 

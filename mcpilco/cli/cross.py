@@ -10,22 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from mcpilco.cli import options
 from mcpilco.cli.gap import show_gap
-from mcpilco.cli.options import (
-    Algo,
-    Command,
-    EnvKeywords,
-    SuitablePreset,
-    keywords,
-    named_numbers,
-    optional,
-    register,
-    require_at_least,
-    separated,
-    uncertainty,
-    use_one_thread,
-    without,
-)
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -34,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Cross(Command):
+class Cross(options.Command):
     """Record a system, correct its simulation, train in both, and try both policies on it.
 
     Each stage is kept in the folder; the same command goes on where it was stopped.
@@ -44,27 +30,29 @@ class Cross(Command):
     """folder of everything: recordings, gap, both trainings, what came of them, report.html"""
     env: str = CART_POLE
     """Gymnasium id of the system; `module:Id` imports the module first"""
-    env_kwargs: EnvKeywords = ()
+    env_kwargs: options.EnvKeywords = ()
     """keywords of the system's env; of a JSON file the content"""
     sim: str = CART_POLE
     """id of the env that simulates it, whose plant is corrected; `module:Id` imports the module"""
-    sim_kwargs: EnvKeywords = ()
+    sim_kwargs: options.EnvKeywords = ()
     """keywords of the simulation, such as other values of nominal parameters"""
     seconds: float = 60.0
     """of recordings of the system [s]"""
     rollouts: int = 6
     """recordings, of equal length"""
-    dt: Annotated[float | None, optional("FLOAT", "the env's")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "the env's")] = None
     """sampling time of the recordings [s], for envs with the keyword `dt`"""
     uncertainty: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STD|NAME=STD...")] = ("0.01",)
     """prior std of nominal parameters, as in `mcpilco gap`"""
     free: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...|all")] = ()
     """parameters of which nothing is known beforehand"""
-    algo: Algo = "mcpilco"
+    algo: options.Algo = "mcpilco"
     """what trains in simulation, where experience costs nothing"""
-    preset: SuitablePreset = None
+    preset: options.SuitablePreset = None
     """of the algorithm"""
-    trials: Annotated[int | None, optional("INT", "4, of sac, tqc and ppo the preset's")] = None
+    trials: Annotated[
+        int | None, options.optional("INT", "4, of sac, tqc and ppo the preset's")
+    ] = None
     """policies to learn in each simulation; the best there goes to the system"""
     episodes: int = 100
     """fresh ones, that a policy is judged by in simulation and on the system"""
@@ -76,9 +64,9 @@ class Cross(Command):
     """show no progress"""
 
     def __call__(self) -> int:
-        register(self.env, self.sim, self.algo)
+        options.register(self.env, self.sim, self.algo)
         self._check()
-        use_one_thread()
+        options.use_one_thread()
         from mcpilco.crossing import LEGS
 
         work = self._workflow()
@@ -146,7 +134,7 @@ class Cross(Command):
         about = f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
         with contextlib.closing(make_env(self.sim)) as env:
             scene = getattr(env.unwrapped, "scene", None)
-        with without("all pictures"):
+        with options.without("all pictures"):
             if scene is not None:
                 write_crossing_film(self.out / "crossing.rrd", legs, scene, self.env)
                 print(f"Look at it: mcpilco view {self.out}")
@@ -160,28 +148,30 @@ class Cross(Command):
         from mcpilco.crossing import CrossingSettings, Place, Workflow
 
         plant = plant_named("--sim", self.sim, simulated=True)
-        sim_kwargs = keywords("--sim-kwargs", self.sim_kwargs)
+        sim_kwargs = options.keywords("--sim-kwargs", self.sim_kwargs)
         nominal = [e for e in self.sim_kwargs if e.partition("=")[0] in plant.values]
         settings = CrossingSettings(
-            system=Place(self.env, keywords("--env-kwargs", self.env_kwargs)),
+            system=Place(self.env, options.keywords("--env-kwargs", self.env_kwargs)),
             simulation=Place(self.sim, sim_kwargs),
             seconds=self.seconds,
             rollouts=self.rollouts,
             dt=self.dt,
-            uncertainty=uncertainty(self.uncertainty),
-            free=tuple(separated(self.free)),
+            uncertainty=options.uncertainty(self.uncertainty),
+            free=tuple(options.separated(self.free)),
             algo=self.algo,
             preset=self.preset,
             trials=self.trials,
             episodes=self.episodes,
             seed=self.seed,
         )
-        return Workflow(self.out, settings, plant.where(**named_numbers("--sim-kwargs", nominal)))
+        return Workflow(
+            self.out, settings, plant.where(**options.named_numbers("--sim-kwargs", nominal))
+        )
 
     def _typed(self) -> dict[str, Any]:
         """The settings as they are kept in the folder."""
         settings = {k: v for k, v in asdict(self).items() if k not in ("out", "accept", "quiet")}
-        settings["env_kwargs"] = keywords("--env-kwargs", self.env_kwargs)
+        settings["env_kwargs"] = options.keywords("--env-kwargs", self.env_kwargs)
         return settings
 
     def _check(self) -> None:
@@ -189,13 +179,15 @@ class Cross(Command):
         from mcpilco.agent import make_env
 
         plant_named("--sim", self.sim, simulated=True)
-        require_at_least(1, trials=self.trials, episodes=self.episodes, rollouts=self.rollouts)
-        given = keywords("--sim-kwargs", self.sim_kwargs)
+        options.require_at_least(
+            1, trials=self.trials, episodes=self.episodes, rollouts=self.rollouts
+        )
+        given = options.keywords("--sim-kwargs", self.sim_kwargs)
         if "effects" in given:
             raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
         make_env(self.sim, **{**given, "effects": None}).close()
         if not (self.out / "cross.json").exists():
-            make_env(self.env, **keywords("--env-kwargs", self.env_kwargs)).close()
+            make_env(self.env, **options.keywords("--env-kwargs", self.env_kwargs)).close()
 
 
 def _in_words(outcome: Outcome) -> str:

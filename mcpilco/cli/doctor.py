@@ -18,15 +18,7 @@ from typing import Annotated
 
 import tyro
 
-from mcpilco.cli.options import (
-    Command,
-    TaskPath,
-    given_task,
-    optional,
-    register,
-    require_at_least,
-    use_one_thread,
-)
+from mcpilco.cli import options
 
 _NEEDED = (
     "torch",
@@ -66,7 +58,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Doctor(Command):
+class Doctor(options.Command):
     """Check this machine, and say what to do where something is missing."""
 
     def __call__(self) -> int:
@@ -211,14 +203,14 @@ def _says(command: list[str]) -> tuple[bool, str]:
 
 
 @dataclass(frozen=True)
-class CheckEnv(Command):
+class CheckEnv(options.Command):
     """Say what of an env fits the agent and what does not; takes some hundred random steps."""
 
     env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ID")]
     """Gymnasium id of the env; `module:Id` imports the module first"""
-    task: TaskPath = None
+    task: options.TaskPath = None
     """what to know of the env, where it does not show it"""
-    horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
+    horizon: Annotated[int | None, options.optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
     steps: int = 400
     """random steps to judge it by"""
@@ -227,16 +219,16 @@ class CheckEnv(Command):
 
     def __call__(self) -> int:
         """Print the findings; returns 0 where the agent can use the env, else 1."""
-        require_at_least(1, horizon=self.horizon, steps=self.steps)
-        require_at_least(0, seed=self.seed)
-        use_one_thread()
-        register(self.env)
+        options.require_at_least(1, horizon=self.horizon, steps=self.steps)
+        options.require_at_least(0, seed=self.seed)
+        options.use_one_thread()
+        options.register(self.env)
 
         from mcpilco.agent import inspect_env, make_env
 
         faults = 0
         with contextlib.closing(make_env(self.env)) as env:
-            task = given_task(self.task)
+            task = options.given_task(self.task)
             found = inspect_env(env, task, horizon=self.horizon, steps=self.steps, seed=self.seed)
             for finding in found:
                 print(f"{_MARKS[finding.kind]}  {finding.sentence}")

@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import (
-    Command,
-    RunPath,
-    Trust,
-    optional,
-    register,
-    require_at_least,
-    use_one_thread,
-)
+from mcpilco.cli import options
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -29,29 +21,29 @@ _STATISTICS = ("mean", "std", "min", "max")
 
 
 @dataclass(frozen=True)
-class Evaluate(Command):
+class Evaluate(options.Command):
     """Judge the policy of a run on fresh rollouts."""
 
-    run: RunPath
+    run: options.RunPath
     """run folder"""
     episodes: int = 100
     """rollouts to judge it by"""
     seed: int = 0
     """of the rollouts; they differ from those of the training for every value"""
-    trial: Annotated[int | None, optional("INT", "the last")] = None
+    trial: Annotated[int | None, options.optional("INT", "the last")] = None
     """whose policy"""
-    horizon: Annotated[int | None, optional("INT", "that of the training")] = None
+    horizon: Annotated[int | None, options.optional("INT", "that of the training")] = None
     """steps of a rollout"""
     json: bool = False
     """print one JSON object instead of a table"""
-    trust: Trust = ()
+    trust: options.Trust = ()
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        require_at_least(1, episodes=self.episodes, horizon=self.horizon)
-        require_at_least(0, seed=self.seed)
-        use_one_thread()
-        register(trusted=self.trust)
+        options.require_at_least(1, episodes=self.episodes, horizon=self.horizon)
+        options.require_at_least(0, seed=self.seed)
+        options.use_one_thread()
+        options.register(trusted=self.trust)
 
         from mcpilco.agent import agent_of, finished_trial, open_run_env
         from mcpilco.logbook import RunFolder
@@ -132,20 +124,20 @@ def _print_table(report: Mapping[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class Export(Command):
+class Export(options.Command):
     """Write a run's policy as plain arrays, to act with numpy alone."""
 
-    run: RunPath
+    run: options.RunPath
     """run folder"""
     file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
     """the .npz file to write; one that is there is replaced"""
-    trial: Annotated[int | None, optional("INT", "the last")] = None
+    trial: Annotated[int | None, options.optional("INT", "the last")] = None
     """whose policy"""
-    trust: Trust = ()
+    trust: options.Trust = ()
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        register(trusted=self.trust)
+        options.register(trusted=self.trust)
         from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
         from mcpilco.logbook import RunFolder
         from mcpilco.policies import SumOfGaussians
@@ -165,19 +157,19 @@ class Export(Command):
 
 
 @dataclass(frozen=True)
-class Report(Command):
+class Report(options.Command):
     """Write a run as one HTML page that needs no other file."""
 
-    run: RunPath
+    run: options.RunPath
     """run folder"""
-    out: Annotated[Path | None, optional("FILE", "report.html in the run folder")] = None
+    out: Annotated[Path | None, options.optional("FILE", "report.html in the run folder")] = None
     """the page"""
-    trust: Trust = ()
+    trust: options.Trust = ()
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
-        use_one_thread()
-        register(trusted=self.trust)
+        options.use_one_thread()
+        options.register(trusted=self.trust)
         from mcpilco.logbook import RunFolder
         from mcpilco.show.report import write_report
 

@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from mcpilco.cli.options import (
-    Columns,
-    Command,
-    Files,
-    column_names,
-    optional,
-    use_one_thread,
-    warn,
-    without,
-)
+from mcpilco.cli import options
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -47,10 +38,10 @@ Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 
 
 @dataclass(frozen=True)
-class Identify(Command):
+class Identify(options.Command):
     """Find the masses, inertias and friction of a robot in recordings of its motion."""
 
-    recordings: Files
+    recordings: options.Files
     """CSV, npz or parquet, with the columns `time`, `<joint>_position`, and `<joint>_torque` (of a
     slide `<joint>_force`) or a command for each motor"""
     model: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
@@ -68,17 +59,19 @@ class Identify(Command):
     """what is to be found of each joint; all else stays as in the model"""
     filter: Literal["zero-phase", "local-cubics"] = "zero-phase"
     """for velocities and accelerations"""
-    cutoff: Annotated[float | None, optional("HZ", "four times the motion's bandwidth")] = None
+    cutoff: Annotated[float | None, options.optional("HZ", "four times the motion's bandwidth")] = (
+        None
+    )
     """of the zero-phase filter [Hz]"""
     held_out: float = 0.2
     """share at the end of each recording that is not fitted to, but tested on"""
-    columns: Columns = ()
+    columns: options.Columns = ()
     """what the files call time, positions and forces, where it differs; also separated by commas"""
-    dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "that of each recording")] = None
     """sampling time to which all are brought [s]"""
 
     def __call__(self) -> int:
-        use_one_thread()
+        options.use_one_thread()
         from mcpilco.files import make_folder, write_bytes
 
         found = self._identify()
@@ -98,9 +91,9 @@ class Identify(Command):
         model = load_robot(self.model)
         recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)
         segments, errors, remarks = read_robot(
-            self.recordings, model, column_names(self.columns), self.dt
+            self.recordings, model, options.column_names(self.columns), self.dt
         )
-        warn(*errors, about="left out")
+        options.warn(*errors, about="left out")
         if not segments:
             raise InputError("none of the recordings can be read; mend one of the faults above.")
         for remark in remarks:
@@ -117,14 +110,14 @@ class Identify(Command):
                 cutoff=self.cutoff,
                 held_out=self.held_out,
             )
-        warn(*{str(warning.message) for warning in told}, about=self.method)
+        options.warn(*{str(warning.message) for warning in told}, about=self.method)
         return found
 
     def _write_mjcf(self, found: Identified) -> list[str]:
         from mcpilco.identification import write_identified_mjcf
 
         path = self.out / "identified.xml"
-        with without("identified.xml"):
+        with options.without("identified.xml"):
             write_identified_mjcf(self.model, found.body, found.theta, path)
             return [path.name]
         return []

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from mcpilco.cli.options import (
-    Columns,
-    Command,
-    Files,
-    column_names,
-    optional,
-    use_one_thread,
-    warn,
-    without,
-)
+from mcpilco.cli import options
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -30,17 +21,17 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class InverseDynamics(Command):
+class InverseDynamics(options.Command):
     """Learn a robot's inverse dynamics from recordings, and test them on the end of each."""
 
-    recordings: Files
+    recordings: options.Files
     """CSV, npz or parquet, with the columns `time`, `<joint>_position`, `<joint>_torque`; also
     `<joint>_velocity` and `<joint>_acceleration` where they are measured"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for model.npz, report.json and torques.png"""
-    joints: Annotated[str | None, optional("HHSH", "those of --model")] = None
+    joints: Annotated[str | None, options.optional("HHSH", "those of --model")] = None
     """a letter for each joint in the order of the columns, H for a hinge and S for a slide"""
-    model: Annotated[Path | None, optional("FILE.xml", "none")] = None
+    model: Annotated[Path | None, options.optional("FILE.xml", "none")] = None
     """MJCF file of the robot, for the kernels that need its geometry"""
     kernel: Literal["gip", "rbf", "pp", "sp", "fe", "nn"] = "gip"
     """gip knows the kinds of the joints; pp, sp and fe the geometry; rbf and nn nothing"""
@@ -50,15 +41,15 @@ class InverseDynamics(Command):
     """most samples to learn from, at a constant step; time grows as their cube"""
     hold_out: float = 0.2
     """share at the end of each recording that the model is tested on"""
-    columns: Columns = ()
+    columns: options.Columns = ()
     """what the files call their columns, where it differs; also separated by commas"""
-    dt: Annotated[float | None, optional("FLOAT", "that of each recording")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "that of each recording")] = None
     """sampling time to which all are brought [s]"""
     seed: int = 0
     """of the choice of samples that hyperparameters are fitted to"""
 
     def __call__(self) -> int:
-        use_one_thread()
+        options.use_one_thread()
         from mcpilco.files import make_folder
         from mcpilco.identification.inverse_dynamics import (
             fit_inverse_dynamics,
@@ -107,10 +98,10 @@ class InverseDynamics(Command):
         )
 
         joints, kinds = self._robot(chain)
-        columns = column_names(self.columns)
+        columns = options.column_names(self.columns)
         recordings = read_joint_recordings(self.recordings, joints, columns, self.dt)
         for recording in recordings:
-            warn(*recording.remarks, about=recording.name)
+            options.warn(*recording.remarks, about=recording.name)
         parts = [joint_data(recording, joints, kinds) for recording in recordings]
         check_joint_data(JointData.joined(parts))
         train, test = zip(*(held_out(part, self.hold_out) for part in parts), strict=True)
@@ -160,7 +151,7 @@ class InverseDynamics(Command):
         with torch.no_grad():
             tau = model(shown.motion).numpy()
             std = model.std(shown.motion)
-        with without("torques.png"):
+        with options.without("torques.png"):
             axes = new_axes(len(model.joints))
             rows = zip(model.joints, _units(test), axes, strict=True)
             for j, (joint, unit, ax) in enumerate(rows):

@@ -38,25 +38,22 @@ class Kinematics(Command):
 
     def __call__(self) -> int:
         use_one_thread()
-        from mcpilco.identification.kinematics import (
-            Tolerance,
-            find_chain,
-            fit_forward,
-            prediction_errors,
-        )
+        from mcpilco.identification import kinematics
         from mcpilco.recordings import read_markers
 
         if not 1 <= len(self.files) <= 2:
             raise InputError(
                 f"expected one file, or one of poses and one of joints, got {len(self.files)}."
             )
-        tolerance = Tolerance(self.position_tolerance, self.orientation_tolerance, self.outliers)
+        tolerance = kinematics.Tolerance(
+            self.position_tolerance, self.orientation_tolerance, self.outliers
+        )
         recording, remarks = read_markers(*self.files)
         warn(*remarks, about="mcpilco: note")
-        chain = find_chain(recording, tolerance)
+        chain = kinematics.find_chain(recording, tolerance)
         _print_chain(chain)
-        model = fit_forward(recording, chain, self.samples, seed=self.seed)
-        errors = prediction_errors(model, recording)
+        model = kinematics.fit_forward(recording, chain, self.samples, seed=self.seed)
+        errors = kinematics.prediction_errors(model, recording)
         _print_forward(model, errors)
         warn(*chain.report.warnings, *model.report.warnings, about="mcpilco: note")
         if self.out is not None:

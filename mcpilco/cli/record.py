@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import (
-    Command,
-    EnvKeywords,
-    Trust,
-    keywords,
-    optional,
-    register,
-    require_at_least,
-    require_new,
-    use_one_thread,
-)
+from mcpilco.cli import options
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -38,34 +28,34 @@ MOST_FILES = 100_000
 
 
 @dataclass(frozen=True)
-class Record(Command):
+class Record(options.Command):
     """Record an env's sensors and inputs: a CSV a rollout, with the columns of its task."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for the files; none in it is overwritten"""
     policy: Annotated[str, tyro.conf.arg(metavar="excitation|random|RUN")] = "excitation"
     """informative inputs, uniformly random ones, or the last policy of a run folder"""
-    env: Annotated[str | None, optional("ID", f"the run's, or {CART_POLE}")] = None
+    env: Annotated[str | None, options.optional("ID", f"the run's, or {CART_POLE}")] = None
     """Gymnasium id of the env; `module:Id` imports the module first"""
-    env_kwargs: EnvKeywords = ()
+    env_kwargs: options.EnvKeywords = ()
     """keywords of the env; of a JSON file, such as effects=gap/corrected.json, the content"""
     seconds: float = 60.0
     """of data, all rollouts together [s]"""
     rollouts: int = 6
     """files, of equal length; each begins with a reset of the env"""
-    dt: Annotated[float | None, optional("FLOAT", "the env's")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "the env's")] = None
     """sampling time [s], for envs with the keyword `dt`"""
     seed: int = 0
     """of everything random; equal seeds give equal files"""
-    trust: Trust = ()
+    trust: options.Trust = ()
     """modules of your own that the run of --policy names; they are imported"""
     quiet: bool = False
     """show no progress"""
 
     def __call__(self) -> int:
         self._check()
-        use_one_thread()
-        register(self.env or "", trusted=self.trust)
+        options.use_one_thread()
+        options.register(self.env or "", trusted=self.trust)
 
         from mcpilco.agent import agent_of, finished_trial
         from mcpilco.crossing import record_rollouts
@@ -82,11 +72,11 @@ class Record(Command):
             names = [path.stem for path in paths]
             recordings = record_rollouts(env, policy, self.seconds, names, self.seed)
             make_folder(self.out, *(path.name for path in paths))
-            require_new(*paths, remedy=REMEDY)
+            options.require_new(*paths, remedy=REMEDY)
             try:
                 with counting("recordings", len(paths), quiet=self.quiet) as show:
                     for path, recording in zip(paths, recordings, strict=True):
-                        require_new(path, remedy=REMEDY)
+                        options.require_new(path, remedy=REMEDY)
                         write_recording(path, recording)
                         done += 1
                         show(f"{path}: {recording.time[-1]:.2f} s, {len(recording)} samples")
@@ -102,16 +92,16 @@ class Record(Command):
             value = getattr(self, name)
             if value is not None and not 0 < value < float("inf"):
                 raise InputError(f"--{name} must be positive [s], got {value}.")
-        require_at_least(1, rollouts=self.rollouts)
+        options.require_at_least(1, rollouts=self.rollouts)
         if self.rollouts > MOST_FILES:
             raise InputError(f"--rollouts must be at most {MOST_FILES}, got {self.rollouts}.")
-        require_at_least(0, seed=self.seed)
+        options.require_at_least(0, seed=self.seed)
 
     def _env(self, run: RunFolder | None) -> gym.Env:
         """The env, without its time limit; that of the run where no other is named."""
         from mcpilco.agent import make_env, open_run_env
 
-        kwargs = keywords("--env-kwargs", self.env_kwargs)
+        kwargs = options.keywords("--env-kwargs", self.env_kwargs)
         if self.dt is not None:
             kwargs["dt"] = self.dt
         kwargs["max_episode_steps"] = -1

@@ -1,4 +1,4 @@
-"""`mcpilco train`: learn a policy and write a run folder."""
+"""`mcpilco train` and `demo`: learn a policy, write a run folder; two trials on the cart-pole."""
 
 from __future__ import annotations
 
@@ -12,44 +12,38 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from mcpilco.cli.options import (
-    Learning,
-    Trust,
-    optional,
-    register,
-    require_at_least,
-    use_one_thread,
-    warn,
-)
+from mcpilco.cli import options
+from mcpilco.cli.view import View
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
     from mcpilco.logbook import RunFolder
 
+
 _OUT = "runs/out"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(Learning):
+class Train(options.Learning):
     """Learn a policy from scratch and write a run folder."""
 
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     trials: Annotated[
-        int | None, optional("INT", "4, those of the preset, or those of the run resumed")
+        int | None, options.optional("INT", "4, those of the preset, or those of the run resumed")
     ] = None
     """policies to learn, each from one more rollout, after one of random inputs; of sac, tqc and
     ppo each from `trial_steps` more steps"""
-    out: Annotated[Path | None, optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")] = (
-        None
-    )
+    out: Annotated[
+        Path | None, options.optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")
+    ] = None
     """run folder to make"""
-    warm_start: Annotated[Path | None, optional("RUN", "none")] = None
+    warm_start: Annotated[Path | None, options.optional("RUN", "none")] = None
     """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
     it"""
     quiet: bool = False
@@ -58,17 +52,17 @@ class Train(Learning):
     """write event files for TensorBoard into the run folder too"""
     live: bool = False
     """show each rollout and the policy search in the viewer; without a display, for a browser"""
-    trust: Trust = ()
+    trust: options.Trust = ()
     """modules of your own that the run of --resume names; they are imported"""
-    resume: Annotated[Path | None, optional("RUN", "none")] = None
+    resume: Annotated[Path | None, options.optional("RUN", "none")] = None
     """go on with this run, which was interrupted or shall have more trials; all else about it is
     in its folder"""
 
     def __call__(self) -> int:
-        require_at_least(1, trials=self.trials)
-        require_at_least(0, seed=self.seed)
-        use_one_thread()
-        register(self.env, self.algo, trusted=self.trust)
+        options.require_at_least(1, trials=self.trials)
+        options.require_at_least(0, seed=self.seed)
+        options.use_one_thread()
+        options.register(self.env, self.algo, trusted=self.trust)
         if self.resume is not None:
             return self._go_on()
 
@@ -107,7 +101,7 @@ class Train(Learning):
         assert self.resume is not None
         with reopened(self.resume, self.trials, self.task, _warm_start) as (run, agent):
             if changed := changed_versions(run):
-                warn(
+                options.warn(
                     f"note: {', '.join(changed)} since the run began; its numbers may differ from "
                     "those of an uninterrupted one."
                 )
@@ -128,7 +122,7 @@ class Train(Learning):
         except KeyboardInterrupt:
             raise KeyboardInterrupt(_saved(run)) from None
         except McPilcoError:
-            warn(f"stopped; {_saved(run)}")
+            options.warn(f"stopped; {_saved(run)}")
             raise
         where = shlex.join(_named(run))
         print(f"Run folder: {run.path}")
@@ -203,3 +197,47 @@ def _command() -> str:
     if shutil.which("mcpilco") or called.name != "mcpilco":
         return "mcpilco"
     return os.path.relpath(called)
+
+
+_TRIALS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo(options.Command):
+    """Learn two policies of the cart-pole, and show the last one; takes about a minute."""
+
+    out: Annotated[Path | None, options.optional("FOLDER", "that of `mcpilco train`")] = None
+    """run folder to make; the picture goes there too"""
+    seed: int = 1
+    """of everything random; 1 is one of the two in three whose second policy swings the pole up"""
+    no_view: bool = False
+    """do not open the viewer at the end, which opens where there is a display"""
+
+    def __call__(self) -> int:
+        train = Train(seed=self.seed, trials=_TRIALS, out=self.out)
+        folder = train.folder()
+        replace(train, out=folder)()
+
+        from mcpilco.logbook import RunFolder
+        from mcpilco.show import has_display
+
+        run = RunFolder.open(folder)
+        print(f"Recording:  {run.recording_path(_TRIALS)}")
+        with options.without("the picture"):
+            print(f"Picture:    {_draw(run)}")
+        return View(folder)() if has_display() and not self.no_view else 0
+
+
+def _draw(run: RunFolder) -> Path:
+    """The picture written into the run folder: the cost of each trial, and the last rollout."""
+    from mcpilco.logbook import read_history
+    from mcpilco.show import plot_input, plot_learning, plot_states
+    from mcpilco.show.plots import new_axes, write_picture
+
+    history = read_history(run)
+    last, task = history.learned[-1], history.task
+    first, *states, force = new_axes(len(task.state_names) + 2)
+    plot_learning(history.learned, first)
+    plot_states(last.rollout, last.prediction, task, states)
+    plot_input(last.rollout, last.prediction, task, 0, force)
+    return write_picture(run.path / "demo.png", first)

@@ -1,7 +1,6 @@
 from .outcomes import Crossing, Outcome, Place, cross, read_crossing, write_crossing
-from .prior import as_mean, remembered_inputs
 from .rollouts import record_rollouts
-from .workflow import LEGS, CrossingSettings, Workflow
+from .workflow import LEGS, CrossingSettings, Workflow, as_mean, remembered_inputs
 
 __all__ = [
     "LEGS",

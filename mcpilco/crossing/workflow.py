@@ -20,9 +20,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,19 +40,19 @@ from mcpilco.agent import (
     with_model,
 )
 from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, write_crossing
-from mcpilco.crossing.prior import as_mean, remembered_inputs
 from mcpilco.crossing.rollouts import record_rollouts
 from mcpilco.files import make_folder, require_own
 from mcpilco.gap import Gap, investigate, suspicions
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
-from mcpilco.plant import correction_of, read_correction, write_correction
+from mcpilco.plant import Correction, correction_of, past_inputs, read_correction, write_correction
 from mcpilco.recordings import read_for_plant, write_recording
 from mcpilco.typing import InputError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.logbook import Callback
     from mcpilco.plant import Plant
+
 
 TRIALS = 4
 """of an algorithm that learns by trials"""
@@ -263,3 +264,21 @@ class Workflow:
         with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
             memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
         return {"name": PHYSICS_MODEL, "prior": prior, **({"memory": memory} if memory else {})}
+
+
+def as_mean(correction: Correction) -> Correction:
+    """The part of a correction that equations can say as a model's mean; the rest is learned."""
+    written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
+    return replace(correction, effects=written, learned=())
+
+
+def remembered_inputs(correction: Correction, dt: float) -> int:
+    """The number of past inputs that an actuator still answers to."""
+    delay: dict[str, float] = defaultdict(float)
+    lag: dict[str, float] = defaultdict(float)
+    for addition in correction.effects:
+        late = {"actuator_delay": delay, "actuator_lag": lag}.get(addition.name)
+        if late is not None:
+            late[addition.target] += addition.values[0]
+    targets = {*delay, *lag}
+    return max((past_inputs(delay[target], lag[target], dt) for target in targets), default=0)

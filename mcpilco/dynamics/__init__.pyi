@@ -2,8 +2,7 @@ from .delay import Delay, turning_regressors
 from .dynamics import GPDynamics, Increment, full_state, regressors, speed_integration
 from .features import AngleAugmentation, JointPolynomials, friction
 from .pathwise import PathwisePosterior
-from .physics import PhysicsMean
-from .physics_dynamics import PhysicsDraw, PhysicsDynamics
+from .physics import PhysicsDraw, PhysicsDynamics, PhysicsMean
 
 __all__ = [
     "AngleAugmentation",

@@ -11,14 +11,12 @@ from .base import (
     mean_square,
     typical_size,
 )
-from .decaying_lags import SEDMPK
+from .lags import IPK, PK, SEDMPK, VolterraMPK
 from .mechanical import GIP, Kind, Kinematic, NestedKinematic
-from .monomials import MonomialBasis, Monomials
-from .polynomial import MPK, Linear
+from .polynomial import MPK, Linear, MonomialBasis, Monomials
 from .rescaled import Gate, HardGate, Rescaled, SmoothGate
 from .stationary import RBF
 from .volterra import VolterraKernel, symmetric
-from .weighted_lags import IPK, PK, VolterraMPK
 
 __all__ = [
     "GIP",

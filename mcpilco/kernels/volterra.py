@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
-from mcpilco.kernels.monomials import MonomialBasis
+from mcpilco.kernels.polynomial import MonomialBasis
 from mcpilco.typing import InputError
 
 

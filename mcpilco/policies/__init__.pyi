@@ -1,6 +1,14 @@
 from .costs import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost, held
-from .dropout import BASES_PER_HASH, GOLDEN, Dropout
-from .policies import Bounds, Squash, SumOfGaussians, blank_policy, random_policy
+from .policies import (
+    BASES_PER_HASH,
+    GOLDEN,
+    Bounds,
+    Dropout,
+    Squash,
+    SumOfGaussians,
+    blank_policy,
+    random_policy,
+)
 from .reward_cost import RewardCost, costs_of, with_cost
 
 __all__ = [

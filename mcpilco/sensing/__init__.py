@@ -9,7 +9,7 @@ state. `Perception` fits an agent's linear estimator to its data, and smooths re
 from.
 
 Read `estimator`, `motion`, `perception`, which also makes states of an env's observations, then
-`delay` and `state_predictor`.
+`delay`.
 """
 
 import lazy_loader

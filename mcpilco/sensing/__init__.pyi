@@ -1,7 +1,6 @@
-from .delay import DelayModel, StateTracker, Track, sensor_noise
+from .delay import DelayModel, StatePredictor, StateTracker, Track, sensor_noise
 from .estimator import Chain, LinearEstimator, Observer, PastInputs, chained
 from .perception import TURN, Perception, state_of, state_view
-from .state_predictor import StatePredictor
 
 __all__ = [
     "TURN",

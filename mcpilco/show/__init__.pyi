@@ -1,8 +1,6 @@
-from .bodies import chain_scene
 from .collision_film import write_collision_film
 from .comparison import estimate_cell, solved_table, write_comparison
-from .film import Reel, write_run_film
-from .follow import Follower
+from .film import Follower, Reel, write_run_film
 from .plots.rollouts import plot_costs, plot_input, plot_state, plot_states
 from .plots.training import (
     plot_coverage,
@@ -15,7 +13,7 @@ from .plots.training import (
 from .recorder import Recorder, run_callbacks
 from .recording import write_recording
 from .report.gap_page import write_gap_report
-from .scene import Pose, Scene, Shape
+from .scene import Pose, Scene, Shape, chain_scene
 from .side_by_side import write_crossing_film, write_gap_film
 from .video import write_video
 from .viewer import ended_by_signals, has_display, live_viewer, open_viewer, screenshot

@@ -14,9 +14,9 @@ from mcpilco.bodies import Chain
 from mcpilco.identification.collision import Detection, Event
 from mcpilco.recordings import ArmSamples
 from mcpilco.show.blueprint import ABOUT, TIMELINE, WORLD, build_watch, entity
-from mcpilco.show.bodies import chain_scene
 from mcpilco.show.entities import RGB, Track, log_dots, log_line, log_scene
 from mcpilco.show.recording import new_recording
+from mcpilco.show.scene import chain_scene
 
 CURRENTS, RESIDUALS = "currents", "residuals"
 """top-level entities, besides those of all recordings"""

@@ -10,26 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mcpilco import sweep
 from mcpilco.files import csv_bytes, make_folder, write_bytes
-from mcpilco.show.plots.comparison import Curve, plot_curves, plot_seeds
 from mcpilco.show.plots.style import add_legend, new_axes, write_picture
-from mcpilco.sweep import (
-    CONFIDENCE,
-    SHOWN,
-    SPENT,
-    Estimate,
-    LineUp,
-    Measure,
-    Row,
-    Run,
-    all_amounts,
-    common_amounts,
-    differences,
-    estimates,
-    markdown,
-    measures,
-    same_amount,
-)
+from mcpilco.show.plots.training import Curve, plot_curves, plot_seeds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,14 +27,14 @@ _FILES = (
 )
 
 LEGEND = (
-    f"In brackets: {CONFIDENCE:.0%} intervals, Wilson's for success of the one test rollout of "
-    "each policy, the bootstrap over seeds for all else; none where there is one seed. The "
+    f"In brackets: {sweep.CONFIDENCE:.0%} intervals, Wilson's for success of the one test rollout "
+    "of each policy, the bootstrap over seeds for all else; none where there is one seed. The "
     "interquartile mean is that of the middle half of the seeds. Processor time is of all trials "
     "so far."
 )
 
 
-def write_comparison(found: LineUp, out: Path) -> list[Path]:
+def write_comparison(found: sweep.LineUp, out: Path) -> list[Path]:
     """Write tables and pictures; returns their paths, that of the page first.
 
     comparison.md      all tables
@@ -67,7 +51,7 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
         RunFolderError: a file cannot be written.
     """
     make_folder(out, *_FILES)
-    rows, gains = estimates(found.runs), differences(found.runs)
+    rows, gains = sweep.estimates(found.runs), sweep.differences(found.runs)
     *tables, curves, seeds = (out / name for name in _FILES)
     contents = (
         page(found, rows, gains).encode(),
@@ -79,9 +63,13 @@ def write_comparison(found: LineUp, out: Path) -> list[Path]:
     return [*written, write_curves(curves, found.runs, rows), write_seeds(seeds, found.runs)]
 
 
-def seeds_csv(runs: Sequence[Run]) -> bytes:
+def seeds_csv(runs: Sequence[sweep.Run]) -> bytes:
     """The results of every seed of every run after each amount of experience, as CSV."""
-    names = [*SHOWN, *dict.fromkeys(name for run in runs for name in run.measures), SPENT]
+    names = [
+        *sweep.SHOWN,
+        *dict.fromkeys(name for run in runs for name in run.measures),
+        sweep.SPENT,
+    ]
     rows = []
     for run in runs:
         for seed, course in run.courses.items():
@@ -92,18 +80,18 @@ def seeds_csv(runs: Sequence[Run]) -> bytes:
     return _csv(("run", "seed", "trial", "experience_s", *names), rows)
 
 
-def estimates_csv(rows: Iterable[Row]) -> bytes:
+def estimates_csv(rows: Iterable[sweep.Row]) -> bytes:
     """Statistics over seeds; shares in percent."""
     return _csv(_COLUMNS, ((row.run, *_cells(row)) for row in rows))
 
 
-def differences_csv(rows: Iterable[Row]) -> bytes:
+def differences_csv(rows: Iterable[sweep.Row]) -> bytes:
     """Paired differences, `run` minus `other`."""
     header = ("run", "other", *_COLUMNS[1:])
     return _csv(header, ((row.run, row.other, *_cells(row)) for row in rows))
 
 
-def page(found: LineUp, rows: Sequence[Row], gains: Sequence[Row]) -> str:
+def page(found: sweep.LineUp, rows: Sequence[sweep.Row], gains: Sequence[sweep.Row]) -> str:
     """All tables as one Markdown text."""
     runs, env = found.runs, found.runs[0].protocol.env
     parts = [
@@ -114,21 +102,21 @@ def page(found: LineUp, rows: Sequence[Row], gains: Sequence[Row]) -> str:
     cautions = [*found.left_out, *found.cautions]
     if cautions:
         parts.append("\n".join(f"- {sentence}" for sentence in cautions))
-    parts += ["## After each amount of experience", LEGEND, *tables(rows, all_amounts(runs))]
+    parts += ["## After each amount of experience", LEGEND, *tables(rows, sweep.all_amounts(runs))]
     if len(runs) > 1:
         parts += ["## Differences of the same seeds", *difference_tables(runs, gains)]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def about(runs: Sequence[Run]) -> str:
+def about(runs: Sequence[sweep.Run]) -> str:
     """Which runs these are."""
     cells = [
         (run.name, run.algo, run.preset, str(len(run.courses)), str(run.fresh)) for run in runs
     ]
-    return markdown(("run", "algorithm", "preset", "seeds", "fresh rollouts a policy"), cells)
+    return sweep.markdown(("run", "algorithm", "preset", "seeds", "fresh rollouts a policy"), cells)
 
 
-def solved_table(runs: Sequence[Run]) -> str:
+def solved_table(runs: Sequence[sweep.Run]) -> str:
     """How much experience it takes."""
     first = {run.name: _told(c.succeeded_s for c in run.courses.values()) for run in runs}
     often = {run.name: _told(c.solved_s for c in run.courses.values()) for run in runs}
@@ -141,7 +129,7 @@ def solved_table(runs: Sequence[Run]) -> str:
         return ""
     header = ("run", "first success [s]", "seeds", "solved [s]", "seeds")
     return (
-        markdown(header, cells)
+        sweep.markdown(header, cells)
         + "\nExperience, median over seeds, and how many seeds get there. First success: behind "
         "the first policy whose test rollout succeeds; solved: behind the first that succeeds in "
         "90 % of its fresh rollouts; inf where half of the seeds have none."
@@ -160,22 +148,24 @@ def _until(rising: Sequence[float]) -> tuple[str, str]:
     return f"{(upper + lower) / 2:g}", f"{sum(map(math.isfinite, rising))} of {len(rising)}"
 
 
-def tables(rows: Sequence[Row], amounts: Sequence[float]) -> list[str]:
+def tables(rows: Sequence[sweep.Row], amounts: Sequence[float]) -> list[str]:
     """A heading and a table for each measure that a run tells."""
     parts = []
     for measure, lines in _by_measure(rows):
         cells = [(line[0].run, _NAMES[line[0].statistic], *_along(amounts, line)) for line in lines]
         header = ("run", "over seeds", *(f"{amount:g} s" for amount in amounts))
-        parts += [f"### {_upper(measure.title)}", markdown(header, cells)]
+        parts += [f"### {_upper(measure.title)}", sweep.markdown(header, cells)]
     return parts
 
 
-def difference_tables(runs: Sequence[Run], gains: Sequence[Row]) -> list[str]:
+def difference_tables(runs: Sequence[sweep.Run], gains: Sequence[sweep.Row]) -> list[str]:
     """A table for each measure: each pair of runs that have seeds and amounts in common."""
     parts = []
     for measure, lines in _by_measure(gains):
         told = [row.experience_s for line in lines for row in line]
-        amounts = [a for a in all_amounts(runs) if any(same_amount(a, own) for own in told)]
+        amounts = [
+            a for a in sweep.all_amounts(runs) if any(sweep.same_amount(a, own) for own in told)
+        ]
         cells = []
         for line in lines:
             seeds = str(max(row.estimate.seeds for row in line))
@@ -183,26 +173,26 @@ def difference_tables(runs: Sequence[Run], gains: Sequence[Row]) -> list[str]:
             cells.append((pair, seeds, *_along(amounts, line)))
         header = ("runs", "common seeds", *(f"{amount:g} s" for amount in amounts))
         title = f"{_upper(measure.title)}, {_NAMES[measure.statistics[0]]} of the differences"
-        parts += [f"### {title}", markdown(header, cells)]
+        parts += [f"### {title}", sweep.markdown(header, cells)]
     return parts or ["No two runs have a seed and an amount of experience in common."]
 
 
-def _by_measure(rows: Sequence[Row]) -> Iterator[tuple[Measure, list[list[Row]]]]:
+def _by_measure(rows: Sequence[sweep.Row]) -> Iterator[tuple[sweep.Measure, list[list[sweep.Row]]]]:
     """The rows of each measure, in lines of which the rows differ in their amount alone."""
     for measure, of_it in groupby(rows, key=lambda row: row.measure):
         lines = groupby(of_it, key=lambda row: (row.run, row.other, row.statistic))
         yield measure, [list(line) for _, line in lines]
 
 
-def _along(amounts: Sequence[float], line: Sequence[Row]) -> Iterator[str]:
+def _along(amounts: Sequence[float], line: Sequence[sweep.Row]) -> Iterator[str]:
     """A cell for each amount; blank where there is none."""
     for amount in amounts:
-        at = (row for row in line if same_amount(row.experience_s, amount))
+        at = (row for row in line if sweep.same_amount(row.experience_s, amount))
         found = next(at, None)
         yield "" if found is None else estimate_cell(found.estimate, found.measure)
 
 
-def estimate_cell(found: Estimate | None, measure: Measure) -> str:
+def estimate_cell(found: sweep.Estimate | None, measure: sweep.Measure) -> str:
     """A value and its interval."""
     if found is None:
         return ""
@@ -212,7 +202,7 @@ def estimate_cell(found: Estimate | None, measure: Measure) -> str:
     return f"{value} ({found.low:.{measure.digits}f} to {found.high:.{measure.digits}f})"
 
 
-def _cells(row: Row) -> tuple[object, ...]:
+def _cells(row: sweep.Row) -> tuple[object, ...]:
     about = row.measure.key, row.measure.unit, row.statistic, row.experience_s
     return *about, *vars(row.estimate).values()
 
@@ -232,10 +222,10 @@ def _upper(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
+def write_curves(path: Path, runs: Sequence[sweep.Run], rows: Sequence[sweep.Row]) -> Path:
     """Learning curves, a panel a measure, with the intervals over seeds as bands."""
     panels = []
-    for measure in measures(runs):
+    for measure in sweep.measures(runs):
         curves = {
             place: curve
             for place, run in enumerate(runs)
@@ -247,11 +237,11 @@ def write_curves(path: Path, runs: Sequence[Run], rows: Sequence[Row]) -> Path:
     return _write(path, panels, legend=True)
 
 
-def write_seeds(path: Path, runs: Sequence[Run]) -> Path:
+def write_seeds(path: Path, runs: Sequence[sweep.Run]) -> Path:
     """How the seeds are spread after most experience, a panel a measure."""
-    common = common_amounts(runs)
+    common = sweep.common_amounts(runs)
     panels = []
-    for measure in (measure for measure in measures(runs) if not measure.share):
+    for measure in (measure for measure in sweep.measures(runs) if not measure.share):
         reached = {}
         for place, run in enumerate(runs):
             amount = common[-1] if common else float(run.amounts[-1])
@@ -263,7 +253,7 @@ def write_seeds(path: Path, runs: Sequence[Run]) -> Path:
     return _write(path, panels)
 
 
-def _curve(name: str, measure: Measure, rows: Sequence[Row]) -> Curve | None:
+def _curve(name: str, measure: sweep.Measure, rows: Sequence[sweep.Row]) -> Curve | None:
     wanted = name, measure, measure.statistics[0]
     mine = [row for row in rows if (row.run, row.measure, row.statistic) == wanted]
     if not mine:

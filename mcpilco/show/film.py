@@ -6,6 +6,7 @@ before has ended, after a pause.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,22 +15,12 @@ import numpy as np
 import rerun as rr
 
 from mcpilco.data import Rollout
-from mcpilco.logbook import History, PastTrial
+from mcpilco.logbook import History, PastTrial, RunFolder, read_search, read_task, read_trial
+from mcpilco.show import entities
 from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, build_blueprint
-from mcpilco.show.entities import (
-    FILM_IN_WORDS,
-    OVERLAID,
-    OVERLAID_IN_WORDS,
-    RGB,
-    Colors,
-    Track,
-    log_curves,
-    log_particles,
-    log_scene,
-)
 from mcpilco.show.recording import extent_of, log_note, new_recording
 from mcpilco.show.scene import Scene
-from mcpilco.typing import InputError
+from mcpilco.typing import InputError, RunFolderError
 
 _PAUSE_S = 0.5
 """between two trials, to see how the first one ended [s]"""
@@ -62,8 +53,8 @@ class Film:
         self._reels = reels
         self._live = live
         self._start_s, self._first = 0.0, 0
-        alone = (Colors(observed=None, estimated=None),)
-        self._colors: Sequence[Colors] = alone if len(reels) == 1 else OVERLAID
+        alone = (entities.Colors(observed=None, estimated=None),)
+        self._colors: Sequence[entities.Colors] = alone if len(reels) == 1 else entities.OVERLAID
         _require_one_system(reels)
 
     def add(self, trials: Sequence[PastTrial | None]) -> None:
@@ -87,7 +78,7 @@ class Film:
         )
         self._note(
             f"### trial {trial}: searching the policy\n\n{len(costs)} steps, the models expect a "
-            f"cost of **{costs[-1]:.2f}**\n\n{FILM_IN_WORDS}"
+            f"cost of **{costs[-1]:.2f}**\n\n{entities.FILM_IN_WORDS}"
         )
 
     def frame(self, trials: Sequence[PastTrial]) -> None:
@@ -105,7 +96,7 @@ class Film:
 
     def _add(self, i: int, trial: PastTrial) -> None:
         reel, rollout = self._reels[i], trial.rollout
-        track = Track(
+        track = entities.Track(
             self.rec,
             rollout.dt,
             start_s=self._start_s,
@@ -115,15 +106,17 @@ class Film:
             group="" if len(self._reels) == 1 else "ab"[i],
         )
         if reel.scene is not None:
-            log_scene(track, reel.scene, rollout.shown_states)
+            entities.log_scene(track, reel.scene, rollout.shown_states)
             if trial.prediction is not None:
-                log_particles(track, reel.scene, trial.prediction)
-        log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
+                entities.log_particles(track, reel.scene, trial.prediction)
+        entities.log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
         if trial.number:
             self._log_cost(track, "predicted", track.colors.model, trial.predicted_cost, rollout)
             self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
 
-    def _log_cost(self, track: Track, name: str, color: RGB, cost: float, rollout: Rollout) -> None:
+    def _log_cost(
+        self, track: entities.Track, name: str, color: entities.RGB, cost: float, rollout: Rollout
+    ) -> None:
         path = track.under(LEARNING, name)
         track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
         levels = np.append(np.full(len(rollout) + 1, cost), np.nan)
@@ -170,7 +163,7 @@ def _notes(reels: Sequence[Reel], trials: Sequence[PastTrial | None]) -> str:
         (f"{_name(reel)}: " if len(reels) > 1 else "") + _told(trial)
         for reel, trial in zip(reels, trials, strict=True)
     ]
-    words = FILM_IN_WORDS if len(reels) == 1 else OVERLAID_IN_WORDS
+    words = entities.FILM_IN_WORDS if len(reels) == 1 else entities.OVERLAID_IN_WORDS
     return "\n\n".join([title, *lines, words])
 
 
@@ -201,3 +194,66 @@ def _require_one_system(reels: Sequence[Reel]) -> None:
                     f"{entry} {', '.join(getattr(first, entry))}, "
                     f"the second {', '.join(getattr(other, entry))}."
                 )
+
+
+class Follower:
+    """Adds to a film what has come to a run folder since the last look.
+
+    It only reads: the training neither waits for it nor knows of it.
+    """
+
+    def __init__(self, run: RunFolder, scene: Scene | None, rec: rr.RecordingStream) -> None:
+        self.run = run
+        self._scene = scene
+        self._rec = rec
+        self._film: Film | None = None
+        self._seen: list[PastTrial] = []
+        self._search_bytes = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run has ended and all of it was shown."""
+        return self.run.summary() is not None and not self._news()
+
+    def look(self) -> None:
+        """Show each rollout that is new, and how the present search goes.
+
+        Raises:
+            RunFolderError: a file is damaged.
+        """
+        film = self._begin()
+        if film is None:
+            return
+        task = read_task(self.run)
+        rows = {row["trial"]: row for row in self.run.metrics()}
+        for number in self._news():
+            trial = read_trial(self.run, task, number, rows.get(number, {}))
+            self._seen.append(trial)
+            film.frame(self._seen)
+            film.add([trial])
+        self._show_search(film)
+
+    def _begin(self) -> Film | None:
+        """The film, from the moment on from which the folder tells what is learned."""
+        if self._film is None and self._news():
+            with contextlib.suppress(RunFolderError):
+                history = History(self.run, read_task(self.run), (), ())
+                self._film = Film(self._rec, [Reel(history, self._scene)], live=True)
+        return self._film
+
+    def _news(self) -> list[int]:
+        """Numbers of the rollouts that are whole on disk and were not shown."""
+        explored = [0] if self.run.arrays_path(0, "rollout").exists() else []
+        seen = {trial.number for trial in self._seen}
+        return [n for n in explored + self.run.finished_trials() if n not in seen]
+
+    def _show_search(self, film: Film) -> None:
+        """The search of the trial that comes next, where there is more of it than before."""
+        path = self.run.policy_steps_path
+        size = path.stat().st_size if path.exists() else 0
+        if size == self._search_bytes:
+            return
+        self._search_bytes = size
+        trial, costs = max(read_search(self.run).items(), default=(0, []))
+        if trial > self._seen[-1].number:
+            film.show_search(trial, costs)

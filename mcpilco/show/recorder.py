@@ -12,62 +12,52 @@ from typing import Any
 
 import numpy as np
 
+from mcpilco import logbook
 from mcpilco.data import Prediction, Rollout, Transitions, TrialResult
-from mcpilco.logbook import (
-    Agent,
-    Callback,
-    JsonLines,
-    Progress,
-    RunFolder,
-    TensorBoard,
-    measures_in,
-    values_of,
-    write_json,
-)
 from mcpilco.policies import costs_of
 from mcpilco.task import TaskSpec
 
 
 @contextlib.contextmanager
 def run_callbacks(
-    run: RunFolder, progress: bool = False, tensorboard: bool = False
-) -> Iterator[list[Callback]]:
+    run: logbook.RunFolder, progress: bool = False, tensorboard: bool = False
+) -> Iterator[list[logbook.Callback]]:
     """The callbacks that fill a run folder; files and terminal are given back whatever happens.
 
     The run was just made, or rewound; one that has event files always goes on with them.
     """
-    callbacks: list[Any] = [JsonLines(run.policy_steps_path, append=True), Recorder(run)]
+    callbacks: list[Any] = [logbook.JsonLines(run.policy_steps_path, append=True), Recorder(run)]
     events = run.path / "tensorboard"
     if tensorboard or events.exists():
         done = [run.result(trial)["policy_steps"] for trial in run.finished_trials()]
-        callbacks.append(TensorBoard(events, earlier_steps=sum(done)))
+        callbacks.append(logbook.TensorBoard(events, earlier_steps=sum(done)))
     if progress:
-        callbacks.append(Progress())
+        callbacks.append(logbook.Progress())
     with contextlib.ExitStack() as stack:
         for callback in callbacks:
             stack.callback(callback.close)
         yield callbacks
 
 
-class Recorder(Callback):
+class Recorder(logbook.Callback):
     """Writes each rollout, the policy and GPs behind it and the agent, and at the end a summary.
 
     The agent comes after all else of a trial, its row in metrics.csv last: a run that is killed
     can go on from what the agent knows.
     """
 
-    def __init__(self, run: RunFolder) -> None:
+    def __init__(self, run: logbook.RunFolder) -> None:
         """Writes into `run`, which was just made, or rewound to the last trial of the agent."""
         self.run = run
 
-    def on_training_start(self, agent: Agent, trials: int) -> None:
+    def on_training_start(self, agent: logbook.Agent, trials: int) -> None:
         """Starts the clock at what earlier trials have taken; writes what the columns are."""
         self._agent = agent
         self._exploration: list[Rollout] = []
         earlier = self.run.metrics()
         self._wall = time.perf_counter() - sum(row["wall_s"] for row in earlier)
         self._cpu = time.process_time() - sum(row["cpu_s"] for row in earlier)
-        write_json(self.run.path / "task.json", agent.task.to_json())
+        logbook.write_json(self.run.path / "task.json", agent.task.to_json())
 
     def on_exploration(self, rollout: Rollout) -> None:
         self._exploration.append(rollout)
@@ -97,7 +87,7 @@ class Recorder(Callback):
                 self.run.write_arrays(result.trial, name, content)
         self.run.write_result(result)
         path = self.run.recording_path(result.trial)
-        outcome = _outcome(values_of(result))
+        outcome = _outcome(logbook.values_of(result))
         self._record(path, f"trial {result.trial}", result.rollout, result.prediction, outcome)
         self._agent.save(self.run.agent_path)
         self.run.add_metrics(result)
@@ -142,7 +132,7 @@ OUTCOME = (
 
 
 def _outcome(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: values.get(key) for key in (*OUTCOME, *measures_in(values))}
+    return {key: values.get(key) for key in (*OUTCOME, *logbook.measures_in(values))}
 
 
 def _rollout_arrays(rollout: Rollout, task: TaskSpec) -> dict[str, np.ndarray]:

@@ -17,10 +17,9 @@ from jaxtyping import Float
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_digits
 from mcpilco.show.blueprint import INPUTS, STATES, WORLD, build_side_by_side, entity
-from mcpilco.show.bodies import chain_scene
 from mcpilco.show.entities import RGB, Colors, Track, log_dots, log_line, log_scene, log_tails
 from mcpilco.show.recording import log_note, new_recording
-from mcpilco.show.scene import Scene
+from mcpilco.show.scene import Scene, chain_scene
 from mcpilco.typing import InputError
 
 MEASURED = "measured"

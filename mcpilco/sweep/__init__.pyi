@@ -1,9 +1,8 @@
 from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
-from .folder import SweepFolder
+from .folder import SweepFolder, parse_seeds, sweep, sweep_progress
 from .fresh import Act, FreshEpisodes, outcomes_one_by_one
 from .job import FORMAT, SeedJob, Settings, machine, one_thread, result_of, run_seed
-from .seeds import parse_seeds, sweep, sweep_progress
 from .statistics import (
     CONFIDENCE,
     Estimate,

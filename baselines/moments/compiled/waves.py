@@ -1,4 +1,4 @@
-"""Arithmetic of the compiled moments, and sines of a Gaussian: `baselines.moments.sines`.
+"""Arithmetic of the compiled moments, and sines of a Gaussian: `baselines.moments.image`.
 
 A joint Gaussian grows by the entries y = W sin(frequency * x[source] + shift) + offset.
 """

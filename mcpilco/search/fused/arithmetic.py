@@ -101,7 +101,7 @@ def exp(typing_context, x):
 
 @njit(inline="always")
 def mix(x):
-    """The hash of `mcpilco.policies.dropout.mix`, for one 32-bit integer."""
+    """The hash of `mcpilco.policies.policies.mix`, for one 32-bit integer."""
     x = uint32(x)
     x = uint32(x ^ uint32(x >> uint32(16)))
     x = uint32(x * uint32(0x7FEB352D))

@@ -1,9 +1,11 @@
-from .comparison import Curve, plain_log_axis, plot_curves
 from .identification import draw_kinematics, plot_lags, plot_prediction, plot_response, plot_torque
 from .rollouts import plot_costs, plot_input, plot_state, plot_states
 from .style import MODEL, PARTICLES, SYSTEM, add_legend, new_axes, write_picture
 from .training import (
+    Curve,
+    plain_log_axis,
     plot_coverage,
+    plot_curves,
     plot_errors,
     plot_learning,
     plot_policy,

@@ -16,24 +16,10 @@ from mcpilco.agent import find
 from mcpilco.data import title_of
 from mcpilco.files import require_own
 from mcpilco.logbook import History, PastTrial, RunFolder, measures_in, read_history, read_search
+from mcpilco.show.plots import training as plots
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
-from mcpilco.show.plots.training import (
-    plot_coverage,
-    plot_errors,
-    plot_learning,
-    plot_policy,
-    plot_search,
-    plot_times,
-)
+from mcpilco.show.report import learned as models
 from mcpilco.show.report.document import Document, Section, Table, draw, made, write_document
-from mcpilco.show.report.learned import (
-    LEVELS,
-    OneStep,
-    one_step,
-    policy_maps,
-    rollout_coverage,
-    rollout_errors,
-)
 from mcpilco.typing import InputError, RunFolderError
 
 _TABLE_LEVELS = (0.5, 0.9, 0.95, 0.99)
@@ -132,7 +118,7 @@ def learning(history: History) -> Section:
         "The cost of an episode after so much experience: what the models expected of each policy "
         "before it was tried, with the standard deviation over particles, and what came. "
         "A filled dot is a success.",
-        [draw("Cost of each trial over experience", partial(plot_learning, history.learned))],
+        [draw("Cost of each trial over experience", partial(plots.plot_learning, history.learned))],
         [Table((*header, *map(title_of, measured)), rows)],
     )
 
@@ -149,7 +135,7 @@ def search(history: History) -> Section:
         title, kind, says = "Episodes", "episodes", "Cost of each episode"
         text = "What each episode cost that was learned from, with the noise of exploration."
         labels = {"xlabel": "episode of the trial", "ylabel": "its cost [-]"}
-    pictures = [draw(says, lambda ax: plot_search(costs, ax).set(**labels))] if costs else []
+    pictures = [draw(says, lambda ax: plots.plot_search(costs, ax).set(**labels))] if costs else []
     rows = [(str(trial), str(len(values))) for trial, values in costs.items()]
     return Section(title, text, pictures, [Table(("trial", kind), rows)])
 
@@ -182,14 +168,14 @@ def errors(history: History) -> Section:
     """
     task = history.task
     found = {
-        trial.number: rollout_errors(trial.rollout.shown_states, trial.prediction)
+        trial.number: models.rollout_errors(trial.rollout.shown_states, trial.prediction)
         for trial in history.learned
         if trial.prediction is not None
     }
     pictures = []
     for i, name in enumerate(task.state_names):
         along = {number: values[:, i] for number, values in found.items()}
-        plot = partial(plot_errors, along, task.dt, name, task.state_units[i])
+        plot = partial(plots.plot_errors, along, task.dt, name, task.state_units[i])
         pictures.append(draw(f"Prediction error of {name} over time", plot))
     return Section(
         "How far the predictions hold",
@@ -201,12 +187,12 @@ def errors(history: History) -> Section:
 
 def calibration(history: History) -> Section:
     """Whether the predicted spread covers the truth."""
-    by_trial = {trial.number: one_step(history, trial) for trial in history.learned}
+    by_trial = {trial.number: models.one_step(history, trial) for trial in history.learned}
     steps = reduce(add, by_trial.values())
-    shares = dict(zip(steps.names, steps.coverage(LEVELS).T, strict=True))
+    shares = dict(zip(steps.names, steps.coverage(models.LEVELS).T, strict=True))
     along = np.mean(
         [
-            rollout_coverage(trial.rollout.shown_states, trial.prediction, LEVELS)
+            models.rollout_coverage(trial.rollout.shown_states, trial.prediction, models.LEVELS)
             for trial in history.learned
             if trial.prediction is not None
         ],
@@ -215,8 +201,10 @@ def calibration(history: History) -> Section:
     rollouts = dict(zip(history.task.state_names, along.T, strict=True))
     count = len(steps.errors)
     pictures = [
-        draw("Coverage one step ahead", partial(plot_coverage, LEVELS, shares, count)),
-        draw("Coverage along rollouts", partial(plot_coverage, LEVELS, rollouts, None)),
+        draw("Coverage one step ahead", partial(plots.plot_coverage, models.LEVELS, shares, count)),
+        draw(
+            "Coverage along rollouts", partial(plots.plot_coverage, models.LEVELS, rollouts, None)
+        ),
     ]
     return Section(
         "Calibration",
@@ -232,7 +220,7 @@ def calibration(history: History) -> Section:
     )
 
 
-def _coverage_table(by_trial: Mapping[int, OneStep]) -> Table:
+def _coverage_table(by_trial: Mapping[int, models.OneStep]) -> Table:
     """A row for each trial and predicted state: error, spread, shares covered."""
     within = (f"within {level:.0%}" for level in _TABLE_LEVELS)
     header = ("trial", "change of", "error", "predicted spread", *within)
@@ -250,8 +238,8 @@ def policy(history: History) -> Section:
     """The inputs of the last policy over the states."""
     trial = history.learned[-1]
     pictures = [
-        draw(f"{found.labels[2]} over {found.labels[0]}", partial(plot_policy, found))
-        for found in policy_maps(history, trial)
+        draw(f"{found.labels[2]} over {found.labels[0]}", partial(plots.plot_policy, found))
+        for found in models.policy_maps(history, trial)
     ]
     return Section(
         "Policy",
@@ -270,7 +258,7 @@ def timings(history: History) -> Section:
     return Section(
         "Timings",
         "The first trial also loads the compiled loops, or compiles them.",
-        [draw("Time of each trial", partial(plot_times, numbers, wall, cpu))],
+        [draw("Time of each trial", partial(plots.plot_times, numbers, wall, cpu))],
         [Table(("trial", "clock [s]", "processor [s]"), rows)],
     )
 

@@ -13,7 +13,7 @@ import torch
 import baselines.sb3.from_model as module
 import envs  # noqa: F401  registers its ids
 from baselines.sb3 import SACAgent, WarmStart, make_learner, warm_start
-from baselines.sb3.imagination import Imagination, Perturbed
+from baselines.sb3.from_model import Imagination, Perturbed
 from mcpilco import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import PRESETS

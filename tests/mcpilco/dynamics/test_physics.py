@@ -15,8 +15,7 @@ from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import GPDynamics, full_state, speed_integration
 from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.dynamics.physics import PhysicsMean
-from mcpilco.dynamics.physics_dynamics import PhysicsDynamics
+from mcpilco.dynamics.physics import PhysicsDynamics, PhysicsMean
 from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.typing import InputError

@@ -8,7 +8,7 @@ import torch
 
 from mcpilco.gp import GP
 from mcpilco.kernels import IPK, PK, RBF, SEDMPK, ActiveDims, VolterraKernel, VolterraMPK
-from mcpilco.kernels.monomials import MonomialBasis
+from mcpilco.kernels.polynomial import MonomialBasis
 from mcpilco.typing import InputError
 from tests.mcpilco.kernels.test_kernels import points, shake
 

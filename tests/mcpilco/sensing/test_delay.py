@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,15 +12,14 @@ import torch
 from mcpilco.agent import Model
 from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
-from mcpilco.dynamics import Delay
+from mcpilco.dynamics import AngleAugmentation, Delay, GPDynamics, speed_integration
 from mcpilco.search import rollout
 from mcpilco.search.particles import Sensing
-from mcpilco.sensing.delay import DelayModel, StateTracker, Track
+from mcpilco.sensing.delay import DelayModel, StatePredictor, StateTracker, Track
 from mcpilco.sensing.estimator import Observer
-from mcpilco.sensing.state_predictor import StatePredictor
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics, make_policy
-from tests.mcpilco.oscillators import known_dynamics, moved, oscillator
+from tests.mcpilco.oscillators import known_dynamics, late, moved, oscillator
 
 # --- in rollouts ----------------------------------------------------------------------------------
 
@@ -236,3 +236,50 @@ def test_exact_states_have_next_to_none() -> None:
     q, v = noise_found(np.zeros(2), seed=0)
     assert v == pytest.approx(0.001 / np.sqrt(2), rel=0.01)  # the floor
     assert q < 2e-4  # 5e-4, were positions taken to follow at constant acceleration
+
+
+FREQUENCY = 3.0
+"""of an oscillator without friction [rad/s]"""
+
+
+def predicted(state: np.ndarray, commands: list[float], samples: float, dt: float, frequency):
+    """Where a state is after the delay, by a predictor whose model knows the velocity."""
+    delay = Delay.of(samples * dt, dt)
+    past = torch.tensor(commands[: delay.memory]).double()[:, None]
+    predictor = StatePredictor(delay, known_dynamics(delay, dt, frequency))
+    return predictor(torch.from_numpy(state), past).numpy()
+
+
+@pytest.mark.parametrize("samples", [1, 2, 0.5, 1.5, 2.25])
+def test_a_mass_without_a_spring_is_predicted_exactly(samples):
+    start, commands = np.array([0.3, -0.5]), [2.0, -6.0, 9.0, -1.0]
+    found = predicted(start, commands, samples, 0.1, 0.0)
+    np.testing.assert_allclose(found, late(start, commands, samples, 0.1, 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [0.5, 1.5, 2.25])
+def test_errors_of_an_oscillator_fall_with_the_third_power_of_a_sample(samples):
+    start, commands = np.array([0.3, -0.5]), [2.0, -6.0, 9.0, -1.0]
+    errors = [
+        np.abs(
+            predicted(start, commands, samples, dt, FREQUENCY)
+            - late(start, commands, samples, dt, FREQUENCY)
+        ).max()
+        for dt in (0.02, 0.01)
+    ]
+    assert 0 < errors[1] < errors[0] / 6
+
+
+def test_a_batch_is_predicted_as_each_of_it():
+    states, past = torch.randn(3, 2, 2), torch.randn(3, 2, 1, 1)
+    dynamics = GPDynamics(
+        SimpleNamespace(mean=lambda asked: asked[..., 2:].sin()),
+        AngleAugmentation(2, ()),
+        speed_integration(oscillator(0.1)),
+        np.array([np.inf]),
+    )
+    predictor = StatePredictor(Delay(1), dynamics)
+    together = predictor(states.double(), past.double())
+    for i, j in np.ndindex(3, 2):
+        alone = predictor(states[i, j].double(), past[i, j].double())
+        torch.testing.assert_close(together[i, j], alone)

@@ -6,7 +6,7 @@ import pytest
 
 import envs
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.show.bodies import chain_scene
+from mcpilco.show.scene import chain_scene
 from tests.reference.cartpole import CartPoleDynamics
 from tests.reference.pendulum import PendulumDynamics
 

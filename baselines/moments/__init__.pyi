@@ -1,0 +1,30 @@
+from .bases import Bases, through_bases
+from .costs import expected_cost
+from .image import (
+    Gaussian,
+    Image,
+    through_sine,
+    through_squash,
+    through_trig,
+    through_waves,
+)
+from .plain import (
+    gaussian_through_gp,
+    gaussian_through_squash,
+    gaussian_through_trig,
+)
+
+__all__ = [
+    "Bases",
+    "Gaussian",
+    "Image",
+    "expected_cost",
+    "gaussian_through_gp",
+    "gaussian_through_squash",
+    "gaussian_through_trig",
+    "through_bases",
+    "through_sine",
+    "through_squash",
+    "through_trig",
+    "through_waves",
+]
