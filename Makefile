@@ -64,7 +64,7 @@ $(ENV_READY):
 	@touch $@
 
 $(CORE_READY): pyproject.toml $(ENV_READY)
-	$(PIP) -e .
+	$(PIP) -e ".[report]"
 	@touch $@
 
 $(DEV_READY): $(CORE_READY)

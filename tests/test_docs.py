@@ -263,6 +263,14 @@ def test_every_make_target_exists() -> None:
         assert set(named) <= known, page.name
 
 
+def test_make_train_installs_what_the_readme_runs_after_it() -> None:
+    """`mcpilco report` needs an extra; the other commands beside it need none."""
+    after = text(ROOT / "README.md").partition("make train")[2]
+    assert "mcpilco report RUN" in after
+    core = re.search(r"^\$\(CORE_READY\):.*\n((?:\t.*\n)+)", text(ROOT / "Makefile"), re.MULTILINE)
+    assert '-e ".[report]"' in core[1]
+
+
 # --- what is named exists -------------------------------------------------------------------------
 
 

@@ -52,6 +52,11 @@ class Evidence:
         """Whether the model needs random forces, or noise, beyond what any machine has."""
         return bool((self.std > VERDICT.force).any() or (self.noise > VERDICT.noise).any())
 
+    @property
+    def foreign(self) -> bool:
+        """Whether the random force of a joint is larger than all that usually acts in it."""
+        return bool((self.std > VERDICT.whole).any())
+
 
 @dataclass(frozen=True)
 class Disturbance:

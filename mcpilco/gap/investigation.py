@@ -126,7 +126,8 @@ def investigate(
         or foreseen(missed, problem, best)
         or mispredicts(best, null, windows, clear)
     )
-    helps = bool(named) and closes_most(best, null, clear)
+    foreign = judged.evidence.foreign
+    helps = bool(named) and not foreign and closes_most(best, null, clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
@@ -166,7 +167,7 @@ def investigate(
         search=result,
         models=models,
         recordings=tuple(recordings),
-        suspicions=(*doubts, *_far_from_noise(compared, unknown)),
+        suspicions=(*doubts, *_far_from_noise(compared, unknown and not foreign)),
         remarks=remarks,
         left=left_forces(judged),
         shifted=shifted_parameters(final),
@@ -199,9 +200,14 @@ def _tell(stage: str, best: Fit | None = None) -> None:
     _LOG.info(stage, extra={"found": effects})
 
 
-def _far_from_noise(compared: Comparison, unknown: bool) -> tuple[str, ...]:
-    """A sentence where the corrected plant is far from explaining the recordings."""
-    most = SUSPICION.unlearned if unknown else SUSPICION.unexplained
+def _far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
+    """A sentence where the corrected plant is far from explaining the recordings.
+
+    Args:
+        compared: the errors.
+        more: whether something acts on this machine that no effect explains.
+    """
+    most = SUSPICION.unlearned if more else SUSPICION.unexplained
     if compared.corrected <= most * compared.noise_floor:
         return ()
     return (

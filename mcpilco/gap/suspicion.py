@@ -34,7 +34,7 @@ def suspicions(
         recordings: of one sampling time, in the plant's states and inputs.
         limits: largest command that each actuator takes, where it is known [its unit].
     """
-    told = tuple(_stuck(recordings))
+    told = (*_stuck(recordings), *_twice(recordings))
     spans = Spans.of(recordings)
     if not told and len(spans.held):
         told = tuple(_misread(plant, spans))
@@ -107,6 +107,17 @@ def _stuck(recordings: Sequence[Recording]) -> Iterator[str]:
     for x in np.flatnonzero(still & (not still.all())).tolist():
         stands = f"{first.state_names[measured[x]]} is {table[0, x] + 0.0:g} throughout"
         yield f"{stands} while others move: is it the right column?"
+
+
+def _twice(recordings: Sequence[Recording]) -> Iterator[str]:
+    """States that hold the same values as another column, and move."""
+    first = recordings[0]
+    X, names = len(first.state_names), (*first.state_names, *first.input_names)
+    table = np.concatenate([np.hstack([one.states, one.inputs]) for one in recordings])
+    for x, other in combinations(range(len(names)), 2):
+        same = x < X and np.array_equal(table[:, x], table[:, other])
+        if same and np.ptp(table[:, x]) > 0.0:
+            yield f"{names[x]} and {names[other]} hold the same values: is a column read twice?"
 
 
 def _misread(plant: Plant, spans: Spans) -> Iterator[str]:

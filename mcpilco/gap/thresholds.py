@@ -323,6 +323,9 @@ class VerdictThresholds:
     force: float = 0.02
     """random force in a joint beyond which something is missing [usual forces]: masses that are
     wrong by 1 to 3 % leave half of that"""
+    whole: float = 1.0
+    """random force in a joint beyond which no effect is named [usual forces]: the equations then
+    say nothing of its motion, and effects but imitate them"""
     shifted: float = 5.0
     """prior std beyond which a fit takes a parameter elsewhere than its prior meant [-]"""
     noise: float = 3.0
@@ -383,7 +386,8 @@ class SuspicionThresholds:
     """times what noise alone does that a corrected plant may miss without a word [-]: with effects
     of the catalogue it is 16 at most"""
     unlearned: float = 200.0
-    """likewise where the verdict is unknown [-]; sound recordings have up to 160"""
+    """likewise where more is missing than effects [-]; sound recordings have up to 160. Not where a
+    joint's random force is larger than its usual one (`VERDICT.whole`)"""
 
 
 @dataclass(frozen=True)

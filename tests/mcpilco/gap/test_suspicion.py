@@ -164,6 +164,14 @@ def test_a_cart_poles_log_is_no_pendulums(seed: int) -> None:
     assert "the log of another machine" in told
 
 
+def test_a_column_that_is_read_twice_is_doubted() -> None:
+    told = suspicions(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)))
+    assert told == (
+        "cart_position and pole_angle hold the same values: is a column read twice?",
+        "cart_velocity and pole_velocity hold the same values: is a column read twice?",
+    )
+
+
 def test_time_that_runs_otherwise_is_doubted() -> None:
     slow = [replace(one, time=25.0 * one.time) for one in recorded("cart_pole", 0)]
     assert "time in another unit" in suspicions(PLANTS["cart_pole"], slow)[-1]
