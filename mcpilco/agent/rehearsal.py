@@ -13,7 +13,6 @@ import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -21,6 +20,7 @@ import numpy as np
 
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.logbook import Callback
+from mcpilco.search import compiled_before
 
 STEPS = 3
 """of an episode"""
@@ -46,7 +46,7 @@ def rehearsed(agent: Any) -> Iterator[list[Callback]]:
     core, or no way to copy a process.
     """
     copies = "fork" in multiprocessing.get_all_start_methods() and sys.platform != "darwin"
-    if type(agent) is not MCPILCO or not copies or (os.cpu_count() or 1) < 2 or not _cold():
+    if type(agent) is not MCPILCO or not copies or (os.cpu_count() or 1) < 2 or compiled_before():
         yield []
         return
     context = multiprocessing.get_context("fork")
@@ -59,24 +59,11 @@ def rehearsed(agent: Any) -> Iterator[list[Callback]]:
         process.join()
 
 
-def _cold() -> bool:
-    """Whether no compiled loops of today's code lie on disk."""
-    try:
-        from mcpilco.search.fused.forward import forward
-    except ImportError:
-        return False
-    from mcpilco.search import fused
-
-    written = [path.stat().st_mtime for path in Path(forward.stats.cache_path).glob("forward*.nbi")]
-    sources = [path.stat().st_mtime for path in Path(fused.__file__).parent.glob("*.py")]
-    return max(written, default=0.0) < max(sources)
-
-
 def _rehearse(agent: MCPILCO) -> None:
     """Learn one policy, of random observations; whatever comes of it is forgotten."""
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        os.dup2(nowhere.fileno(), 2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.dup2(nowhere, 2)
     warnings.simplefilter("ignore")
     config = agent.config
     few: dict[str, Any] = {"steps": (1,), "restarts": (1,), "evaluation_particles": 2}

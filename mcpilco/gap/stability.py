@@ -51,7 +51,7 @@ class Stability:
         return lines if len(lines) > 1 else [*lines, "- nothing was named in any of them"]
 
     def to_json(self) -> dict[str, Any]:
-        """What gap.json says of it."""
+        """The content of stability.json."""
         names = [
             {"name": name, "target": target, "count": count, "first": (name, target) in self.first}
             for (name, target), count in self.counts.items()
@@ -75,7 +75,7 @@ def repetitions(gap: Gap, **options: Any) -> Stability:
 def parts(
     recordings: Sequence[Recording], held_out: Sequence[str]
 ) -> Iterator[tuple[str, list[Recording]]]:
-    """What is left out, and the recordings without it."""
+    """Each part that is left out, by name, and the recordings without it."""
     fitted = [each for each in recordings if each.name not in held_out]
     for gone in fitted if len(fitted) > 1 else ():
         yield gone.name, [each for each in recordings if each is not gone]

@@ -1,3 +1,4 @@
+from . import collision, kinematics
 from .collision import CollisionDetector, CurrentModel, fit_currents
 from .inverse_dynamics import InverseDynamics, fit_inverse_dynamics
 from .kinematics import ForwardKinematics, KinematicChain, find_chain, fit_forward
@@ -84,6 +85,7 @@ __all__ = [
     "VolterraModel",
     "base_parameters",
     "check_links",
+    "collision",
     "errors_in_variables",
     "estimate",
     "find_chain",
@@ -98,6 +100,7 @@ __all__ = [
     "identify",
     "inertia_of",
     "instrumental_variables",
+    "kinematics",
     "load_volterra",
     "middle_reliability",
     "noise_above",

@@ -119,7 +119,7 @@ class Recording:
         return 1 if self.held is None else len(self.held) // len(self)
 
     def from_sample(self, n: int) -> Recording:
-        """What follows the first n samples."""
+        """The recording without its first n samples."""
         late, clock = n * self.dt, self.by_clock
         return replace(
             self,

@@ -1,5 +1,5 @@
 from . import fused
-from .engine import rollout_of
+from .engine import compiled_before, rollout_of
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
 from .particles import Particles, Problem, RolloutFunction, rollout
@@ -18,6 +18,7 @@ __all__ = [
     "SearchResult",
     "Starts",
     "adam",
+    "compiled_before",
     "follow",
     "fused",
     "multiply",

@@ -97,7 +97,7 @@ class EccentricEncoder(SensorEffect):
     """The angle plus s sin(angle) + c cos(angle): an encoder's disc that is not on its axis."""
 
     name = "eccentric_encoder"
-    symbols = (Symbol("s", "{x}"), Symbol("c", "{x}"))
+    symbols = (Symbol("s", "rad"), Symbol("c", "rad"))
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
         pairs = zip(layout.states[::2], layout.slides, strict=True)

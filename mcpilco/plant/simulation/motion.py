@@ -228,7 +228,7 @@ def look(tables, s, q, v, k, now, dt, every, y, filters):
 
 @njit(**INLINED)
 def filtered(filter, of_velocity, q, v, dt, T):
-    """What T y' = x - y makes of a position or its velocity x, in the last dt [s].
+    """The output y of T y' = x - y, of a position or its velocity x in the last dt [s].
 
     Position and velocity at both ends make the motion between a cubic, of which
     x - T Dx + T^2 D^2 x - T^3 D^3 x, with D for d/dt, solves the equation.

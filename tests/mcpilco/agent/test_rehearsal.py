@@ -18,7 +18,7 @@ ENV = "mcpilco/CartPoleSwingUp-v0"
 @pytest.fixture
 def cold(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if nothing had been compiled, on a machine with two cores."""
-    monkeypatch.setattr(rehearsal, "_cold", lambda: True)
+    monkeypatch.setattr(rehearsal, "compiled_before", lambda: False)
     monkeypatch.setattr(rehearsal.os, "cpu_count", lambda: 2)
 
 
@@ -43,14 +43,3 @@ def test_a_copy_that_is_not_needed_any_more_ends(
 def test_nothing_is_compiled_that_is_there_or_of_no_use(cold: None) -> None:
     with rehearsed(PILCO("GPMean", ENV)) as waiting:
         assert waiting == []
-
-
-def test_compiled_code_that_is_newer_than_its_source_is_known(
-    tmp_path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from mcpilco.search.fused.forward import forward
-
-    monkeypatch.setattr(forward._cache, "_cache_path", str(tmp_path))
-    assert rehearsal._cold()
-    (tmp_path / "forward.nbi").touch()
-    assert not rehearsal._cold()

@@ -14,7 +14,7 @@ import torch
 from mcpilco.config import Config
 from mcpilco.dynamics import PathwisePosterior
 from mcpilco.search import engine, fused
-from mcpilco.search.engine import rollout_of
+from mcpilco.search.engine import compiled_before, rollout_of
 from mcpilco.search.particles import rollout
 from mcpilco.sensing import Observer, PastInputs
 from mcpilco.sensing.estimator import differences
@@ -119,3 +119,14 @@ def test_linear_observers_are_known_to_the_compiled_loops(task: TaskSpec) -> Non
     estimator = differences(dataclasses.replace(task, measured=(0, 2)))
     observer = Observer(estimator, torch.tensor([0.01, 0.01]).double(), estimator.C)
     assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=False)
+
+
+def test_compiled_code_that_is_newer_than_its_source_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mcpilco.search.fused.forward import forward
+
+    monkeypatch.setattr(forward._cache, "_cache_path", str(tmp_path))
+    assert not compiled_before()
+    (tmp_path / "forward.nbi").touch()
+    assert compiled_before()
