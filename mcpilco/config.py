@@ -141,6 +141,7 @@ class ModelConfig(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(degree=1, path_features=2, memory=0, delay=0, uncertainty=0)
+        self._at_least(subset_threshold=0)
         self._at_most(degree=20, path_features=100_000, memory=100, uncertainty=3)
         self._positive("plant_step", "friction_gate")
         parts = self.kernel.split("+")
@@ -180,11 +181,6 @@ class ModelConfig(Checked):
         )
         self._positive("noise_floor")
         self._above("plausible", 1)
-        threshold = self.subset_threshold
-        _require(
-            threshold is None or threshold >= 0,
-            f"subset_threshold must not be negative, got {threshold}; None keeps all samples.",
-        )
 
 
 @dataclass(frozen=True)

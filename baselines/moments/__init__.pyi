@@ -1,8 +1,9 @@
-from .bases import Bases, through_bases
 from .costs import expected_cost
 from .image import (
+    Bases,
     Gaussian,
     Image,
+    through_bases,
     through_sine,
     through_squash,
     through_trig,

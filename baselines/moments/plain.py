@@ -14,8 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from baselines.moments.bases import Bases, through_bases
-from baselines.moments.image import Image, through_squash, through_trig
+from baselines.moments.image import Bases, Image, through_bases, through_squash, through_trig
 from mcpilco.gp import add_to_diagonal, cholesky
 from mcpilco.typing import InputError
 

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from baselines.moments.bases import Bases
+from baselines.moments.image import Bases
 from baselines.pilco.rollout import GaussianDynamics
 from mcpilco.agent import Model
 from mcpilco.config import Checked, ModelConfig, Preset

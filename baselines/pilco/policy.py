@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from baselines.moments.bases import Bases
+from baselines.moments.image import Bases
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies import Bounds, Dropout, Squash
 

@@ -19,12 +19,11 @@ from numba import njit
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from baselines.moments.bases import Bases
 from baselines.moments.compiled import bases as compiled_bases
 from baselines.moments.compiled import waves as compiled_waves
 from baselines.moments.compiled.bases import Functions, trace
 from baselines.moments.compiled.waves import OUTERMOST, Waves
-from baselines.moments.image import Gaussian
+from baselines.moments.image import Bases, Gaussian
 from baselines.pilco.policy import GPMean
 from mcpilco.compiling import digest
 from mcpilco.dynamics import AngleAugmentation

@@ -131,21 +131,15 @@ def weigh(chains, s, j, w):
     r10, r11, r12 = w.R[j, 1, 0], w.R[j, 1, 1], w.R[j, 1, 2]
     r20, r21, r22 = w.R[j, 2, 0], w.R[j, 2, 1], w.R[j, 2, 2]
     # R I, and then R I R^T + m (c.c 1 - c c^T)
-    b00, b01, b02 = (
-        r00 * xx + r01 * xy + r02 * xz,
-        r00 * xy + r01 * yy + r02 * yz,
-        r00 * xz + r01 * yz + r02 * zz,
-    )
-    b10, b11, b12 = (
-        r10 * xx + r11 * xy + r12 * xz,
-        r10 * xy + r11 * yy + r12 * yz,
-        r10 * xz + r11 * yz + r12 * zz,
-    )
-    b20, b21, b22 = (
-        r20 * xx + r21 * xy + r22 * xz,
-        r20 * xy + r21 * yy + r22 * yz,
-        r20 * xz + r21 * yz + r22 * zz,
-    )
+    b00 = r00 * xx + r01 * xy + r02 * xz
+    b01 = r00 * xy + r01 * yy + r02 * yz
+    b02 = r00 * xz + r01 * yz + r02 * zz
+    b10 = r10 * xx + r11 * xy + r12 * xz
+    b11 = r10 * xy + r11 * yy + r12 * yz
+    b12 = r10 * xz + r11 * yz + r12 * zz
+    b20 = r20 * xx + r21 * xy + r22 * xz
+    b21 = r20 * xy + r21 * yy + r22 * yz
+    b22 = r20 * xz + r21 * yz + r22 * zz
     w.I[j, 0] = b00 * r00 + b01 * r01 + b02 * r02 + m * (c1 * c1 + c2 * c2)
     w.I[j, 1] = b10 * r10 + b11 * r11 + b12 * r12 + m * (c0 * c0 + c2 * c2)
     w.I[j, 2] = b20 * r20 + b21 * r21 + b22 * r22 + m * (c0 * c0 + c1 * c1)

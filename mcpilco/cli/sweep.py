@@ -43,18 +43,10 @@ class Sweep(Learning):
         """Train, print the table, and return the exit code: 1 when a seed failed."""
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
+        from mcpilco import sweep
         from mcpilco.agent import with_package
-        from mcpilco.sweep import (
-            LocalEngine,
-            RayEngine,
-            Settings,
-            SweepFolder,
-            parse_seeds,
-            sweep,
-            sweep_progress,
-        )
 
-        seeds = parse_seeds(self.seeds)
+        seeds = sweep.parse_seeds(self.seeds)
         register(self.env, self.algo)
         config, env_kwargs = self.numbers()
         self._check(config, env_kwargs)
@@ -64,14 +56,17 @@ class Sweep(Learning):
         algo = with_package(self.algo)
         task = None if self.task is None else str(self.task)
         numbers = self.chosen_preset, config, self.trials
-        settings = Settings(env, env_kwargs, *numbers, self.fresh, task, self.fresh_horizon, algo)
-        engine: Any = RayEngine() if self.engine == "ray" else LocalEngine(self.workers)
-        done = SweepFolder(self.out, settings).results().keys() & set(seeds)
+        settings = sweep.Settings(
+            env, env_kwargs, *numbers, self.fresh, task, self.fresh_horizon, algo
+        )
+        engine: Any = sweep.RayEngine() if self.engine == "ray" else sweep.LocalEngine(self.workers)
+        folder = sweep.SweepFolder(self.out, settings)
+        done = folder.results().keys() & set(seeds)
         try:
-            with sweep_progress(len(seeds), len(done), self.quiet) as on_result:
-                summary = sweep(settings, seeds, self.out, engine, on_result)
+            with sweep.sweep_progress(len(seeds), len(done), self.quiet) as on_result:
+                summary = sweep.sweep(settings, seeds, self.out, engine, on_result)
         except KeyboardInterrupt:
-            done = SweepFolder(self.out, settings).results().keys() & set(seeds)
+            done = folder.results().keys() & set(seeds)
             raise KeyboardInterrupt(
                 f"{len(done)} of {len(seeds)} seeds are saved in {self.out}; the same command goes "
                 "on."

@@ -144,22 +144,16 @@ def _picture(
 ) -> None:
     import numpy as np
 
-    from mcpilco.show.plots import (
-        new_axes,
-        plot_lags,
-        plot_prediction,
-        plot_response,
-        write_picture,
-    )
+    from mcpilco.show import plots
 
     one = slice(0, model.config.lags + 1)
     rows = slice(model.config.lags, model.config.lags + _SHOWN)
-    axes = new_axes(4 if model.config.degree > 1 else 2)
+    axes = plots.new_axes(4 if model.config.degree > 1 else 2)
     noisy = np.hypot(std, model.noise_std)
     name = model.output_names[0]
-    plot_prediction(test.outputs[rows, 0], mean[rows, 0], noisy[rows, 0], name, axes[0])
-    plot_response(model.coefficients(1)[0, one], ax=axes[1])
+    plots.plot_prediction(test.outputs[rows, 0], mean[rows, 0], noisy[rows, 0], name, axes[0])
+    plots.plot_response(model.coefficients(1)[0, one], ax=axes[1])
     if model.config.degree > 1:
-        plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
-        plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
-    write_picture(path, axes[0])
+        plots.plot_lags(model.coefficients(2)[0, one, one], "|h_2|", axes[2])
+        plots.plot_lags(model.penalties(2)[0, one, one], "its prior variance", axes[3])
+    plots.write_picture(path, axes[0])

@@ -1,4 +1,4 @@
-"""Gaussian bases behind a Gaussian: `baselines.moments.bases`, whose letters these are.
+"""Gaussian bases behind a Gaussian: `baselines.moments.image`, whose letters these are.
 
 The gradient to each entry of S is that entry's, times numbers that the way forward can sum up: what
 is as large as N x N is not kept.
@@ -15,7 +15,7 @@ from baselines.moments.compiled.waves import COMPILED, expm1, invert
 
 
 class Functions(NamedTuple):
-    """`baselines.moments.bases.Bases` as arrays; K = E outputs and then Q pairs."""
+    """`baselines.moments.image.Bases` as arrays; K = E outputs and then Q pairs."""
 
     centres: np.ndarray
     """(N, D)"""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.data import Prediction, Rollout
-from mcpilco.show.plots.style import MODEL, SYSTEM, add_legend, draw_particles, new_axes
+from mcpilco.show.plots.style import MODEL, SYSTEM, Line, add_legend, draw_particles, new_axes
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -67,11 +67,7 @@ def plot_state(
 
 
 def plot_promise(
-    promised: Float[np.ndarray, " T"],
-    happened: Float[np.ndarray, " S"],
-    dt: float,
-    label: str,
-    ax: Axes | None = None,
+    promised: Line, happened: Float[np.ndarray, " S"], dt: float, label: str, ax: Axes | None = None
 ) -> Axes:
     """A state over time: as a simulation promised it, and as it was on the system."""
     ax = new_axes()[0] if ax is None else ax
@@ -103,10 +99,7 @@ def plot_input(
 
 
 def plot_costs(
-    costs: Float[np.ndarray, " T"] | None,
-    prediction: Prediction | None,
-    dt: float,
-    ax: Axes | None = None,
+    costs: Line | None, prediction: Prediction | None, dt: float, ax: Axes | None = None
 ) -> Axes:
     """The cost at the end of each step, on the system and as predicted."""
     ax = new_axes()[0] if ax is None else ax
@@ -120,6 +113,6 @@ def plot_costs(
     return ax
 
 
-def _times(dt: float, first: int, rows: int) -> Float[np.ndarray, " T"]:
+def _times(dt: float, first: int, rows: int) -> Line:
     """Times of the steps first, first + 1, ... [s]."""
     return dt * np.arange(first, first + rows)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
 SYSTEM, MODEL, PARTICLES = "black", "tab:blue", "0.55"
+Line = Float[np.ndarray, " T"]
+"""a number at each of T instants"""
 QUANTILES = (5, 95)
 """between which the band lies [%]"""
 _LINES = 30
@@ -68,9 +70,9 @@ def write_picture(path: Path, ax: Axes) -> Path:
 
 def draw_particles(
     ax: Axes,
-    times: Float[np.ndarray, " T"],
+    times: Line,
     particles: Float[np.ndarray, "T P"],
-    middle: Float[np.ndarray, " T"],
+    middle: Line,
     name: str,
     held: bool = False,
 ) -> None:

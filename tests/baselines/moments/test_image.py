@@ -1,15 +1,252 @@
-"""Moments of sines of a Gaussian."""
+"""Moments of Gaussian processes and of sines at Gaussian inputs, against their definitions."""
 
 from __future__ import annotations
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 import torch
+from mpmath import mp
 
-from baselines.moments import gaussian_through_squash, gaussian_through_trig, through_sine
+from baselines.moments import (
+    Bases,
+    gaussian_through_gp,
+    gaussian_through_squash,
+    gaussian_through_trig,
+    through_bases,
+    through_sine,
+)
+from mcpilco.gp import GP
+from mcpilco.kernels import RBF
 from tests.baselines.differences import slope_along
+from tests.baselines.moments.random_gps import Case, kernel, random_case
+
+
+def bases_of(case: Case) -> Bases:
+    """The posterior, by definition."""
+    rows = zip(case.lengthscale, case.signal_std, case.noise_std, strict=True)
+    inverse = np.stack(
+        [
+            np.linalg.inv(kernel(case.x, case.x, length, std) + noise**2 * np.eye(len(case.x)))
+            for length, std, noise in rows
+        ]
+    )
+    weights = np.einsum("enm,me->en", inverse, case.y)
+    arrays = case.x, case.lengthscale, case.signal_std**2, weights, inverse
+    return Bases(*map(torch.from_numpy, arrays))
+
+
+# Truth --------------------------------------------------------------------------------------------
+
+
+def worst_z(case: Case, rng: np.random.Generator, samples: int) -> float:
+    """The largest distance of M, S and cov V from sample moments, in standard errors."""
+    M, S, V = gaussian_through_gp(*case)
+    bases = bases_of(case)
+    seen = rng.multivariate_normal(case.mean, case.cov, samples)
+    values = np.empty((samples, len(M)))
+    for e in range(len(M)):
+        k = kernel(seen, case.x, case.lengthscale[e], case.signal_std[e])
+        explained = np.einsum("si,si->s", k @ bases.inverse[e].numpy(), k)
+        std = np.sqrt(np.maximum(case.signal_std[e] ** 2 - explained, 0.0))
+        values[:, e] = k @ bases.weights[e].numpy() + std * rng.standard_normal(samples)
+    inputs, outputs = seen - case.mean, values - M
+    told = [(values, M)]
+    told += [(outputs * outputs[:, [e]], S[e]) for e in range(len(M))]
+    told += [(outputs * inputs[:, [d]], (case.cov @ V)[d]) for d in range(len(case.mean))]
+    error = [sample.mean(0) - expected for sample, expected in told]
+    scale = [sample.std(0) / samples**0.5 for sample, _ in told]
+    return float(np.abs(np.concatenate(error) / np.concatenate(scale)).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moments_agree_with_samples(seed):
+    rng = np.random.default_rng(seed)
+    assert worst_z(random_case(rng), rng, 100_000) < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(50))
+def test_moments_agree_with_a_million_samples(seed):
+    rng = np.random.default_rng((7, seed))
+    assert worst_z(random_case(rng), rng, 1_000_000) < 4.0
+
+
+def by_mpmath(case: Case) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """M, S and V in 40 digits, as the PILCO paper has them, with the inverse of the covariance."""
+    x, y, mean, cov = (mp.matrix(a.tolist()) for a in (case.x, case.y, case.mean, case.cov))
+    N, D, E = x.rows, x.cols, y.cols
+    nu = [x[i, :].T - mean for i in range(N)]
+    scale = [mp.diag([mp.mpf(v) ** 2 for v in row]) for row in case.lengthscale.tolist()]
+    power = [mp.mpf(v) ** 2 for v in case.signal_std.tolist()]
+    eye, M, V, S = mp.eye(D), mp.matrix(E, 1), mp.matrix(D, E), mp.matrix(E, E)
+    beta, inverse = [], []
+
+    def quadratic(v, A):
+        return (v.T * A * v)[0]
+
+    for e in range(E):
+        W = scale[e] ** -1
+        K = mp.matrix(N, N)
+        for i in range(N):
+            for j in range(N):
+                K[i, j] = power[e] * mp.exp(-quadratic(nu[i] - nu[j], W) / 2)
+            K[i, i] += mp.mpf(float(case.noise_std[e])) ** 2
+        inverse.append(K**-1)
+        beta.append(inverse[e] * y[:, e])
+        narrow = power[e] / mp.sqrt(mp.det(cov * W + eye))
+        for i in range(N):
+            F = (cov + scale[e]) ** -1
+            q = narrow * mp.exp(-quadratic(nu[i], F) / 2)
+            M[e] += beta[e][i] * q
+            V[:, e] += beta[e][i] * q * (F * nu[i])
+    for a in range(E):
+        for b in range(E):
+            Wa, Wb = scale[a] ** -1, scale[b] ** -1
+            R = cov * (Wa + Wb) + eye
+            T = R**-1 * cov
+            for i in range(N):
+                for j in range(N):
+                    z = Wa * nu[i] + Wb * nu[j]
+                    exponent = quadratic(nu[i], Wa) + quadratic(nu[j], Wb) - quadratic(z, T)
+                    Q = power[a] * power[b] / mp.sqrt(mp.det(R)) * mp.exp(-exponent / 2)
+                    S[a, b] += beta[a][i] * beta[b][j] * Q
+                    if a == b:
+                        S[a, b] -= inverse[a][i, j] * Q
+            S[a, b] += (power[a] if a == b else 0) - M[a] * M[b]
+    return tuple(np.array(A.tolist(), dtype=float) for A in (M, S, V))
+
+
+@pytest.mark.parametrize("rank", [3, 1])
+def test_moments_agree_with_forty_digits(rank):
+    case = random_case(np.random.default_rng(1), samples=5, rank=rank)
+    with mpmath.workdps(40):
+        M, S, V = by_mpmath(case)
+    for found, expected in zip(gaussian_through_gp(*case), (M[:, 0], S, V), strict=True):
+        assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-8])
+def test_a_certain_input_gives_the_plain_posterior(spread):
+    case = random_case(np.random.default_rng(2))
+    posterior = plain_posterior(case)
+    at = torch.from_numpy(case.mean)[None].requires_grad_()
+    mean, variance = posterior.mean_and_variance(at)
+    rows = [torch.autograd.grad(m, at, retain_graph=True)[0][0] for m in mean[0]]
+    M, S, V = gaussian_through_gp(*case._replace(cov=spread**2 * np.eye(3)))
+    assert pytest.approx(mean[0].detach().numpy(), abs=1e-10) == M
+    assert pytest.approx(np.diag(variance[0].detach().numpy()), abs=1e-10) == S
+    assert pytest.approx(torch.stack(rows, 1).numpy(), abs=1e-10) == V
+
+
+def plain_posterior(case: Case):
+    """The posterior as the agent's GPs have it."""
+    kernel = RBF(
+        3,
+        (2,),
+        lengthscale=torch.from_numpy(case.lengthscale),
+        variance=torch.from_numpy(case.signal_std**2),
+    )
+    gp = GP(kernel, noise_std=torch.from_numpy(case.noise_std), noise_floor=0.0)
+    return gp.condition(torch.from_numpy(case.x), torch.from_numpy(case.y))
+
+
+def test_a_narrow_input_moves_the_outputs_along_their_slopes():
+    """S - diag(variance) goes to V^T s V as s goes to 0, where plain sums would have lost it."""
+    case = random_case(np.random.default_rng(3))
+    bases = bases_of(case)
+    known = Bases(bases.centres, bases.lengthscale, bases.variance, bases.weights)
+    cov = 1e-12 * torch.from_numpy(case.cov)
+    image = through_bases(known, torch.from_numpy(case.mean), cov)
+    linear = image.slope.mT @ cov @ image.slope
+    assert torch.allclose(image.cov, linear, rtol=1e-3, atol=0.0)
+
+
+def test_a_wide_input_finds_the_prior():
+    case = random_case(np.random.default_rng(4))
+    M, S, _ = gaussian_through_gp(*case._replace(cov=1e12 * np.eye(3)))
+    assert pytest.approx(0.0, abs=1e-6) == M
+    assert pytest.approx(np.diag(case.signal_std**2), abs=1e-6) == S
+
+
+# Laws ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_joint_covariance_of_input_and_output_has_no_negative_eigenvalue(seed):
+    case = random_case(np.random.default_rng(seed), rank=2)
+    _, S, V = gaussian_through_gp(*case)
+    cross = case.cov @ V
+    joint = np.block([[case.cov, cross], [cross.T, S]])
+    assert joint == pytest.approx(joint.T, abs=1e-14)
+    assert np.linalg.eigvalsh(joint).min() > -1e-12
+
+
+def test_a_batch_is_its_members():
+    cases = [random_case(np.random.default_rng(seed)) for seed in range(3)]
+    parts = [bases_of(case) for case in cases]
+    names = ("centres", "lengthscale", "variance", "weights", "inverse")
+    together = Bases(*(torch.stack([getattr(part, name) for part in parts]) for name in names))
+    mean = torch.from_numpy(np.stack([case.mean for case in cases]))
+    cov = torch.from_numpy(np.stack([case.cov for case in cases]))
+    batch = through_bases(together, mean, cov)
+    for i, case in enumerate(cases):
+        single = gaussian_through_gp(*case)
+        for found, expected in zip((batch.mean, batch.cov, batch.slope), single, strict=True):
+            assert found[i].numpy() == pytest.approx(expected, abs=1e-10)
+
+
+def test_a_batch_of_inputs_shares_the_functions():
+    case = random_case(np.random.default_rng(5))
+    means, covs = np.stack([case.mean, case.mean + 0.3]), np.stack([case.cov, 0 * case.cov])
+    together = gaussian_through_gp(*case._replace(mean=means, cov=covs))
+    for i in range(2):
+        single = gaussian_through_gp(*case._replace(mean=means[i], cov=covs[i]))
+        for found, expected in zip(together, single, strict=True):
+            assert found[i] == pytest.approx(expected, abs=1e-13)
+
+
+def test_moving_samples_and_input_together_changes_nothing():
+    case = random_case(np.random.default_rng(6))
+    moved = case._replace(x=case.x + 3.0, mean=case.mean + 3.0)
+    pairs = zip(gaussian_through_gp(*case), gaussian_through_gp(*moved), strict=True)
+    for here, there in pairs:
+        assert here == pytest.approx(there, abs=1e-10)
+
+
+# Gradients ----------------------------------------------------------------------------------------
+
+
+def weighed(case: Case, weights: list[torch.Tensor], **replaced: torch.Tensor) -> torch.Tensor:
+    """A scalar of all of M, S and V."""
+    arguments = {name: torch.from_numpy(value) for name, value in case._asdict().items()}
+    moments = gaussian_through_gp(**{**arguments, **replaced})
+    return sum((part * w).sum() for part, w in zip(moments, weights, strict=True))
+
+
+@pytest.mark.parametrize("rank", [3, 1, 0])
+@pytest.mark.parametrize("name", ["mean", "cov", "x", "y", "lengthscale", "signal_std"])
+def test_gradients_are_those_of_central_differences(name, rank):
+    rng = np.random.default_rng(8)
+    case = random_case(rng, samples=6, rank=rank)
+    weights = [torch.from_numpy(rng.standard_normal(shape)) for shape in ((2,), (2, 2), (3, 2))]
+    start = torch.from_numpy(getattr(case, name)).requires_grad_()
+    (gradient,) = torch.autograd.grad(weighed(case, weights, **{name: start}), start)
+    direction = torch.from_numpy(rng.standard_normal(start.shape))
+    if name == "cov":
+        direction = direction + direction.mT
+    expected = slope_along(lambda h: weighed(case, weights, **{name: start + h * direction}))
+    slope = float((gradient * direction).sum())
+    assert slope == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+def test_what_is_no_covariance_is_refused():
+    bases = bases_of(random_case(np.random.default_rng(10)))
+    with pytest.raises(torch.linalg.LinAlgError):
+        through_bases(bases, torch.zeros(3).double(), -1e3 * torch.eye(3).double())
+
 
 MEAN = np.array([0.4, -1.3, 2.9])
 
@@ -40,7 +277,7 @@ FUNCTIONS = {
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize(("scale", "rank"), [(0.1, 3), (0.8, 3), (0.8, 1)])
-def test_moments_agree_with_samples(name, scale, rank):
+def test_moments_of_sines_agree_with_samples(name, scale, rank):
     function, through = FUNCTIONS[name]
     rng, cov = np.random.default_rng(1), covariance(scale, rank)
     M, S, V = through(MEAN, cov)
@@ -76,7 +313,7 @@ def test_a_narrow_input_moves_along_the_slope(name):
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("rank", [3, 1, 0])
-def test_gradients_are_those_of_central_differences(name, rank):
+def test_gradients_of_sines_are_those_of_central_differences(name, rank):
     rng = np.random.default_rng(2)
     mean, cov = torch.from_numpy(MEAN), torch.from_numpy(covariance(0.7, rank))
     through = FUNCTIONS[name][1]

@@ -238,7 +238,7 @@ def test_exact_states_have_next_to_none() -> None:
     assert q < 2e-4  # 5e-4, were positions taken to follow at constant acceleration
 
 
-FREQUENCY = 3.0
+UNDAMPED = 3.0
 """of an oscillator without friction [rad/s]"""
 
 
@@ -262,8 +262,8 @@ def test_errors_of_an_oscillator_fall_with_the_third_power_of_a_sample(samples):
     start, commands = np.array([0.3, -0.5]), [2.0, -6.0, 9.0, -1.0]
     errors = [
         np.abs(
-            predicted(start, commands, samples, dt, FREQUENCY)
-            - late(start, commands, samples, dt, FREQUENCY)
+            predicted(start, commands, samples, dt, UNDAMPED)
+            - late(start, commands, samples, dt, UNDAMPED)
         ).max()
         for dt in (0.02, 0.01)
     ]
