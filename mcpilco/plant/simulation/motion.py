@@ -196,7 +196,7 @@ def next_event(tables, s, now, dt, actuated):
         if now < at < event:
             event = at
         at = now + abs(actuated[u, 1] - actuated[u, 0]) / tables.actuators[s, u, RATE]
-        if now < at < event:
+        if tables.actuators[s, u, LAG] == 0.0 and now < at < event:
             event = at
     for x in range(tables.sensors.shape[1]):
         at = -tables.sensors[s, x, LATENCY] % dt

@@ -187,6 +187,14 @@ def test_a_force_that_is_slow_ramps_to_its_command(rate):
     np.testing.assert_allclose(found, truth, **CLOSE)
 
 
+def test_a_slow_force_behind_a_lag_goes_on_to_its_command():
+    """Where both act no ramp has an end that could be met."""
+    both = having(("actuator_rate_limit", "actuator", [15.0]), ("actuator_lag", "actuator", [0.03]))
+    lags, ramps = having(("actuator_lag", "actuator", [0.03])), followed(both)
+    assert np.isfinite(ramps).all()
+    assert 0.01 < np.abs(ramps - followed(lags)).max() < 1.0
+
+
 def test_a_tilted_base_is_another_zero_of_the_angle():
     tilted = followed(having(("gravity_tilt", "pendulum", [0.2])))
     turns = np.array([[0.2, 0.0], [-0.2, 0.0]])
