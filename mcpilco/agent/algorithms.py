@@ -24,7 +24,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import sys
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -113,6 +115,17 @@ def import_named(*names: str) -> None:
             import_module(module)
         except Exception as error:  # whatever a foreign module may raise
             raise InputError(f"Cannot import the module {module}: {error}.") from error
+
+
+def names_in(value: Any) -> Iterator[str]:
+    """The texts `module:Name` in a value of JSON: a constructor may import what it is given."""
+    if isinstance(value, Mapping):
+        value = [*value.keys(), *value.values()]
+    if isinstance(value, list | tuple):
+        for part in value:
+            yield from names_in(part)
+    elif isinstance(value, str) and re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_][\w./-]*", value):
+        yield value
 
 
 def require_imported(name: str) -> None:

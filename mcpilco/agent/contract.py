@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.agent.algorithms import require_imported
+from mcpilco.agent.algorithms import names_in, require_imported
 from mcpilco.agent.guess import guess_task
 from mcpilco.config import LONGEST, SearchConfig
 from mcpilco.policies import RewardCost
@@ -26,6 +26,8 @@ logger = logging.getLogger(__name__)
 
 def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
     """The env itself, or the one registered under an id; of `module:Id` nothing is imported.
+
+    Nor is it where a keyword holds such a name, as those of envs that wrap another may.
 
     Raises:
         EnvError: no such id, its module has not been imported, its constructor refuses the
@@ -39,7 +41,8 @@ def make_env(env: gym.Env | str, **kwargs: Any) -> gym.Env:
             "it learns in a single env, without a vector of them."
         )
     try:
-        require_imported(env)
+        for name in (env, *names_in(kwargs)):
+            require_imported(name)
         made = gym.make(env, **kwargs)
     except Exception as error:  # a constructor is foreign code
         known = "envs" in sys.modules or not env.startswith("mcpilco/")

@@ -72,7 +72,7 @@ def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
     if (np.ptp(commands, axis=0) > 0.0).any():
         return ()
     named = zip(recordings[0].input_names, commands[0], strict=True)
-    held = " and ".join(f"{name} is {value:g}" for name, value in named)
+    held = " and ".join(f"{name} is {value + 0.0:g}" for name, value in named)  # no -0
     return (f"{held} throughout, which excites nothing: is it the right column?",)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import TimeLimit
 
@@ -23,6 +25,7 @@ from mcpilco.agent.contract import (
     make_env,
     task_of,
 )
+from mcpilco.agent.modules import names_in
 from mcpilco.config import Config
 from mcpilco.sweep import Settings
 from mcpilco.typing import EnvError, InputError
@@ -189,3 +192,26 @@ def test_no_module_is_imported_for_an_id(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(EnvError, match="no module is imported .* `--trust evil_of_a_file`"):
         make_env("evil_of_a_file:X-v0")
+
+
+@pytest.mark.parametrize("form", ["{}", ["{}"], {"of": "{}"}])
+def test_no_module_is_imported_for_an_id_in_a_keyword(
+    form: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As shimmy's envs would, which make another one of its id."""
+    (tmp_path / "evil_of_a_file.py").write_text("raise SystemExit('executed')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def wrapped(inner: object) -> gym.Env:
+        (name,) = names_in(inner)
+        return gym.make(name)
+
+    monkeypatch.setitem(gym.registry, "Wrapped-v0", EnvSpec("Wrapped-v0", entry_point=wrapped))
+    inner = json.loads(json.dumps(form).replace("{}", "evil_of_a_file:X-v0"))
+    with pytest.raises(EnvError, match="no module is imported .* `--trust evil_of_a_file`"):
+        make_env("Wrapped-v0", inner=inner)
+
+
+def test_texts_that_name_no_module_are_keywords_as_any_other() -> None:
+    texts = ["rgb_array", "12:30", "a b:c", "folder/model.xml", "http://page", ":", "x:"]
+    assert not list(names_in({"keywords": texts}))

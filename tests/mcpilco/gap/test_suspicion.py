@@ -266,6 +266,8 @@ def test_commands_that_never_change_are_told() -> None:
     constant = columns(recorded("pendulum", 0), torque=lambda column: 0.0 * column + 0.3)
     assert "torque is 0.3 throughout" in unchanging(constant)[0]
     assert unchanging(recorded("pendulum", 0)) == ()
+    zero = columns(recorded("pendulum", 0), torque=lambda column: -0.0 * np.abs(column))
+    assert "torque is 0 throughout" in unchanging(zero)[0]
 
 
 def test_the_same_recording_under_other_names_is_counted_once() -> None:

@@ -192,7 +192,7 @@ def test_a_slow_force_behind_a_lag_goes_on_to_its_command():
     both = having(("actuator_rate_limit", "actuator", [15.0]), ("actuator_lag", "actuator", [0.03]))
     lags, ramps = having(("actuator_lag", "actuator", [0.03])), followed(both)
     assert np.isfinite(ramps).all()
-    assert 0.01 < np.abs(ramps - followed(lags)).max() < 1.0
+    assert np.abs(ramps - followed(lags)).max() > 0.1
 
 
 def test_a_tilted_base_is_another_zero_of_the_angle():
