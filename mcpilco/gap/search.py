@@ -183,7 +183,7 @@ class Tried:
             exchange: whether effects may be dropped and exchanged too.
         """
         self.grown.add((frozenset(fit.model.effects), exchange))
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+        exchanges = []
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
@@ -192,6 +192,9 @@ class Tried:
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
             least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
             self._add(rest, related, len(related), share, least)
+            exchanges.append((rest, others, least))
+        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+        for rest, others, least in exchanges:
             self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import logging
-from pathlib import Path
 from types import ModuleType
 
 from mcpilco.config import Config
@@ -49,12 +48,7 @@ def rollout_of(
 def compiled_before() -> bool:
     """Whether compiled loops of today's code lie on disk, or there can be none."""
     fused = _compiled_loops()
-    if fused is None:
-        return True
-    folder = Path(fused.forward.stats.cache_path)
-    written = [path.stat().st_mtime for path in folder.glob("forward*.nbi")]
-    sources = [path.stat().st_mtime for path in Path(fused.__file__).parent.glob("*.py")]
-    return max(written, default=0.0) >= max(sources)
+    return fused is None or fused.is_on_disk()
 
 
 @functools.cache

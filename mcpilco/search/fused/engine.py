@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from operator import mul
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,14 @@ def unknown(
     except NoCanonicalFormError as error:
         return f"the kernel ({' '.join(str(error).split())})"
     return None
+
+
+def is_on_disk() -> bool:
+    """Whether numba has kept the forward sweep since the last change of these files."""
+    kept = Path(str(forward.stats.cache_path)).glob("forward*.nbi")
+    written = [path.stat().st_mtime for path in kept]
+    sources = [path.stat().st_mtime for path in Path(__file__).parent.glob("*.py")]
+    return max(written, default=0.0) >= max(sources)
 
 
 def canonical_features(dynamics: GPDynamics) -> Program | None:

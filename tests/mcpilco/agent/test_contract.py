@@ -17,6 +17,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Dict, Discrete
 from gymnasium.wrappers import TimeLimit
 
+from mcpilco.agent.algorithms import names_in
 from mcpilco.agent.contract import (
     AbsentEnv,
     check_cost,
@@ -25,7 +26,6 @@ from mcpilco.agent.contract import (
     make_env,
     task_of,
 )
-from mcpilco.agent.modules import names_in
 from mcpilco.config import Config
 from mcpilco.sweep import Settings
 from mcpilco.typing import EnvError, InputError
