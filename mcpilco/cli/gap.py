@@ -14,19 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.cli.options import (
-    Command,
-    Files,
-    column_maps,
-    named_numbers,
-    optional,
-    register,
-    require_new,
-    separated,
-    uncertainty,
-    use_one_thread,
-    without,
-)
+from mcpilco.cli import options
 from mcpilco.config import CART_POLE
 from mcpilco.typing import McPilcoError, RunFolderError
 
@@ -50,10 +38,10 @@ REMEDY = "name another folder, or pass --overwrite"
 
 
 @dataclass(frozen=True)
-class Gap(Command):
+class Gap(options.Command):
     """Find where a plant and recordings disagree, name the missing effect, add it."""
 
-    recordings: Files
+    recordings: options.Files
     """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
@@ -73,7 +61,7 @@ class Gap(Command):
     """recordings that no fit may see, without .csv; by default the last ones of three or more"""
     effects: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE.py...")] = ()
     """Python files with effects of your own, which are executed: they are searched for as well"""
-    dt: Annotated[float | None, optional("FLOAT", "the longest of theirs")] = None
+    dt: Annotated[float | None, options.optional("FLOAT", "the longest of theirs")] = None
     """sampling time to which all are brought [s]"""
     accept: bool = False
     """go on with recordings that look wrong, such as a torque in mN m; the verdict says so first"""
@@ -86,8 +74,8 @@ class Gap(Command):
 
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
-        use_one_thread()
-        register("" if self.plant.endswith(".xml") else self.plant)
+        options.use_one_thread()
+        options.register("" if self.plant.endswith(".xml") else self.plant)
         stages = Stages()
         try:
             with stages.shown(self.quiet):
@@ -104,9 +92,9 @@ class Gap(Command):
 
         plant = self._plant()
         if not self.overwrite:
-            require_new(*(self.out / name for name in FILES), remedy=REMEDY)
+            options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
         recordings, notes = read_for_plant(
-            plant, self.recordings, column_maps(self.columns), self.dt
+            plant, self.recordings, options.column_maps(self.columns), self.dt
         )
         for note in notes:
             print(note, file=sys.stderr)
@@ -117,15 +105,15 @@ class Gap(Command):
         make_folder(self.out, *FILES)
         for name in FILES:
             (self.out / name).unlink(missing_ok=True)
-        options: dict[str, Any] = {
-            "uncertainty": uncertainty(self.uncertainty),
-            "free": tuple(separated(self.free)),
-            "noise": named_numbers("--noise", self.noise),
+        how: dict[str, Any] = {
+            "uncertainty": options.uncertainty(self.uncertainty),
+            "free": tuple(options.separated(self.free)),
+            "noise": options.named_numbers("--noise", self.noise),
             "effects": self.effects,
             "accepted": doubts,
         }
-        held_out = tuple(separated(self.held_out))
-        gap = investigate(plant, recordings, held_out=held_out, **options)
+        held_out = tuple(options.separated(self.held_out))
+        gap = investigate(plant, recordings, held_out=held_out, **how)
         write_json(gap, self.out / "gap.json")
         written = ["gap.json"]
         if gap.verdict != "too_poor":
@@ -136,7 +124,7 @@ class Gap(Command):
                 written += self._write_mjcf(gap)
         if self.stability:
             stages.begin("repetitions")
-            repeated = repetitions(gap, **options)
+            repeated = repetitions(gap, **how)
             text = json.dumps(repeated.to_json(), indent=2)
             write_bytes(self.out / STABILITY, text.encode())
             written.append(STABILITY)
@@ -151,7 +139,7 @@ class Gap(Command):
 
         path = self.out / "corrected.xml"
         correction = correction_of(gap.corrected, plant_of(self.plant))
-        with without("corrected.xml"):
+        with options.without("corrected.xml"):
             for sentence in write_corrected_mjcf(self.plant, correction, path):
                 print(f"Not in corrected.xml: {sentence}")
             return [path.name]
@@ -188,7 +176,7 @@ class Gap(Command):
         from envs import plant_named
 
         plant = plant_named("--plant", self.plant)
-        return plant.where(**named_numbers("--set", self.set))
+        return plant.where(**options.named_numbers("--set", self.set))
 
 
 def show_gap(

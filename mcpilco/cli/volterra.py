@@ -144,7 +144,7 @@ def _picture(
 ) -> None:
     import numpy as np
 
-    from mcpilco.show import plots
+    import mcpilco.show.plots as plots
 
     one = slice(0, model.config.lags + 1)
     rows = slice(model.config.lags, model.config.lags + _SHOWN)

@@ -195,6 +195,8 @@ class Tried:
             exchanges.append((rest, others, least))
         scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
         for rest, others, least in exchanges:
+            if share.used_up:
+                break
             self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
