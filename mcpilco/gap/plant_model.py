@@ -286,7 +286,10 @@ class PlantModel:
     def precision(self) -> np.ndarray:
         """Prior precision of theta; 0 where nothing is known."""
         precision = np.zeros(len(self.logarithmic))
-        precision[: self.nuisances] = [min(std, FIT.free_std) ** -2 for std in self.priors.values()]
+        least = dict.fromkeys(self.priors, FIT.free_std)
+        forces = [self._parameter(each) for each in self.freed if each.effect.place == "joint"]
+        least |= dict.fromkeys(forces, FIT.free_force_std)
+        precision[: self.nuisances] = [min(s, least[n]) ** -2 for n, s in self.priors.items()]
         precision[len(precision) - self.coordinates :] = 1.0
         return precision
 

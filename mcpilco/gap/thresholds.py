@@ -100,6 +100,8 @@ class FitThresholds:
     """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
     free_std: float = 1.0
     """relative prior std of a freed parameter [-]: its order of magnitude is meant"""
+    free_force_std: float = 10.0
+    """the same of a force in a joint that is found to differ [-]: the nominal one may be small"""
     turn_over: float = 0.05
     """most of a joint's usual speed within which its dry friction turns over [-]: beyond, it
     would be told from viscous friction by its name alone"""

@@ -63,6 +63,8 @@ class Case:
     velocities: bool
     recordings: tuple[dict[str, np.ndarray], ...]
     """columns by name"""
+    besides: tuple[tuple[str, str], ...] = ()
+    """what is there too and may be named, as the spring of a cable; names and targets"""
 
 
 def joint_effects(system: System, rng: np.random.Generator, size: float):
@@ -260,7 +262,8 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
     std, how = np.array([noise_of(system, j) for j in range(J)]), (DT, GRAVITY, width)
     if not all(felt(system, machine, without, motions, std, how) for without in lacking):
         return None
-    return Case(seed, plant, tuple(chosen), velocities, tuple(recordings))
+    besides = (("spring", system.joints[0]),) if tier.rough else ()
+    return Case(seed, plant, tuple(chosen), velocities, tuple(recordings), besides)
 
 
 def nominal(system: System) -> Machine:

@@ -140,6 +140,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "plant": case.plant,
         "velocities": case.velocities,
         "truth": list(case.effects),
+        "besides": list(case.besides),
         "verdict": told["verdict"],
         "found": told["effects"],
         "where": told["where"],

@@ -29,9 +29,11 @@ def right(case: Mapping[str, Any]) -> bool:
     """Whether name and target of all effects, or the verdict none or unknown, are right."""
     if any(effect["name"] == "outside" for effect in case["truth"]):
         return case["verdict"] == "unknown"
-    told = [same(case, effect) for effect in case["found"]]
     wanted = hidden(case)
-    verdict = "named" if wanted else "none"
+    besides = {tuple(pair) for pair in case.get("besides", ())} - set().union(*wanted)
+    found = [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
+    told = [same(case, effect) for effect in found]
+    verdict = "named" if case["found"] or wanted else "none"
     return case["verdict"] == verdict and len(told) == len(wanted) and set(told) == wanted
 
 
