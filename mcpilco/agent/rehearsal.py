@@ -1,7 +1,7 @@
-"""A training of three steps in a copy of this process, for the code that it compiles.
+"""Trainings of three steps in copies of this process, for the code that they compile.
 
 The first training after an installation compiles both the simulation of the env and the loops of
-the policy search. The search's are made on another core, while the env compiles its own.
+the policy search. The search's are made by other processes, while the env compiles its own.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import multiprocessing
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import gymnasium as gym
 import numpy as np
 
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.logbook import Callback
-from mcpilco.search import compiled_before
+from mcpilco.search import Loop, compile_only, compiled_before
 
 STEPS = 3
 """of an episode"""
@@ -29,13 +29,14 @@ PATIENCE_S = 60.0
 
 
 class Rehearsal(Callback):
-    """Waits, before the first search, for what another process compiles."""
+    """Waits, before the first search, for what other processes compile."""
 
-    def __init__(self, process: Any) -> None:
-        self._process = process
+    def __init__(self, processes: Sequence[Any]) -> None:
+        self._processes = processes
 
     def on_model_fitted(self, values: dict[str, float]) -> None:
-        self._process.join(PATIENCE_S)
+        for process in self._processes:
+            process.join(PATIENCE_S)
 
 
 @contextlib.contextmanager
@@ -49,18 +50,21 @@ def rehearsed(agent: Any) -> Iterator[list[Callback]]:
     if type(agent) is not MCPILCO or not copies or (os.cpu_count() or 1) < 2 or compiled_before():
         yield []
         return
-    context = multiprocessing.get_context("fork")
-    process = context.Process(target=_rehearse, args=(agent,), daemon=True)
-    process.start()
+    fork, loops = multiprocessing.get_context("fork").Process, get_args(Loop)
+    processes = [fork(target=_rehearse, args=(agent, loop), daemon=True) for loop in loops]
+    for process in processes:
+        process.start()
     try:
-        yield [Rehearsal(process)]
+        yield [Rehearsal(processes)]
     finally:
-        process.kill()
-        process.join()
+        for process in processes:
+            process.kill()
+            process.join()
 
 
-def _rehearse(agent: MCPILCO) -> None:
+def _rehearse(agent: MCPILCO, loop: Loop) -> None:
     """Learn one policy, of random observations; whatever comes of it is forgotten."""
+    compile_only(loop)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)

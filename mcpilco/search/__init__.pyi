@@ -1,23 +1,25 @@
 from . import fused
-from .engine import compiled_before, rollout_of
+from .engine import Loop, compile_only, compiled_before, rollout_of
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
 from .particles import Particles, Problem, RolloutFunction, rollout
-from .search import Candidate, Descent, PolicySearch, SearchResult, Starts, adam, follow
+from .search import Adam, Candidate, Descent, PolicySearch, SearchResult, Starts, follow
 
 __all__ = [
     "OUTERMOST",
     "PLAIN",
     "TALL",
+    "Adam",
     "Candidate",
     "Descent",
+    "Loop",
     "Particles",
     "PolicySearch",
     "Problem",
     "RolloutFunction",
     "SearchResult",
     "Starts",
-    "adam",
+    "compile_only",
     "compiled_before",
     "follow",
     "fused",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 from types import ModuleType
+from typing import Literal
 
 from mcpilco.config import Config
 from mcpilco.search.particles import RolloutFunction, rollout
@@ -12,6 +13,8 @@ from mcpilco.sensing import Observer
 from mcpilco.typing import Dynamics, Policy, UncertainDynamics
 
 logger = logging.getLogger(__name__)
+Loop = Literal["forward", "backward"]
+"""that is compiled: over the steps of a rollout, and back over them"""
 
 
 def rollout_of(
@@ -51,6 +54,12 @@ def compiled_before() -> bool:
     return fused is None or fused.is_on_disk()
 
 
+def compile_only(loop: Loop) -> None:
+    """Let this process compile one of the two loops; the other does nothing in it."""
+    if (fused := _compiled_loops()) is not None:
+        fused.skip("backward" if loop == "forward" else "forward")
+
+
 @functools.cache
 def _warn_once(sentence: str) -> None:
     logger.warning(sentence)
@@ -58,13 +67,13 @@ def _warn_once(sentence: str) -> None:
 
 @functools.cache
 def _compiled_loops() -> ModuleType | None:
-    """The compiled loops; None, after a warning, where numba or a fused multiply-add is missing."""
+    """The compiled loops; None, after a warning, where the processor lacks what they need."""
     try:
         from mcpilco.search import fused
     except ImportError as error:
         logger.warning(
-            "The compiled loops need numba (%s); plain torch computes the same in float64, several "
-            "times slower. Run `pip install numba`.",
+            "The compiled loops cannot be had (%s); plain torch computes the same in float64, "
+            "several times slower.",
             error,
         )
         return None

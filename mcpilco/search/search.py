@@ -8,7 +8,7 @@ import logging
 import math
 import statistics
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -229,9 +229,36 @@ class Descent:
             self.over |= self.mark > self._bar
 
 
-def adam(policy: SumOfGaussians, learning_rate: float = 1e-3) -> torch.optim.Adam:
-    """The optimiser of a policy search."""
-    return torch.optim.Adam(policy.parameters(), learning_rate, fused=True)
+class Adam:
+    """`torch.optim.Adam(..., fused=True)` without its class, which imports a compiler for 1.6 s.
+
+    Reference: Kingma & Ba, Adam: a method for stochastic optimization, ICLR 2015, algorithm 1.
+    """
+
+    def __init__(self, policy: SumOfGaussians) -> None:
+        self.parameters = [parameter.detach() for parameter in policy.parameters()]
+        self._means = [torch.zeros_like(parameter) for parameter in self.parameters]
+        self._squares = [torch.zeros_like(parameter) for parameter in self.parameters]
+        self._steps = [torch.zeros(()) for _ in self.parameters]
+
+    def step(self, slopes: Sequence[Tensor], learning_rate: float) -> None:
+        """Change the policy's parameters by their slopes."""
+        torch._foreach_add_(self._steps, 1)
+        torch._fused_adam_(
+            self.parameters,
+            [slope.contiguous() for slope in slopes],  # it reads memory, not strides
+            self._means,
+            self._squares,
+            [],
+            self._steps,
+            lr=learning_rate,
+            beta1=0.9,
+            beta2=0.999,
+            weight_decay=0.0,
+            eps=1e-8,
+            amsgrad=False,
+            maximize=False,
+        )
 
 
 class PolicySearch:
@@ -272,18 +299,18 @@ class PolicySearch:
     def _improve(self, problem: Problem, policy: SumOfGaussians, descent: Descent) -> Candidate:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
-        optimiser = adam(policy)
+        adam = Adam(policy)
         while not descent.over:
-            optimiser.param_groups[0]["lr"] = descent.learning_rate
-            numbers = descent.phase.dropout, descent.widening
-            descent.note(*self.step(problem, policy, optimiser, *numbers))
+            numbers = descent.learning_rate, descent.phase.dropout, descent.widening
+            descent.note(*self.step(problem, policy, adam, *numbers))
         return self._judge(problem, policy, descent.step)
 
     def step(
         self,
         problem: Problem,
         policy: SumOfGaussians,
-        optimiser: torch.optim.Optimizer,
+        adam: Adam,
+        learning_rate: float,
         dropout: float = 0.0,
         widening: float = 1.0,
     ) -> tuple[float, float]:
@@ -297,17 +324,15 @@ class PolicySearch:
             mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
         particles = problem.particles(policy, self.config.particles, self.generator, mask)
         annealed = problem.widened(widening).costs(particles).mean(1).sum()
-        learned = list(policy.parameters())
-        slopes = torch.autograd.grad(annealed, learned)
-        for parameter, slope in zip(learned, slopes, strict=True):
-            parameter.grad = slope.contiguous()  # the fused Adam reads memory, not strides
+        slopes = torch.autograd.grad(annealed, list(policy.parameters()))
         norm = torch.nn.utils.get_total_norm(slopes)
         if self.config.clip_norm is not None:
-            torch.nn.utils.clip_grads_with_norm_(learned, self.config.clip_norm, norm)
+            shrunk = torch.clamp(self.config.clip_norm / (norm + 1e-6), max=1.0)
+            slopes = torch._foreach_mul(slopes, shrunk)
         with torch.no_grad():
             value = float(annealed if widening == 1.0 else problem.costs(particles).mean(1).sum())
         if math.isfinite(value) and norm.isfinite():
-            optimiser.step()
+            adam.step(slopes, learning_rate)
         return value, float(norm)
 
     def _judge(self, problem: Problem, policy: SumOfGaussians, steps: int) -> Candidate:

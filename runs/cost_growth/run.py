@@ -37,7 +37,7 @@ from mcpilco.files import write_bytes
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SaturatingCost, SumOfGaussians
-from mcpilco.search import PolicySearch, Problem, adam, fused
+from mcpilco.search import Adam, PolicySearch, Problem, fused
 from mcpilco.sweep import machine as processor
 from mcpilco.sweep import markdown
 from mcpilco.task import TaskSpec
@@ -134,8 +134,8 @@ def make_step(size: Size, engine: str) -> Callable[[], object]:
     phases = (Phase(LEARNING_RATE, DROPOUT),)
     config = SearchConfig(particles=size.particles, phases=phases, clip_norm=None)
     search = PolicySearch(config, generator)
-    optimiser = adam(policy, LEARNING_RATE)
-    return lambda: search.step(problem, policy, optimiser, dropout=DROPOUT)
+    adam = Adam(policy)
+    return lambda: search.step(problem, policy, adam, LEARNING_RATE, DROPOUT)
 
 
 def chain(joints: int) -> TaskSpec:

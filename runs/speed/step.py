@@ -15,7 +15,7 @@ from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SumOfGaussians, cart_pole_cost
-from mcpilco.search import PolicySearch, Problem, RolloutFunction, adam, fused, rollout
+from mcpilco.search import Adam, PolicySearch, Problem, RolloutFunction, fused, rollout
 from mcpilco.task import TaskSpec
 
 ENGINES = {
@@ -58,8 +58,8 @@ def make_step(size: Size, engine: str) -> Callable[[], object]:
     phases = (Phase(LEARNING_RATE, DROPOUT),)
     config = SearchConfig(particles=size.particles, phases=phases, clip_norm=None)
     search = PolicySearch(config, generator)
-    optimiser = adam(policy, LEARNING_RATE)
-    return lambda: search.step(problem, policy, optimiser, dropout=DROPOUT)
+    adam = Adam(policy)
+    return lambda: search.step(problem, policy, adam, LEARNING_RATE, DROPOUT)
 
 
 def make_problem(

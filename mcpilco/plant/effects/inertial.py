@@ -15,6 +15,9 @@ from mcpilco.plant.simulation.layout import Layout, Tables
 if TYPE_CHECKING:
     from mcpilco.plant.corrected_mjcf import CorrectedModel
 
+LONGER = 3.0
+"""how many times a length may be missing: nobody misreads a ruler by more [-]"""
+
 
 class InertialEffect(Effect):
     """A number of a body that turns, which differs from the drawing's."""
@@ -22,6 +25,8 @@ class InertialEffect(Effect):
     place: ClassVar[Place] = "body"
     relative_to: ClassVar[str]
     """the magnitude in `Scale` that sizes are compared with"""
+    most: ClassVar[float] = MOST
+    """how many times this magnitude may be missing [-]"""
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
         pairs = zip(layout.bodies, layout.slides, strict=True)
@@ -29,7 +34,7 @@ class InertialEffect(Effect):
 
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         usual = getattr(scale, self.relative_to)
-        return np.array([MOST * usual if usual > 0.0 else np.inf])
+        return np.array([self.most * usual if usual > 0.0 else np.inf])
 
     def probes(self, scale: Scale) -> list[Probe]:
         """A size that is small and yet bent too much to be compared with other masses, lengths."""
@@ -66,6 +71,7 @@ class CenterOfMass(InertialEffect):
 
     name = "center_of_mass"
     relative_to = "length"
+    most = LONGER
     symbols = (Symbol("c_d", "m"),)
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
@@ -116,6 +122,7 @@ class BodyLength(InertialEffect):
 
     name = "body_length"
     relative_to = "length"
+    most = LONGER
     symbols = (Symbol("l_d", "m"),)
 
     def targets(self, layout: Layout) -> tuple[str, ...]:

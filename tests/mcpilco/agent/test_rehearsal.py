@@ -1,4 +1,4 @@
-"""A copy of the process learns three steps, and the agent knows nothing of it."""
+"""Copies of the process learn three steps, and the agent knows nothing of it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_a_copy_learns_to_its_end_and_leaves_the_agent_as_it_is(cold: None) -> N
     agent = MCPILCO("SumOfGaussians", ENV, seed=3)
     with rehearsed(agent) as (callback,):
         callback.on_model_fitted({})
-        assert callback._process.exitcode == 0
+        assert [process.exitcode for process in callback._processes] == [0, 0]
     assert agent.num_timesteps == 0
     assert agent.config == MCPILCO("SumOfGaussians", ENV).config
 
@@ -34,10 +34,10 @@ def test_a_copy_learns_to_its_end_and_leaves_the_agent_as_it_is(cold: None) -> N
 def test_a_copy_that_is_not_needed_any_more_ends(
     cold: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rehearsal, "_rehearse", lambda agent: time.sleep(60))
+    monkeypatch.setattr(rehearsal, "_rehearse", lambda agent, loop: time.sleep(60))
     with pytest.raises(KeyboardInterrupt), rehearsed(MCPILCO("SumOfGaussians", ENV)) as waiting:
         raise KeyboardInterrupt
-    assert not waiting[0]._process.is_alive()
+    assert not waiting[0]._processes[0].is_alive()
 
 
 def test_nothing_is_compiled_that_is_there_or_of_no_use(cold: None) -> None:

@@ -205,9 +205,10 @@ def test_wrong_arguments_get_a_sentence(
 
 
 def waved(name: str, dt: float, seconds: float) -> Recording:
-    """A pendulum that is led along a sine, and a motor that is said to have been off."""
+    """A pendulum that is led along two sines, and a motor that is said to have been off."""
     time = dt * np.arange(round(seconds / dt))
-    states = np.stack([np.sin(time), np.cos(time)], axis=1)
+    angle = np.sin(time) + 0.3 * np.sin(2.7 * time)
+    states = np.stack([angle, np.cos(time) + 0.3 * 2.7 * np.cos(2.7 * time)], axis=1)
     return Recording(name, time, states, np.zeros((len(time), 1)), *long_names)
 
 

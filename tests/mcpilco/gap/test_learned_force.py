@@ -64,7 +64,7 @@ def nominal_fit(measured: list[Recording], plant: Plant = PLANT) -> tuple[Fit, W
 
 @pytest.mark.slow
 def test_a_detent_is_learned_where_it_is_and_the_error_on_unseen_recordings_shrinks() -> None:
-    measured = recordings(detent, 5)
+    measured = recordings(detent, 13)  # few windows of a recording come by the magnet
     before, windows = nominal_fit(measured[:3])
     short = cut(measured[:3], np.array([STD, 1.0]), seconds=FORCE.short_s)
     after = with_learned_force(before, windows, short)

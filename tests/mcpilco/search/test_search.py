@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
+import subprocess
+import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -16,7 +19,7 @@ from mcpilco.config import Phase, SearchConfig
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies import Dropout, SaturatingCost, SumOfGaussians
 from mcpilco.search.particles import Particles, Problem, rollout
-from mcpilco.search.search import MOST_SKIPPED, PolicySearch, SearchResult
+from mcpilco.search.search import MOST_SKIPPED, Adam, PolicySearch, SearchResult
 
 T = 6
 
@@ -140,12 +143,15 @@ def test_learning_rates_and_steps_follow_the_trial() -> None:
 @pytest.mark.parametrize("limit", [0.01, None])
 def test_the_gradient_is_clipped_to_its_norm(limit: float | None) -> None:
     search = PolicySearch(SearchConfig(particles=10, clip_norm=limit), torch.Generator())
-    policy = line_policy()
-    before = nn.utils.parameters_to_vector(policy.parameters())
-    plain_descent = torch.optim.SGD(policy.parameters(), lr=1.0)
-    _, norm = search.step(line_problem(), policy, plain_descent, dropout=0.0)
-    moved = float((nn.utils.parameters_to_vector(policy.parameters()) - before).norm().detach())
+    policy, taken = line_policy(), []
+
+    class Spy(Adam):
+        def step(self, slopes: Sequence[Tensor], learning_rate: float) -> None:
+            taken.extend(slopes)
+
+    _, norm = search.step(line_problem(), policy, Spy(policy), 1.0)
     assert norm > 0.1  # before clipping
+    moved = float(nn.utils.get_total_norm(taken))
     assert moved == pytest.approx(norm if limit is None else limit, rel=1e-4)
 
 
@@ -377,6 +383,31 @@ def test_a_policy_that_is_not_finite_is_not_chosen() -> None:
     assert float(found.best.policy.level.detach()) == pytest.approx(0.9)
 
 
+def test_adam_is_torchs_to_the_last_bit() -> None:
+    ours, generator = line_policy(), torch.Generator().manual_seed(1)
+    theirs = copy.deepcopy(ours)
+    adam, reference = Adam(ours), torch.optim.Adam(theirs.parameters(), 0.01, fused=True)
+    for rate in (0.01, 0.01, 0.003):
+        reference.param_groups[0]["lr"] = rate
+        for parameter in theirs.parameters():
+            parameter.grad = torch.randn(
+                parameter.shape, generator=generator, dtype=parameter.dtype
+            )
+        adam.step([parameter.grad for parameter in theirs.parameters()], rate)
+        reference.step()
+    for mine, other in zip(ours.parameters(), theirs.parameters(), strict=True):
+        assert mine.tolist() == other.tolist()
+
+
+def test_a_search_imports_no_compiler_of_torch() -> None:
+    """It takes longer than a trial's first hundred steps."""
+    code = (
+        "import sys, mcpilco.search.search as s; from tests.mcpilco.search import test_search as t;"
+    )
+    code += "t.search_line(steps=(2,)); assert 'torch._dynamo' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 # --- a cost that is wide at first ---------------------------------------------------------------
 
 
@@ -390,8 +421,8 @@ def test_a_widened_step_follows_the_wide_cost_and_tells_the_true_one() -> None:
     ):
         policy = line_policy()
         search = PolicySearch(SearchConfig(clip_norm=None), torch.Generator().manual_seed(0))
-        optimiser = torch.optim.SGD(policy.parameters(), lr=0.1)
-        values[name], norms[name] = search.step(problem, policy, optimiser, 0.0, widening)
+        numbers = 0.1, 0.0, widening
+        values[name], norms[name] = search.step(problem, policy, Adam(policy), *numbers)
     assert values["felt"] == pytest.approx(values["plain"], rel=1e-12)
     assert norms["felt"] == pytest.approx(norms["wide"], rel=1e-12)
     assert norms["felt"] < 0.5 * norms["plain"]
