@@ -28,6 +28,7 @@ FILES = (
     STABILITY,
     "corrected.json",
     "corrected.xml",
+    "closest.json",
     "gap.rrd",
     "report.html",
     INTERRUPTED,
@@ -117,9 +118,12 @@ class Gap(options.Command):
         write_json(gap, self.out / "gap.json")
         written = ["gap.json"]
         if gap.verdict != "too_poor":
-            correction = correction_of(gap.corrected, plant)
-            write_correction(self.out / "corrected.json", correction)
-            written.append("corrected.json")
+            plants = {"corrected.json": gap.corrected}
+            if gap.closest is not None:
+                plants["closest.json"] = gap.closest.plant
+            for name, changed in plants.items():
+                write_correction(self.out / name, correction_of(changed, plant))
+            written += plants
             if Path(self.plant).suffix == ".xml":
                 written += self._write_mjcf(gap)
         if self.stability:

@@ -9,7 +9,7 @@ from .comparison import (
     time_map,
 )
 from .data import Event, GapProblem, Windows, usual_scales
-from .decide import EstimatedParameter, NamedEffect
+from .decide import Closest, EstimatedParameter, NamedEffect
 from .disagreement import Disagreement
 from .fit import Fit, fit_initial_states, fit_model, truncated
 from .investigation import investigate, require_plausible
@@ -33,6 +33,7 @@ __all__ = [
     "COMPARISON",
     "DATA",
     "IN_SAMPLE",
+    "Closest",
     "ComparedModels",
     "Comparison",
     "Disagreement",

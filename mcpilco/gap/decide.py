@@ -15,7 +15,7 @@ from mcpilco.gap.fit import Fit, fit_model, misfits
 from mcpilco.gap.search import SearchResult, Tried, without
 from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import CHOICE, VERDICT
-from mcpilco.plant import EffectInstance
+from mcpilco.plant import EffectInstance, Plant
 
 
 def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
@@ -213,6 +213,17 @@ class NamedEffect:
     """part of the closed gap that it closes: what opens again without it [-]"""
     family: tuple[str, ...]
     """effects, itself first, that these recordings cannot distinguish from it"""
+
+
+@dataclass(frozen=True)
+class Closest:
+    """Effects that come closest to what is missing, and explain too little of it to be named."""
+
+    effects: tuple[NamedEffect, ...]
+    reduction: Interval
+    """the part of the error on held-out recordings that they take away [-]"""
+    plant: Plant
+    """the nominal one with them"""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, Comparison, compare
+from mcpilco.gap.comparison import ComparedModels, Comparison, compare, error_reduction
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, event_of
 from mcpilco.gap.decide import (
+    Closest,
     closes_most,
     left_forces,
     mispredicts,
@@ -138,7 +139,10 @@ def investigate(
         where = (*located_force(final, windows), *where)
     elif unknown:
         final = base
-    named = named if helps or not unknown else ()
+    closest = None
+    if unknown and named and not helps:
+        reduction = error_reduction(null, best, clear)
+        named, closest = (), Closest(named, reduction, _corrected(best))
     if final is not best:
         clear = _held_out(problem, events, final)
 
@@ -161,7 +165,7 @@ def investigate(
         comparison=compared,
         events=events,
         experiments=tuple(experiments(result, best, windows)),
-        closest=() if named else tuple(map(str, best.model.effects)),
+        closest=closest,
         train=train,
         held_out=unseen,
         search=result,

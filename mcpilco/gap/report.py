@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from mcpilco.data import html_table
 from mcpilco.files import write_bytes
-from mcpilco.gap.comparison import ComparedModels, Comparison
+from mcpilco.gap.comparison import ComparedModels, Comparison, Interval
 from mcpilco.gap.data import Event, Windows, cut
-from mcpilco.gap.decide import LeftForce, NamedEffect, Rival, ShiftedParameter, rivals
+from mcpilco.gap.decide import Closest, LeftForce, NamedEffect, Rival, ShiftedParameter, rivals
 from mcpilco.gap.disagreement import Disagreement
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
 from mcpilco.gap.search import SearchResult
@@ -67,7 +67,7 @@ class Gap:
     """parameters of the corrected plant that are farther from the nominal ones than was told"""
     on_bounds: tuple[str, ...] = ()
     """values of effects that lie on a bound"""
-    closest: tuple[str, ...] = ()
+    closest: Closest | None = None
     """where none is named: the effects that come closest, and may but imitate what is missing"""
 
     @property
@@ -117,7 +117,7 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "left": [vars(force) for force in gap.left],
         "shifted": [vars(parameter) for parameter in gap.shifted],
         "on_bounds": list(gap.on_bounds),
-        "closest": list(gap.closest),
+        "closest": None if gap.closest is None else _closest(gap.closest),
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {
@@ -128,6 +128,11 @@ def to_json(gap: Gap) -> dict[str, Any]:
             "doubts": _doubts(gap),
         },
     }
+
+
+def _closest(closest: Closest) -> dict[str, Any]:
+    effects = [asdict(effect) for effect in closest.effects]
+    return {"effects": effects, "reduction": vars(closest.reduction)}
 
 
 def _error(gap: Gap) -> dict[str, Any] | None:
@@ -166,15 +171,7 @@ def _finite(value: Any) -> Any:
 def summary(gap: Gap) -> list[str]:
     """The result as some lines that an engineer can act on."""
     lines = [f"{gap.plant.name}: {verdict_sentence(gap)}", *_shifts(gap), *gap.remarks]
-    for named in gap.named:
-        numbers = ", ".join(
-            f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
-            for symbol, e in named.parameters.items()
-        )
-        others = named.family[1:]
-        instead = f"; cannot be distinguished from {' or '.join(others)}" if others else ""
-        sure = f"{100 * named.probability:.0f} %, closes {100 * named.share:.0f} % of the gap"
-        lines.append(f"  {named.name} at {named.target}, {sure}: {numbers}{instead}")
+    lines += map(_effect_line, gap.named)
     lines += [*map("  {}".format, gap.on_bounds), *_left(gap)]
     lines += [f"  Missing at {part.joint}: {part.condition}." for part in gap.where if part.joint]
     missed = [part for part in gap.where if not part.joint]
@@ -190,6 +187,17 @@ def summary(gap: Gap) -> list[str]:
     return list(dict.fromkeys([*lines, *_left_out(gap), *_doubts(gap), *gap.experiments]))
 
 
+def _effect_line(named: NamedEffect) -> str:
+    numbers = ", ".join(
+        f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
+        for symbol, e in named.parameters.items()
+    )
+    others = named.family[1:]
+    instead = f"; cannot be distinguished from {' or '.join(others)}" if others else ""
+    sure = f"{100 * named.probability:.0f} %, closes {100 * named.share:.0f} % of the gap"
+    return f"  {named.name} at {named.target}, {sure}: {numbers}{instead}"
+
+
 def _shifts(gap: Gap) -> list[str]:
     """Sentences on parameters far from their nominal values."""
     return [
@@ -203,9 +211,15 @@ def _left(gap: Gap) -> list[str]:
     """Sentences on the forces that effects leave over, where they are more than is usual."""
     if gap.verdict not in ("partly", "unknown"):
         return []
-    closest = " and ".join(gap.closest)
-    imitates = f"  Of the catalogue {closest} comes closest, and leaves too much to be named."
-    return [imitates] * bool(closest) + [
+    said = []
+    if gap.closest is not None:
+        part = percent(gap.closest.reduction)
+        said = [
+            f"  Closest, and too little or too unsure to be named: {part} of the refitted plant's "
+            "error is gone with these; closest.json has them.",
+            *map(_effect_line, gap.closest.effects),
+        ]
+    return said + [
         f"  Left over at {force.joint}: a force of {force.std:.2g} {force.unit} rms, "
         f"{100 * force.usual:.0f} % of the usual one; in the nominal plant {force.nominal:.2g}."
         for force in gap.left
@@ -245,10 +259,14 @@ PLANTS = {
 
 def closed_share(found: Comparison) -> str:
     """How much of the gap is closed, with the ends of its interval, and from where it counts."""
-    closed, plant = found.closed, PLANTS[found.baseline]
-    ends = f"{100 * closed.low:.1f} to {100 * closed.high:.1f}"
-    ends = ends if math.isfinite(closed.low) else "too few windows for an interval"
-    return f"{100 * closed.value:.1f} % ({ends}), from the {plant} plant"
+    return f"{percent(found.closed)}, from the {PLANTS[found.baseline]} plant"
+
+
+def percent(part: Interval) -> str:
+    """A part, with the ends of its interval."""
+    ends = f"{100 * part.low:.1f} to {100 * part.high:.1f}"
+    ends = ends if math.isfinite(part.low) else "too few windows for an interval"
+    return f"{100 * part.value:.1f} % ({ends})"
 
 
 def _units(gap: Gap) -> dict[str, str]:

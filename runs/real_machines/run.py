@@ -171,7 +171,9 @@ def _effects_table(found: dict[Question, dict[str, Any]]) -> str:
         own = (asked.held_out, f"{asked.dt_ms:g}", told["verdict"])
         left = ", ".join(f"{f['std']:.3g} {f['unit']} ({f['joint']})" for f in told["left"])
         effects = [_effect_cells(each) for each in told["effects"]]
-        effects = effects or [(f"closest: {', '.join(told['closest']) or '-'}", "", "", "")]
+        if told["closest"]:
+            effects = [_effect_cells(each, "closest: ") for each in told["closest"]["effects"]]
+        effects = effects or [("-", "", "", "")]
         rows += [(*own, *effects[0], left), *(("", "", "", *cells, "") for cells in effects[1:])]
     header = (
         "held out",
@@ -186,13 +188,15 @@ def _effects_table(found: dict[Question, dict[str, Any]]) -> str:
     return markdown(header, rows)
 
 
-def _effect_cells(effect: dict[str, Any]) -> tuple[str, ...]:
+def _effect_cells(effect: dict[str, Any], before: str = "") -> tuple[str, ...]:
     values = [
         f"{symbol} = {e['value']:.4g} {e['unit']} ({e['low']:.4g} to {e['high']:.4g})"
         for symbol, e in effect["parameters"].items()
     ]
     alike = effect["family"][1:]
-    name = f"{effect['name']} ({effect['target']})" + (f" or {', '.join(alike)}" if alike else "")
+    name = f"{before}{effect['name']} ({effect['target']})" + (
+        f" or {', '.join(alike)}" if alike else ""
+    )
     return (
         name,
         ", ".join(values),

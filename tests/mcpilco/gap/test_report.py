@@ -10,6 +10,7 @@ import pytest
 
 import envs
 from mcpilco.gap import (
+    Closest,
     EstimatedParameter,
     Event,
     Gap,
@@ -19,6 +20,7 @@ from mcpilco.gap import (
     summary,
     to_json,
 )
+from mcpilco.gap.comparison import Interval
 from mcpilco.gap.report import HIDDEN
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
@@ -134,3 +136,16 @@ def test_a_doubtful_column_is_told_in_the_summary(found: Gap) -> None:
     assert "torque is 17 at most, from 1.000 s on" in told[0]
     assert told[0] in cautions(doubted)
     assert to_json(doubted)["recordings"]["doubts"] == told
+
+
+def test_what_comes_closest_is_told_with_its_numbers_though_it_is_not_named(found: Gap) -> None:
+    closest = Closest(found.named, Interval(0.78, -0.09, 0.96), found.corrected)
+    gap = replace(found, verdict="unknown", named=(), corrected=found.plant, closest=closest)
+    lines = summary(gap)
+    (at,) = (n for n, line in enumerate(lines) if "78.0 % (-9.0 to 96.0)" in line)
+    assert "too unsure to be named" in lines[at]
+    assert lines[at + 1].startswith("  coulomb_friction at pendulum, ")
+    told = to_json(gap)["closest"]
+    assert told["effects"][0]["parameters"]["f_c"] == vars(found.named[0].parameters["f_c"])
+    assert told["reduction"] == {"value": 0.78, "low": -0.09, "high": 0.96}
+    assert to_json(found)["closest"] is None
