@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,16 +13,19 @@ from jaxtyping import Float
 from mcpilco.gap import (
     COMPARISON,
     IN_SAMPLE,
+    Closest,
     ComparedModels,
     Comparison,
     EstimatedParameter,
     Gap,
     MissingForce,
+    NamedEffect,
     SearchResult,
     TimeMap,
     cautions,
     closed_share,
     missing_force,
+    percent,
     scaled_errors,
     squares_at_end,
     three_digits,
@@ -94,6 +97,8 @@ def _sections(gap: Gap) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     if gap.named:
         yield made("What is missing", partial(effects, gap))
+    if gap.closest is not None:
+        yield made("What comes closest", partial(closest, gap, gap.closest))
     if gap.corrected.learned:
         yield made("What was learned", partial(learned, gap))
     if gap.comparison is not None:
@@ -123,12 +128,34 @@ _HEADS = {"refit": "refitted", "noise_floor": "noise alone"}
 
 def effects(gap: Gap) -> Section:
     """The effects that are missing, with their sizes."""
+    return Section(
+        "What is missing",
+        "The smallest set of effects that explains the recordings. Those under “not "
+        "distinguishable from” leave residuals of about the same size in these recordings.",
+        (),
+        [_sizes(gap.plant, gap.named)],
+    )
+
+
+def closest(gap: Gap, closest: Closest) -> Section:
+    """The effects that explain too little to be named."""
+    return Section(
+        "What comes closest",
+        f"With these effects {percent(closest.reduction)} of the refitted plant's error is gone: "
+        "too little, or too unsure, to name them. They may but imitate what is missing. "
+        "closest.json is the plant with them.",
+        (),
+        [_sizes(gap.plant, closest.effects)],
+    )
+
+
+def _sizes(plant: Plant, effects: Sequence[NamedEffect]) -> Table:
     rows = []
-    for named in gap.named:
+    for named in effects:
         sizes = "; ".join(
             f"{symbol} = {interval(estimate)}" for symbol, estimate in named.parameters.items()
         )
-        formula = (gap.plant.catalogue[named.name].__doc__ or "").splitlines()[0].rstrip(".")
+        formula = (plant.catalogue[named.name].__doc__ or "").splitlines()[0].rstrip(".")
         others = ", ".join(named.family[1:]) or "–"
         sure = f"{100 * named.probability:.0f} %"
         rows.append((named.name, named.target, sizes, sure, others, formula))
@@ -140,13 +167,7 @@ def effects(gap: Gap) -> Section:
         "not distinguishable from",
         "what it does",
     )
-    return Section(
-        "What is missing",
-        "The smallest set of effects that explains the recordings. Those under “not "
-        "distinguishable from” leave residuals of about the same size in these recordings.",
-        (),
-        [Table(header, rows)],
-    )
+    return Table(header, rows)
 
 
 def learned(gap: Gap) -> Section:

@@ -9,7 +9,8 @@ import pytest
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
-from mcpilco.gap import Event, Gap
+from mcpilco.gap import Closest, Event, Gap
+from mcpilco.gap.comparison import Interval
 from mcpilco.show.report import gap_page
 from mcpilco.show.report.document import Picture
 from mcpilco.show.report.gap_page import write_gap_report
@@ -106,9 +107,11 @@ def test_page_of_a_plant_that_lacks_nothing_speaks_of_no_correction(
 
 @pytest.mark.usefixtures("undrawn")
 def test_page_of_something_unknown_says_where_to_look(found: Gap, tmp_path: Path) -> None:
-    page = read(replace(found, verdict="unknown", named=()), tmp_path)
-    assert page.headings[0] == "What to mind"
+    closest = Closest(found.named, Interval(0.78, -0.09, 0.96), found.corrected)
+    page = read(replace(found, verdict="unknown", named=(), closest=closest), tmp_path)
+    assert page.headings[:2] == ["What to mind", "What comes closest"]
     assert "when the residual is large" in page.text
+    assert "78.0 % (-9.0 to 96.0)" in page.text
 
 
 @pytest.mark.usefixtures("undrawn")
