@@ -12,7 +12,7 @@ from .data import Event, GapProblem, Windows, usual_scales
 from .decide import Closest, EstimatedParameter, NamedEffect
 from .disagreement import Disagreement
 from .fit import Fit, fit_initial_states, fit_model, truncated
-from .investigation import investigate, require_plausible
+from .investigation import investigate
 from .report import (
     IN_SAMPLE,
     Gap,
@@ -27,7 +27,7 @@ from .report import (
 )
 from .search import SearchResult
 from .stability import Stability, repetitions
-from .suspicion import suspicions
+from .suspicion import require_plausible, suspicions
 from .thresholds import COMPARISON, DATA
 
 __all__ = [

@@ -236,6 +236,23 @@ def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"])
     return start
 
 
+def apart(windows: Windows) -> tuple[Windows, Windows]:
+    """Two parts of windows in the order of time that share no sample, cut near the middle.
+
+    They are cut between two recordings, or within one where a part would have fewer than
+    `DATA.fewest_windows`. Both parts are all windows where that is so even then.
+    """
+    own, start = windows.recording, windows.start_s
+    ends, middle = np.flatnonzero(np.diff(own)) + 1, len(windows) // 2
+    enough = ends[np.minimum(ends, len(windows) - ends) >= DATA.fewest_windows]
+    first = min(enough, key=lambda end: abs(end - middle), default=middle)
+    last, until = own[first - 1], start[first - 1] + windows.y.shape[2] * windows.dt
+    second = (own > last) | (own == last) & (start >= until)
+    if min(first, second.sum()) < DATA.fewest_windows:
+        return windows, windows
+    return windows[:first], windows[second]
+
+
 @dataclass(frozen=True)
 class Event:
     """A span of a recording that was left out."""

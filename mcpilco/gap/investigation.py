@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, Comparison, compare, error_reduction
-from mcpilco.gap.data import Event, GapProblem, Windows, cut, event_of
+from mcpilco.gap.comparison import ComparedModels, compare, error_reduction
+from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of
 from mcpilco.gap.decide import (
     Closest,
     closes_most,
@@ -46,13 +46,19 @@ from mcpilco.gap.fit import (
 )
 from mcpilco.gap.learned_force import learned_of, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.report import Gap, experiments, three_digits
+from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import at_rest, distinct, suspicions, unchanging
-from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE, SUSPICION
+from mcpilco.gap.suspicion import (
+    at_rest,
+    distinct,
+    far_from_noise,
+    require_plausible,
+    suspicions,
+    unchanging,
+)
+from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording
-from mcpilco.typing import InputError
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""
@@ -120,7 +126,8 @@ def investigate(
 
     missed = spans_of(masked, recordings)
     events, final = (*pushes, *missed), best
-    clear = _held_out(problem, events, best)
+    decisive, reported = _held_out(problem)
+    clear = _clear(decisive, problem, events, best)
     unknown = (
         place is not None
         or judged.evidence.deficient
@@ -133,18 +140,16 @@ def investigate(
     if unknown:
         _tell("learning of a force without a name", best)
     base = best if helps else null
-    if unknown and (learned := _learn_force(problem, base, null, windows, masked)) is not None:
+    if unknown and (learned := _learn_force(problem, base, null, explained, decisive)) is not None:
         final, unexplained = learned
         events = (*pushes, *unexplained)
         where = (*located_force(final, windows), *where)
     elif unknown:
         final = base
-    closest = None
+    clear, closest = _clear(reported, problem, events, final), None
     if unknown and named and not helps:
         reduction = error_reduction(null, best, clear)
         named, closest = (), Closest(named, reduction, _corrected(best))
-    if final is not best:
-        clear = _held_out(problem, events, final)
 
     known = "named" if named else "none"
     verdict = ("partly" if named else "unknown") if unknown else known
@@ -154,8 +159,7 @@ def investigate(
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
     train, unseen = problem.names
-    whole = [recordings[n] for n in problem.held_out]
-    compared = compare(models, clear, cut(whole, problem.std, every=DATA.held_out_every_s))
+    compared = compare(models, clear, reported)
     return Gap(
         plant=plant,
         verdict=verdict,
@@ -168,10 +172,11 @@ def investigate(
         closest=closest,
         train=train,
         held_out=unseen,
+        apart=reported is not decisive,
         search=result,
         models=models,
         recordings=tuple(recordings),
-        suspicions=(*doubts, *_far_from_noise(compared, unknown and not foreign)),
+        suspicions=(*doubts, *far_from_noise(compared, unknown and not foreign)),
         remarks=remarks,
         left=left_forces(judged),
         shifted=shifted_parameters(final),
@@ -189,36 +194,10 @@ MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so
 AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 
-def require_plausible(suspicions: Sequence[str]) -> None:
-    """Raises InputError where there are suspicions of the recordings."""
-    if suspicions:
-        raise InputError(
-            f"the recordings look wrong: {' '.join(suspicions)} Nothing was searched for; mend the "
-            "columns, or accept them as they are (--accept)."
-        )
-
-
 def _tell(stage: str, best: Fit | None = None) -> None:
     """Log that a stage begins, and the effects that are known by then."""
     effects = [] if best is None else [str(effect) for effect in best.model.effects]
     _LOG.info(stage, extra={"found": effects})
-
-
-def _far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
-    """A sentence where the corrected plant is far from explaining the recordings.
-
-    Args:
-        compared: the errors.
-        more: whether something acts on this machine that no effect explains.
-    """
-    most = SUSPICION.unlearned if more else SUSPICION.unexplained
-    if compared.corrected <= most * compared.noise_floor:
-        return ()
-    return (
-        f"the corrected plant misses the recordings by {three_digits(compared.corrected)} noise "
-        f"std, and noise alone makes {three_digits(compared.noise_floor)}: is the plant the right "
-        "one?",
-    )
 
 
 def _too_short(windows: Windows) -> str:
@@ -236,11 +215,7 @@ def _too_poor(
     return Gap(
         plant=plant,
         verdict="too_poor",
-        named=(),
         corrected=plant,
-        where=(),
-        comparison=None,
-        events=(),
         experiments=(why,),
         train=train,
         held_out=unseen,
@@ -275,9 +250,14 @@ def _spread(windows: Windows) -> Windows:
     return windows[np.linspace(0, len(windows) - 1, DATA.searched_windows).round().astype(int)]
 
 
-def _held_out(problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows:
-    """Held-out windows without events, and without samples that a model shows to be misread."""
+def _held_out(problem: GapProblem) -> tuple[Windows, Windows]:
+    """Held-out windows that decide, and those on which errors are told; the same where few."""
     windows = problem.windows(problem.held_out, every=DATA.held_out_every_s)
+    return apart(windows) if problem.names[1] else (windows, windows)
+
+
+def _clear(windows: Windows, problem: GapProblem, events: Sequence[Event], fit: Fit) -> Windows:
+    """Held-out windows without events, and without samples that a model shows to be misread."""
     names = [problem.recordings[n].name for n in problem.held_out]
     clear = event_of(events, windows, names) < 0
     return _without_spikes(fit, windows[clear] if clear.any() else windows)
@@ -385,15 +365,15 @@ def _leave_out_pushes(
 
 
 def _learn_force(
-    problem: GapProblem, base: Fit, null: Fit, windows: Windows, masked: Windows
+    problem: GapProblem, base: Fit, null: Fit, explained: _Explanation, decisive: Windows
 ) -> tuple[Fit, tuple[Event, ...]] | None:
     """A fit with the residual as a force, and the events that this does not explain either.
 
-    None where it does not shrink the held-out error.
+    None where it does not shrink the error of the held-out windows that decide.
     """
+    windows, masked = explained.windows.plain, explained.masked
     budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
     base = replace(base, model=replace(base.model, budget=budget))
-    windows = windows.plain
 
     def usable(some: Windows) -> Windows:
         return _without_spikes(base, truncated(base.model, some, base.theta))
@@ -403,5 +383,5 @@ def _learn_force(
     fit = with_learned_force(base, usable(every), usable(short))
     missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
-    clear = _held_out(problem, events, fit)
+    clear = _clear(decisive, problem, events, fit)
     return (fit, events) if surely_better(fit, (null, base), clear) else None

@@ -34,23 +34,25 @@ class Gap:
     """nominal"""
     verdict: str
     """named, none, partly (effects are named, and more is missing), unknown or too_poor"""
-    named: tuple[NamedEffect, ...]
-    """effects that are missing"""
     corrected: Plant
-    """the plant with them, its uncertain parameters as the data have them"""
-    where: tuple[Disagreement, ...]
-    """where the nominal plant disagrees with the recordings"""
-    comparison: Comparison | None
-    """errors on held-out recordings; None where the data are too poor"""
-    events: tuple[Event, ...]
-    """spans that no model explains: a push, a contact"""
-    experiments: tuple[str, ...]
-    """recordings that would decide what these cannot"""
+    """the plant with the effects, its uncertain parameters as the data have them"""
     train: tuple[str, ...]
     """names of the recordings that were fitted"""
     held_out: tuple[str, ...]
     """names of those that no fit has seen, and on which the models are compared; none where there
     are too few: then they are compared on those that were fitted"""
+    experiments: tuple[str, ...]
+    """recordings that would decide what these cannot"""
+    named: tuple[NamedEffect, ...] = ()
+    """effects that are missing"""
+    where: tuple[Disagreement, ...] = ()
+    """where the nominal plant disagrees with the recordings"""
+    comparison: Comparison | None = None
+    """errors on held-out recordings; None where the data are too poor"""
+    apart: bool = False
+    """whether these errors are of held-out windows that did not decide the verdict"""
+    events: tuple[Event, ...] = ()
+    """spans that no model explains: a push, a contact"""
     search: SearchResult | None = None
     """all sets of effects that were fitted"""
     models: ComparedModels | None = None
@@ -123,11 +125,19 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "recordings": {
             "train": list(gap.train),
             "held_out": list(gap.held_out),
-            "errors_are": "of held-out recordings" if gap.held_out else IN_SAMPLE,
+            "errors_are": errors_are(gap),
             "remarks": list(gap.remarks),
             "doubts": _doubts(gap),
         },
     }
+
+
+def errors_are(gap: Gap) -> str:
+    """Of which recordings errors are told, and whether these decided the verdict too."""
+    if not gap.held_out:
+        return IN_SAMPLE
+    decided = "decided nothing" if gap.apart else "also decided the verdict, as they are few"
+    return f"of held-out windows that {decided}"
 
 
 def _closest(closest: Closest) -> dict[str, Any]:

@@ -16,9 +16,12 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mcpilco.gap.comparison import Comparison
+from mcpilco.gap.report import three_digits
 from mcpilco.gap.thresholds import SUSPICION
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
+from mcpilco.typing import InputError
 
 DEGREE = math.pi / 180.0
 """[rad]"""
@@ -39,6 +42,32 @@ def suspicions(
     if not told and len(spans.held):
         told = tuple(_misread(plant, spans))
     return told or tuple(_beyond_limits(plant, recordings, limits))
+
+
+def require_plausible(suspicions: Sequence[str]) -> None:
+    """Raises InputError where there are suspicions of the recordings."""
+    if suspicions:
+        raise InputError(
+            f"the recordings look wrong: {' '.join(suspicions)} Nothing was searched for; mend the "
+            "columns, or accept them as they are (--accept)."
+        )
+
+
+def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
+    """A sentence where the corrected plant is far from explaining the recordings.
+
+    Args:
+        compared: the errors.
+        more: whether something acts on this machine that no effect explains.
+    """
+    most = SUSPICION.unlearned if more else SUSPICION.unexplained
+    if compared.corrected <= most * compared.noise_floor:
+        return ()
+    return (
+        f"the corrected plant misses the recordings by {three_digits(compared.corrected)} noise "
+        f"std, and noise alone makes {three_digits(compared.noise_floor)}: is the plant the right "
+        "one?",
+    )
 
 
 def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:

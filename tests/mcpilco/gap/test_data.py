@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.data import GapProblem, Windows, apart
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.sensitivities import run
 
@@ -40,3 +42,47 @@ def test_the_start_of_each_part_is_estimated_from_it(
     seen = parts.y[np.arange(len(parts)), 0, first]
     near = seen - parts.guess[:, 1] * parts.dt * first
     assert np.median(np.abs(parts.guess[:, 0] - near)) < 0.02 * np.ptp(seen)
+
+
+def _samples(windows: Windows) -> set[tuple[int, int]]:
+    """Recording and number of each sample that some windows hold."""
+    first = np.round(windows.start_s / windows.dt).astype(int)
+    T = windows.y.shape[2]
+    return {
+        (int(n), k) for n, f in zip(windows.recording, first, strict=True) for k in range(f, f + T)
+    }
+
+
+@given(counts=st.lists(st.integers(1, 40), min_size=1, max_size=4), stride=st.integers(3, 20))
+def test_windows_that_decide_and_those_of_which_errors_are_told_share_no_sample(
+    counts: list[int], stride: int
+) -> None:
+    """Unless they are few: then all do both."""
+    W, T, dt = sum(counts), 20, 0.05
+    windows = Windows(
+        y=np.zeros((W, 2, T)),
+        commands=np.zeros((W, T, 1)),
+        lead=0,
+        dt=dt,
+        std=np.ones(2),
+        guess=np.zeros((W, 2)),
+        recording=np.repeat(np.arange(len(counts)), counts),
+        start_s=np.concatenate([dt * stride * np.arange(n) for n in counts]),
+    )
+    decisive, reported = apart(windows)
+    if reported is windows:
+        assert decisive is windows
+        assert W < 40
+        return
+    assert not _samples(decisive) & _samples(reported)
+    assert min(len(decisive), len(reported)) >= 6
+
+
+def test_recordings_are_parted_whole_where_each_part_has_enough_of_them(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, _ = lagging
+    decisive, reported = apart(windows)
+    assert len(set(windows.recording)) > 1
+    assert not set(decisive.recording) & set(reported.recording)
+    assert len(decisive) + len(reported) == len(windows)

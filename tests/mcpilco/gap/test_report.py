@@ -46,7 +46,7 @@ def test_a_gain_and_what_it_is_confused_with_get_an_experiment_or_a_plain_no() -
 def test_a_notebook_shows_a_row_for_each_parameter_of_a_missing_effect() -> None:
     found = EstimatedParameter(0.52, 0.5, 0.54, "N m")
     missing = NamedEffect("coulomb", "hinge", {"c": found, "d": found}, 0.98, 1.0, ("coulomb",))
-    nothing = Gap(PLANT(), "none", (), PLANT(), (), None, (), (), (), ())
+    nothing = Gap(PLANT(), "none", PLANT(), (), (), ())
     gap = replace(nothing, verdict="named", named=(missing,))
     shown = ElementTree.fromstring(f"<div>{gap._repr_html_()}</div>")
     _, first, second = ([cell.text for cell in line] for line in shown.iter("tr"))
