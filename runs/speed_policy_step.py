@@ -1,12 +1,12 @@
 """How long one policy step takes, against a plain implementation of the same work.
 
-    python runs/speed_policy_step.py --particles 400 --samples 60 --steps 60 --yardstick PATH
-    python runs/speed_policy_step.py --all --yardstick PATH      # minutes: runs/speed/README.md
+    python runs/speed_policy_step.py --particles 400 --samples 60 --steps 60
+    python runs/speed_policy_step.py --all      # minutes: runs/speed/README.md
 
-PATH is a file with `make(samples, bases=)` and `policy_step(gps, policy, optimiser, particles,
-steps)`, one optimisation step written plainly in eager torch. Both run on one thread of one
-process, in turn; the medians of the CPU times are compared. `--json` prints one JSON object as
-the last line.
+The plain implementation is runs/speed/plain.py; `--yardstick PATH` takes another file with the same
+`make(samples, bases=)` and `policy_step(gps, policy, optimiser, particles, steps)`. Both run on one
+thread of one process, in turn; the medians of the CPU times are compared. `--json` prints one JSON
+object as the last line.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from speed.step import Size
 class Arguments:
     """What is timed."""
 
-    yardstick: Path | None = None
-    """file with the plain implementation; ratios need it"""
+    yardstick: Path = Path(__file__).parent / "speed" / "plain.py"
+    """file with the plain implementation"""
     particles: int = 400
     samples: int = 60
     """N, training samples of each GP"""
@@ -56,7 +56,7 @@ def main() -> None:
 
         if arguments.quick and arguments.out is None:
             raise SystemExit("--quick would overwrite the tables of runs/speed; pass --out.")
-        survey(needed(arguments.yardstick), arguments.repeats, arguments.quick, arguments.out)
+        survey(arguments.yardstick, arguments.repeats, arguments.quick, arguments.out)
         return
     size = Size(arguments.particles, arguments.samples, arguments.steps, arguments.bases)
     found = measure(arguments, size)
@@ -79,7 +79,7 @@ def measure(arguments: Arguments, size: Size) -> dict[str, Any]:
         if arguments.engine == "eager":
             raise SystemExit("--measure parts looks into compiled loops; --engine eager has none.")
         return shares(size, arguments.engine, arguments.repeats)
-    return measures.ratio(size, arguments.engine, needed(arguments.yardstick), arguments.repeats)
+    return measures.ratio(size, arguments.engine, arguments.yardstick, arguments.repeats)
 
 
 def show(found: dict[str, Any], engine: str) -> None:
@@ -90,13 +90,6 @@ def show(found: dict[str, Any], engine: str) -> None:
     for name, seconds in (("yardstick", found["yardstick_s"]), (engine, found["ours_s"])):
         print(f"{name:>10} {1e3 * seconds:9.2f} ms")
     print(f"{'ratio':>10} {found['ratio']:9.2f}")
-
-
-def needed(yardstick: Path | None) -> Path:
-    """The yardstick's file."""
-    if yardstick is None:
-        raise SystemExit("A ratio needs --yardstick, a Python file; see the top of this file.")
-    return yardstick
 
 
 if __name__ == "__main__":

@@ -89,11 +89,11 @@ def test_tables_hold_every_trial_beside_the_published_figures(write):
     ],
 )
 def test_verdict_follows_the_measured_rates(write, shares, verdict):
-    assert verdict in write(default=make_summary(shares))
+    assert verdict in write(fresh=make_summary(shares))
 
 
-def test_only_the_preset_default_is_claimed(write):
-    assert "**not measured yet**" in write(thesis=make_summary([1.0] * 4))
+def test_only_seeds_that_were_run_once_are_claimed(write):
+    assert "**not measured yet**" in write(default=make_summary([1.0] * 4))
 
 
 def test_seeds_that_failed_are_listed(write):

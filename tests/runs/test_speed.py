@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import runpy
@@ -9,33 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 ROOT = Path(__file__).parent.parent.parent
 COMMAND = ROOT / "runs" / "speed_policy_step.py"
-YARDSTICK = """
-import torch
-
-def make(samples, bases):
-    return torch.randn(samples, samples), torch.nn.Linear(bases, 1), None
-
-def policy_step(gps, policy, optimiser, particles, steps):
-    optimiser.zero_grad()
-    (gps @ gps).sum()
-    policy(torch.ones(particles, policy.in_features)).sum().backward()
-    optimiser.step()
-"""
 LOOPS = (
     *("forward", "backward", "outside", "augment", "centres", "exponentials", "drop", "activate"),
     *("pulling", "act", "shift", "expand", "lower", "upper", "prior", "sample", "weigh"),
     *("collect", "differentiate"),
 )
-
-
-@pytest.fixture(scope="module")
-def yardstick(tmp_path_factory):
-    path = tmp_path_factory.mktemp("yardstick") / "plain.py"
-    path.write_text(YARDSTICK)
-    return path
 
 
 @pytest.fixture
@@ -67,8 +50,8 @@ def numbers(value):
 
 
 @pytest.mark.slow
-def test_quick_survey_writes_its_page_from_finite_numbers(yardstick, tmp_path):
-    flags = "--all", "--quick", "--repeats", "2", "--yardstick", yardstick, "--out", tmp_path
+def test_quick_survey_writes_its_page_from_finite_numbers(tmp_path):
+    flags = "--all", "--quick", "--repeats", "2", "--out", tmp_path
     done = call(*flags)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "results.json").read_text())
@@ -80,12 +63,23 @@ def test_quick_survey_writes_its_page_from_finite_numbers(yardstick, tmp_path):
     assert "One thread." in text
 
 
+def test_the_plain_step_samples_its_posterior_and_follows_the_gradient(modules):
+    """Where it has data a draw is what was measured, and the cost of a rollout falls."""
+    torch.manual_seed(0)
+    plain = importlib.import_module("speed.plain")
+    gps, policy, _ = plain.make(60, bases=50)
+    targets = torch.stack([gp.kernel(gp.X, gp.X) @ gp.alpha for gp in gps], -1)
+    draws = torch.stack([gp.sample(gp.X) for gp in gps], -1)
+    assert (draws - targets).abs().max() < 5.0 * plain.NOISE
+    optimiser = torch.optim.Adam(policy.parameters(), 0.05)
+    costs = [plain.policy_step(gps, policy, optimiser, 50, 10) for _ in range(30)]
+    assert np.mean(costs[-5:]) < np.mean(costs[:5])
+
+
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (["--all", "--quick", "--yardstick", "plain.py"], "pass --out"),
-        (["--particles", "4"], "needs --yardstick"),
-        (["--all"], "needs --yardstick"),
+        (["--all", "--quick"], "pass --out"),
         (["--yardstick", "missing.py"], "must be a Python file, got missing.py"),
         (["--measure", "parts", "--engine", "eager"], "--engine eager has none"),
     ],
