@@ -2,7 +2,7 @@ from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
 from .folder import SweepFolder, parse_seeds, sweep, sweep_progress
 from .fresh import Act, FreshEpisodes, outcomes_one_by_one
-from .job import FORMAT, SeedJob, Settings, machine, one_thread, result_of, run_seed
+from .job import FORMAT, Settings, machine, one_thread, result_of, run_seed, seed_job
 from .statistics import (
     CONFIDENCE,
     Estimate,
@@ -52,7 +52,6 @@ __all__ = [
     "RayEngine",
     "Row",
     "Run",
-    "SeedJob",
     "Settings",
     "SweepFolder",
     "all_amounts",
@@ -79,6 +78,7 @@ __all__ = [
     "result_of",
     "run_seed",
     "same_amount",
+    "seed_job",
     "spread",
     "spread_cell",
     "summarise",

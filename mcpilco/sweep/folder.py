@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from mcpilco.config import from_dict
 from mcpilco.files import require_own, write_bytes
 from mcpilco.logbook import counting, read_json, write_json
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult
-from mcpilco.sweep.job import FORMAT, SeedJob, Settings
+from mcpilco.sweep.job import FORMAT, Settings, seed_job
 from mcpilco.sweep.summary import SUMMARY_LEGEND, conclusion, markdown, summarise, summary_table
 from mcpilco.typing import InputError, RunFolderError
 
@@ -59,13 +59,19 @@ class SweepFolder:
 
     def results(self) -> dict[int, dict[str, Any]]:
         """The complete results, by seed; a damaged file counts as missing."""
-        return dict(sorted(self._read().items()))
+        found = {}
+        for path in (self.path / "seeds").glob("*.json"):
+            with contextlib.suppress(RunFolderError, KeyError, TypeError):
+                result = read_json(path)
+                if result["format"] == FORMAT and len(result["trials"]) == self._trials:
+                    found[int(result["seed"])] = result
+        return dict(sorted(found.items()))
 
     def failures(self) -> dict[int, str]:
         """Why the seeds failed that have no result, in a line each."""
-        paths = sorted((self.path / "seeds").glob("*.txt"))
+        paths, done = sorted((self.path / "seeds").glob("*.txt")), self.results()
         lines = {int(path.stem): path.read_text(encoding="utf-8").split("\n")[0] for path in paths}
-        return {seed: line for seed, line in lines.items() if seed not in self._read()}
+        return {seed: line for seed, line in lines.items() if seed not in done}
 
     def write(self, seed: int, outcome: dict[str, Any] | Failure) -> None:
         """Keep the outcome of a seed."""
@@ -75,22 +81,6 @@ class SweepFolder:
             return
         write_json(failure.with_suffix(".json"), outcome)
         failure.unlink(missing_ok=True)
-
-    def write_summary(self, summary: Mapping[str, Any], table: str) -> None:
-        """Write summary.json and table.md."""
-        write_json(self.path / "summary.json", summary)
-        write_bytes(self.path / "table.md", table.encode())
-
-    def _read(self) -> dict[int, dict[str, Any]]:
-        found = {}
-        for path in (self.path / "seeds").glob("*.json"):
-            try:
-                result = read_json(path)
-                if result["format"] == FORMAT and len(result["trials"]) == self._trials:
-                    found[int(result["seed"])] = result
-            except (RunFolderError, KeyError, TypeError):
-                continue
-        return found
 
 
 def _completed(there: dict[str, Any]) -> dict[str, Any]:
@@ -151,7 +141,7 @@ def sweep(
     path: str | Path,
     engine: Engine | None = None,
     on_result: OnResult | None = None,
-    make_job: Callable[[Any, int], Job] = SeedJob,
+    make_job: Callable[[Any, int], Job] = seed_job,
 ) -> dict[str, Any]:
     """Train from each seed that the folder has no result of, and return the summary of all it has.
 
@@ -181,8 +171,10 @@ def sweep(
         (engine or LocalEngine()).run(jobs, keep)
     finally:  # also when it is interrupted
         summary = summarise(folder.results(), folder.failures())
-        text = markdown(*summary_table(summary))
-        folder.write_summary(summary, f"{text}\n{SUMMARY_LEGEND}\n\n{conclusion(summary)}\n")
+        table = markdown(*summary_table(summary))
+        text = f"{table}\n{SUMMARY_LEGEND}\n\n{conclusion(summary)}\n"
+        write_json(folder.path / "summary.json", summary)
+        write_bytes(folder.path / "table.md", text.encode())
     return summary
 
 

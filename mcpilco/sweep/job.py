@@ -10,6 +10,7 @@ import os
 import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -64,18 +65,9 @@ class Settings(Checked):
         return json.loads(json.dumps(dataclasses.asdict(self)))
 
 
-@dataclass(frozen=True)
-class SeedJob:
-    """One seed as a job that an engine calls."""
-
-    settings: Settings
-    """of the sweep"""
-    seed: int
-    """of everything random"""
-
-    def __call__(self) -> dict[str, Any]:
-        """The result of `run_seed`."""
-        return run_seed(self.settings, self.seed)
+def seed_job(settings: Settings, seed: int) -> partial[dict[str, Any]]:
+    """One seed as a job that an engine calls for the result of `run_seed`."""
+    return partial(run_seed, settings, seed)
 
 
 def run_seed(settings: Settings, seed: int) -> dict[str, Any]:
