@@ -19,6 +19,7 @@ import contextlib
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol, TextIO
 
@@ -88,31 +89,17 @@ class Callback:
         """Gives back files and the terminal; its maker calls it, also after an error."""
 
 
-def _told_to_all(event: str) -> Callable[..., None]:
-    """The method of a list that passes an event on to each of its callbacks."""
-
-    def tell(self: CallbackList, *about: Any) -> None:
-        for callback in self.callbacks:
-            getattr(callback, event)(*about)
-
-    return tell
-
-
 class CallbackList(Callback):
     """Several callbacks, called in order."""
 
     def __init__(self, callbacks: Iterable[Callback]) -> None:
         self.callbacks = list(callbacks)
+        for event in ("close", *(name for name in vars(Callback) if name.startswith("on_"))):
+            setattr(self, event, partial(self._tell, event))
 
-    on_training_start = _told_to_all("on_training_start")
-    on_exploration = _told_to_all("on_exploration")
-    on_trial_start = _told_to_all("on_trial_start")
-    on_fit_step = _told_to_all("on_fit_step")
-    on_model_fitted = _told_to_all("on_model_fitted")
-    on_policy_step = _told_to_all("on_policy_step")
-    on_trial_end = _told_to_all("on_trial_end")
-    on_training_end = _told_to_all("on_training_end")
-    close = _told_to_all("close")
+    def _tell(self, event: str, *about: Any) -> None:
+        for callback in self.callbacks:
+            getattr(callback, event)(*about)
 
     def stops(self) -> bool:
         return any(callback.stops() for callback in self.callbacks)
