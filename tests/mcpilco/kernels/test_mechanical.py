@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from envs.arms.dh import Link
 from envs.arms.industrial import ur10
-from envs.arms.marked import marked_arm
+from envs.arms.marked import Link, marked_arm
 from envs.arms.motions import random_motion
 from mcpilco.bodies import generalised_forces
 from mcpilco.dynamics import JointPolynomials
