@@ -24,10 +24,10 @@ from .joints import (
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .reader import read_recording, read_recordings
 from .recording import Recording, from_rollout, runs, write_recording
+from .resample import sampling_time
 from .robot_log import Segment, load_robot, read_robot
 from .series import Series, lagged, read_series, suspicions, usable
 from .smoothing import noise_std, smoothed
-from .stamps import sampling_time
 from .suspicion import doubts
 
 __all__ = [

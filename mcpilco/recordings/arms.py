@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from mcpilco.recordings.reader import LogRows, read_rows
 from mcpilco.recordings.recording import Samples
-from mcpilco.recordings.stamps import sampling_time
+from mcpilco.recordings.resample import sampling_time
 from mcpilco.typing import InputError, RecordingError
 
 WINDOW = 3

@@ -16,8 +16,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mcpilco.recordings.recording import Gaps, Recording
-from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, readings, resampled
-from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
+from mcpilco.recordings.resample import (
+    AVERAGED,
+    Log,
+    find_gaps,
+    increasing,
+    on_grid,
+    readings,
+    resampled,
+    sampling_time,
+)
 from mcpilco.recordings.suspicion import (
     Partner,
     about_clock,

@@ -11,9 +11,8 @@ from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mcpilco.recordings.recording import Gaps, Recording, runs
-from mcpilco.recordings.resample import Channel, Log
+from mcpilco.recordings.resample import Channel, Log, on_grid
 from mcpilco.recordings.smoothing import noise_std
-from mcpilco.recordings.stamps import on_grid
 
 _REACH = 3  # samples that windows look to each side: what lasts longer is motion
 _AROUND = 10  # samples to each side by which a spike is judged
