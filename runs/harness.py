@@ -233,7 +233,7 @@ def outcomes(summary: Mapping[str, Any]) -> str:
     """A table of what each amount of experience gave; a row that the env does not tell is left out.
 
     Args:
-        summary: of `mcpilco.sweep.summary.summarise`.
+        summary: of `mcpilco.sweep.folder.summarise`.
     """
     rows: dict[str, Callable[[Mapping[str, Any]], str]] = {
         "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
@@ -260,7 +260,7 @@ def costs(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """A table of what a training takes, a row a preset.
 
     Args:
-        summaries: of `mcpilco.sweep.summary.summarise`, by preset.
+        summaries: of `mcpilco.sweep.folder.summarise`, by preset.
     """
     rows = [
         (

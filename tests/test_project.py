@@ -322,7 +322,7 @@ EXECUTES = {
     "mcpilco/identification/noisy_inputs/methods.py": "scikit-learn",
     "mcpilco/plant/effects/own.py": "the effects that a user names",
     "mcpilco/plant/simulation/laws.py": "formulas of effects",
-    "mcpilco/sweep/fresh.py": "an env that was made before, in batches",
+    "mcpilco/sweep/job.py": "an env that was made before, in batches",
     "baselines/sb3/library.py": "an env that was made before",
     "envs/mujoco_views.py": "MuJoCo's",
 }
