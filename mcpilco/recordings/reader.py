@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.recordings.recording import Gaps, Recording
+from mcpilco.recordings.recording import Gaps, Recording, Samples
 from mcpilco.recordings.resample import (
     AVERAGED,
     Log,
@@ -54,7 +54,7 @@ Pairs = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class LogRows:
+class LogRows(Samples):
     """Rows of a log file in the order of their time stamps: what all recordings are read from."""
 
     table: Table
@@ -78,10 +78,6 @@ class LogRows:
         absent, of = np.full(len(self.kept), np.nan), self.sources
         found = [self.table.numbers(of[n])[self.kept] if n in of else absent for n in names]
         return np.column_stack(found) if found else np.empty((len(self.kept), 0))
-
-    def every(self, step: int) -> LogRows:
-        """Each step-th of the rows."""
-        return replace(self, kept=self.kept[::step], stamps=self.stamps[::step])
 
     def row(self, k: int) -> int:
         """Place of the k-th row in the file, as its messages count."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.recordings.recording import Gaps, Recording, mean_held, runs
+from mcpilco.recordings.recording import Gaps, Recording, Samples, mean_held, runs
 from mcpilco.recordings.smoothing import local_fit, noise_std
 
 ON_GRID = 1e-3
@@ -88,7 +88,7 @@ AVERAGED = 5
 
 
 @dataclass(frozen=True)
-class Log:
+class Log(Samples):
     """N rows in the order of time, as a file has them."""
 
     time: Float[np.ndarray, " N"]
@@ -99,11 +99,6 @@ class Log:
     """each held until the next; NaN where a value is missing"""
     switched: Float[np.ndarray, " N"] | None = None
     """from when on each input is held [s], increasing; None: from the time of its row"""
-
-    def first(self, rows: int) -> Log:
-        """Its beginning."""
-        switched = None if self.switched is None else self.switched[:rows]
-        return Log(self.time[:rows], self.states[:rows], self.inputs[:rows], switched)
 
     @property
     def step(self) -> float:
@@ -276,7 +271,7 @@ def readings(log: Log, dt: float, recorded: Callable[[Log], Recording]) -> tuple
     if clock is None:
         return (log,)
     even = replace(log, time=clock - clock[0])
-    if _roughness(recorded(even.first(ROWS))) < _roughness(recorded(log.first(ROWS))):
+    if _roughness(recorded(even[:ROWS])) < _roughness(recorded(log[:ROWS])):
         return (even,)
     return log, replace(log, switched=clock)
 
