@@ -23,7 +23,7 @@ from .joints import (
 )
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .reader import read_recording, read_recordings
-from .recording import Recording, from_rollout, runs, write_recording
+from .recording import Recording, bridged, from_rollout, runs, write_recording
 from .resample import sampling_time
 from .robot_log import Segment, load_robot, read_robot
 from .series import Series, lagged, read_series, suspicions, usable
@@ -46,6 +46,7 @@ __all__ = [
     "Segment",
     "Series",
     "arm_samples",
+    "bridged",
     "check_joint_data",
     "columns_of",
     "doubts",

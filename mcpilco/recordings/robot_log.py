@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from mcpilco.plant import chain_of, load_mjcf
 from mcpilco.recordings.reader import read_recordings
-from mcpilco.recordings.recording import Recording
+from mcpilco.recordings.recording import Recording, bridged
 from mcpilco.recordings.table import read_table
 from mcpilco.typing import InputError, RecordingError
 
@@ -199,17 +199,8 @@ def _segments(recording: Recording, columns: Columns) -> Iterable[Segment]:
             command = 0.5 * (command + np.concatenate([command[:1], command[:-1]]))
         forces[:, source.joint] += source.factor * command
     for part in recording.segments():
-        states = np.apply_along_axis(_filled, 0, recording.states[part])
+        states = bridged(recording.states[part])
         if len(states) > 1 and np.isfinite(states[:, :J]).all():
             reference = states[:, 2 * J :] if columns.references else None
             dq = states[:, J : 2 * J]
             yield Segment(recording.name, recording.dt, states[:, :J], dq, forces[part], reference)
-
-
-def _filled(values: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-    """The few masked samples of a stretch, on lines between their neighbours."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return values
-    at = np.arange(len(values))
-    return np.interp(at, at[known], values[known])
