@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 import json
-import os
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -13,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from mcpilco.agent.algorithms import import_named
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
@@ -81,7 +80,11 @@ def _cost(named: Any, path: Path) -> Cost:
         raise InputError(
             f'{path}: cost must be like "module:function" or "file.py:function", got {named!r}.'
         )
-    module = _execute(path.parent / where) if where.endswith(".py") else _import(where)
+    if where.endswith(".py"):
+        module = _execute(path.parent / where)
+    else:
+        import_named(named)
+        module = sys.modules[where]
     cost = getattr(module, name, None)
     if not callable(cost):
         raise InputError(f"{path}: {where} has no function {name!r} for the cost.")
@@ -99,13 +102,3 @@ def _execute(path: Path) -> ModuleType:
     except Exception as error:  # whatever the user's file may raise
         raise InputError(f"{path} cannot be executed ({type(error).__name__}: {error}).") from error
     return module
-
-
-def _import(name: str) -> ModuleType:
-    here = os.getcwd()
-    if here not in sys.path:  # the module may lie where the user is, as with `python -m`
-        sys.path.append(here)
-    try:
-        return importlib.import_module(name)
-    except Exception as error:
-        raise InputError(f"Cannot import {name} for the cost ({error}).") from error
