@@ -56,16 +56,16 @@ def guess_task(env: gym.Env) -> Guess | None:
 
 def with_measured_start(env: gym.Env, task: TaskSpec) -> TaskSpec:
     """The task, with mean and standard deviation of the start as `RESETS` resets show them."""
-    mean, std = measured_start(env, task)
+    states = state_of(task, np.array([env.reset(seed=seed)[0] for seed in range(RESETS)], float))
+    mean, std = start_of(states, task.angles)
     return replace(task, start_mean=tuple(mean.tolist()), start_std=tuple(std.tolist()))
 
 
-def measured_start(
-    env: gym.Env, task: TaskSpec
+def start_of(
+    states: Float[np.ndarray, "N X"], angles: Sequence[int]
 ) -> tuple[Float[np.ndarray, " X"], Float[np.ndarray, " X"]]:
     """Mean and standard deviation of states at reset, those of angles around the circle."""
-    resets = np.array([env.reset(seed=seed)[0] for seed in range(RESETS)], float)
-    states, columns = state_of(task, resets).copy(), list(task.angles)
+    states, columns = states.copy(), list(angles)
     around = states[:, columns]
     centre = np.arctan2(np.sin(around).mean(0), np.cos(around).mean(0))
     states[:, columns] = around - TURN * np.round((around - centre) / TURN)

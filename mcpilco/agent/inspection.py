@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from mcpilco.agent.contract import check_cost, input_bounds, task_of, time_limit
 from mcpilco.agent.episode import run_episode
-from mcpilco.agent.guess import RESETS, guess_task, measured_start
+from mcpilco.agent.guess import RESETS, guess_task, start_of
 from mcpilco.agent.predictability import Gain, reward_share, state_gains
 from mcpilco.data import Rollout
 from mcpilco.policies import costs_of
@@ -256,7 +256,8 @@ def _hidden(task: TaskSpec) -> Finding:
 
 def _start(env: gym.Env, task: TaskSpec) -> Iterator[Finding]:
     """Does the task's Gaussian fit the states that reset gives?"""
-    mean, std = measured_start(env, task)
+    states = state_of(task, np.array([env.reset(seed=seed)[0] for seed in range(RESETS)], float))
+    mean, std = start_of(states, task.angles)
     said_mean, said_std = np.array(task.start_mean), np.array(task.start_std)
     off = np.abs(mean - said_mean)
     around = list(task.angles)
