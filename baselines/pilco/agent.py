@@ -10,7 +10,7 @@ import torch
 from baselines.moments.costs import TipDistanceCost, expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
-from baselines.pilco.policy import GPMean
+from baselines.pilco.rollout import GPMean
 from baselines.pilco.search import Candidate, Problem, pilco_search
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation

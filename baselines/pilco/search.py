@@ -19,8 +19,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from baselines.moments.costs import expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PilcoConfig
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics, predicted
+from baselines.pilco.rollout import GaussianDynamics, GPMean, predicted
 from mcpilco.data import Prediction
 from mcpilco.search import SearchResult
 from mcpilco.typing import Cost

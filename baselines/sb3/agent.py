@@ -12,8 +12,16 @@ from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
 from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig, TunedPreset, shipped
-from baselines.sb3.library import CLASSES, SavedSB3, Told, quiet_logger, random_numbers, vector_of
-from baselines.sb3.view import View, ViewedEnv
+from baselines.sb3.library import (
+    CLASSES,
+    SavedSB3,
+    Told,
+    View,
+    ViewedEnv,
+    quiet_logger,
+    random_numbers,
+    vector_of,
+)
 from mcpilco.agent import TrialAgent
 from mcpilco.data import Stopwatch, TrialResult
 from mcpilco.logbook import Callback
