@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
+import os
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -11,7 +13,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from mcpilco.agent.algorithms import import_named
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
@@ -80,11 +81,7 @@ def _cost(named: Any, path: Path) -> Cost:
         raise InputError(
             f'{path}: cost must be like "module:function" or "file.py:function", got {named!r}.'
         )
-    if where.endswith(".py"):
-        module = _execute(path.parent / where)
-    else:
-        import_named(named)
-        module = sys.modules[where]
+    module = _execute(path.parent / where) if where.endswith(".py") else _import(where)
     cost = getattr(module, name, None)
     if not callable(cost):
         raise InputError(f"{path}: {where} has no function {name!r} for the cost.")
@@ -102,3 +99,13 @@ def _execute(path: Path) -> ModuleType:
     except Exception as error:  # whatever the user's file may raise
         raise InputError(f"{path} cannot be executed ({type(error).__name__}: {error}).") from error
     return module
+
+
+def _import(name: str) -> ModuleType:
+    here = os.getcwd()
+    if here not in sys.path:  # the module may lie where the user is, as with `python -m`
+        sys.path.append(here)
+    try:
+        return importlib.import_module(name)
+    except Exception as error:
+        raise InputError(f"Cannot import {name} for the cost ({error}).") from error
