@@ -26,7 +26,6 @@ from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
 from mcpilco.sweep import (
     OnResult,
-    SeedJob,
     Settings,
     SweepFolder,
     markdown,
@@ -34,6 +33,7 @@ from mcpilco.sweep import (
     measures_of,
     parse_seeds,
     rate_cell,
+    seed_job,
     spread_cell,
     sweep_progress,
 )
@@ -115,7 +115,7 @@ def swept(
     path: Path,
     workers: int | None = None,
     then: OnResult | None = None,
-    make_job: Callable[[Any, int], Any] = SeedJob,
+    make_job: Callable[[Any, int], Any] = seed_job,
 ) -> dict[str, Any]:
     """Train the seeds that are missing, with a line for each; the summary of all.
 
@@ -233,7 +233,7 @@ def outcomes(summary: Mapping[str, Any]) -> str:
     """A table of what each amount of experience gave; a row that the env does not tell is left out.
 
     Args:
-        summary: of `mcpilco.sweep.summary.summarise`.
+        summary: of `mcpilco.sweep.folder.summarise`.
     """
     rows: dict[str, Callable[[Mapping[str, Any]], str]] = {
         "success of one rollout a policy [%]": lambda trial: rate_cell(trial["success"]),
@@ -260,7 +260,7 @@ def costs(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """A table of what a training takes, a row a preset.
 
     Args:
-        summaries: of `mcpilco.sweep.summary.summarise`, by preset.
+        summaries: of `mcpilco.sweep.folder.summarise`, by preset.
     """
     rows = [
         (

@@ -19,8 +19,8 @@ import torch
 import tyro
 from threadpoolctl import threadpool_limits
 
+from envs.arms.motions import waypoints
 from envs.arms.sticky_arm import MODEL, SAMPLING_S, ArmLog, Push, StickyArm
-from envs.arms.waypoints import waypoints
 from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (
     CURRENT_TERMS,

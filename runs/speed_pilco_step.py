@@ -17,8 +17,7 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from baselines.moments import Bases, Gaussian
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics
+from baselines.pilco.rollout import GaussianDynamics, GPMean
 from baselines.pilco.search import Problem
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.policies import cart_pole_cost

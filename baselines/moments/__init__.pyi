@@ -3,16 +3,14 @@ from .image import (
     Bases,
     Gaussian,
     Image,
+    gaussian_through_gp,
+    gaussian_through_squash,
+    gaussian_through_trig,
     through_bases,
     through_sine,
     through_squash,
     through_trig,
     through_waves,
-)
-from .plain import (
-    gaussian_through_gp,
-    gaussian_through_squash,
-    gaussian_through_trig,
 )
 
 __all__ = [

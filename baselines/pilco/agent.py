@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import torch
 
 from baselines.moments.costs import TipDistanceCost, expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
-from baselines.pilco.policy import GPMean
-from baselines.pilco.search import Candidate, PilcoSearch, Problem
+from baselines.pilco.rollout import GPMean
+from baselines.pilco.search import Candidate, Problem, pilco_search
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.logbook import Callback
@@ -88,15 +89,9 @@ class PILCO(ModelBasedAgent):
         dynamics = self.model.moments(self._data)
         problem = Problem(dynamics, self._cost, _start(self.task), self.horizon)
         generator = self.streams.search(trial)
-        search = PilcoSearch(
-            config=self.config,
-            problem=problem,
-            policy=self.policy if trial > 1 else self._random_policy(generator),
-            fresh=lambda: self._random_policy(generator),
-            generator=generator,
-            report=events.on_policy_step,
-        )
-        return search.run()
+        first = self.policy if trial > 1 else self._random_policy(generator)
+        fresh = partial(self._random_policy, generator)
+        return pilco_search(self.config, problem, first, fresh, generator, events.on_policy_step)
 
 
 def _start(task: TaskSpec) -> Gaussian:

@@ -19,8 +19,7 @@ from torch.nn.utils import parameters_to_vector, vector_to_parameters
 from baselines.moments.costs import expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PilcoConfig
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics, predicted
+from baselines.pilco.rollout import GaussianDynamics, GPMean, predicted
 from mcpilco.data import Prediction
 from mcpilco.search import SearchResult
 from mcpilco.typing import Cost
@@ -98,57 +97,43 @@ class Candidate:
         return Prediction(states.numpy(), inputs.numpy(), costs.numpy())
 
 
-@dataclass(frozen=True)
-class PilcoSearch:
-    """A search for the policy of lowest expected cost."""
+def pilco_search(
+    config: PilcoConfig,
+    problem: Problem,
+    policy: GPMean,
+    fresh: Callable[[], GPMean],
+    generator: torch.Generator,
+    report: Report,
+) -> SearchResult[Candidate]:
+    """The policy of the lowest expected cost that L-BFGS meets from a policy, which stays.
 
-    config: PilcoConfig
-    """most steps and evaluations"""
-    problem: Problem
-    """what is minimised"""
-    policy: GPMean
-    """where it starts; not changed"""
-    fresh: Callable[[], GPMean]
-    """makes a random policy, for where the model has no finite answer to the first"""
-    generator: torch.Generator
-    """source of the particles that are shown"""
-    report: Report
-    """called after each evaluation"""
+    Where the model has no finite answer to it the search starts from a `fresh`, random one; the
+    generator draws the particles that are shown.
 
-    def run(self) -> SearchResult[Candidate]:
-        """The policy of the lowest expected cost that L-BFGS meets.
-
-        Raises:
-            torch.linalg.LinAlgError: the model has no finite answer to either start.
-        """
-        objective = Objective(self.problem, copy.deepcopy(self.policy), self.config, self.report)
-        starts = 1
-        with threadpool_limits(1):  # the loops multiply small matrices
-            if not math.isfinite(objective.value(self.policy)):
-                starts += 1
-                if not math.isfinite(objective.value(self.fresh())):
-                    raise torch.linalg.LinAlgError(
-                        "The model predicts nothing finite, neither for the last policy nor for a "
-                        "random one."
-                    )
-            self._minimise(objective)
-            return SearchResult(self._candidate(objective), starts, objective.count)
-
-    def _minimise(self, objective: Objective) -> None:
-        steps, most = self.config.line_searches, self.config.evaluations
-        limits = {"maxiter": steps, "maxfun": most, "maxcor": _REMEMBERED}
-        options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
+    Raises:
+        torch.linalg.LinAlgError: the model has no finite answer to either start.
+    """
+    objective, starts = Objective(problem, copy.deepcopy(policy), config, report), 1
+    limits = {"maxiter": config.line_searches, "maxfun": config.evaluations, "maxcor": _REMEMBERED}
+    options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
+    with threadpool_limits(1):  # the loops multiply small matrices
+        if not math.isfinite(objective.value(policy)):
+            starts += 1
+            if not math.isfinite(objective.value(fresh())):
+                raise torch.linalg.LinAlgError(
+                    "The model predicts nothing finite, neither for the last policy nor for a "
+                    "random one."
+                )
         with contextlib.suppress(_Enough):  # L-BFGS-B looks at maxfun between line searches only
             minimize(objective, objective.best, jac=True, method="L-BFGS-B", options=options)
-
-    def _candidate(self, objective: Objective) -> Candidate:
-        policy = objective.policy
-        vector_to_parameters(torch.from_numpy(objective.best), policy.parameters())
+        found = objective.policy
+        vector_to_parameters(torch.from_numpy(objective.best), found.parameters())
         with torch.no_grad():
-            states, _, costs = self.problem.prediction(policy)
+            states, _, costs = problem.prediction(found)
         size = _SPREAD_PARTICLES, states.width
-        normal = torch.randn(size, generator=self.generator, dtype=torch.float64)
-        return Candidate(policy, self.problem, states, costs, normal)
+        normal = torch.randn(size, generator=generator, dtype=torch.float64)
+        best = Candidate(found, problem, states, costs, normal)
+        return SearchResult(best, starts, objective.count)
 
 
 class _Enough(Exception):  # noqa: N818  no error

@@ -12,12 +12,19 @@ from gymnasium.wrappers import TimeLimit
 from jaxtyping import Float
 
 from baselines.sb3.config import PPOConfig, SACConfig, SB3Config, TQCConfig, TunedPreset, shipped
-from baselines.sb3.library import CLASSES, SavedSB3, Told, quiet_logger, random_numbers, vector_of
-from baselines.sb3.view import View, ViewedEnv
+from baselines.sb3.library import (
+    CLASSES,
+    SavedSB3,
+    Told,
+    View,
+    ViewedEnv,
+    quiet_logger,
+    random_numbers,
+    vector_of,
+)
 from mcpilco.agent import TrialAgent
 from mcpilco.data import Stopwatch, TrialResult
 from mcpilco.logbook import Callback
-from mcpilco.sensing import state_of
 from mcpilco.typing import InputError
 
 
@@ -97,23 +104,10 @@ class SB3Agent(TrialAgent):
         with random_numbers(seed):
             learner.learn(steps, Told(events, steps), log_interval=None, reset_num_timesteps=False)
 
-    def predict(
-        self,
-        observation: Float[np.ndarray, "*b O"],
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
+    def _answer(
+        self, measured: Float[np.ndarray, "*b Y"], state: Any, begun: Any, deterministic: bool
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch; it has no memory.
-
-        Without `deterministic` it has the noise of exploration. Differs: stable-baselines3 has that
-        by default.
-
-        Raises:
-            InputError: the observation has another width, or is not finite.
-        """
-        action = self.inputs_in(state_of(self.task, self._observation(observation)), deterministic)
-        return action.astype(self.env.action_space.dtype), state
+        return self.inputs_in(measured, deterministic), state
 
     def inputs_in(
         self, states: Float[np.ndarray, "*b X"], deterministic: bool = True

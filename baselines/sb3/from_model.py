@@ -157,6 +157,16 @@ def check_warm_start(agent: SB3Agent, source: MCPILCO, numbers: WarmStart | None
         )
     if not source.trials:
         raise InputError("A warm start needs an agent that has done a trial, got one without.")
+    if source.perception is not None or source.task.cost is None:
+        raise InputError(
+            "A warm start needs a model of states that are all measured, got an agent that "
+            "estimates some of them."
+        )
+    if source.model.memory:
+        raise InputError(
+            "A warm start needs a model whose states hold no past inputs, got model.memory "
+            f"{source.model.memory}."
+        )
     room, brought = buffer.buffer_size * buffer.n_envs, numbers.rollouts * source.horizon
     if brought > room:
         raise InputError(
@@ -241,25 +251,14 @@ class Imagination:
     """
 
     def __init__(self, source: MCPILCO) -> None:
-        """The model of an agent.
+        """The model of an agent that `check_warm_start` finds nothing wrong with.
 
         Raises:
-            InputError: it has done none, or measures a part of its states.
             NotPositiveDefiniteError: the model cannot be conditioned on the data.
         """
         data, task = source.transitions, source.task
-        if data is None or not source.trials:
-            raise InputError("A warm start needs an agent that has done a trial, got one without.")
-        if source.perception is not None or task.cost is None:
-            raise InputError(
-                "A warm start needs a model of states that are all measured, got an agent that "
-                "estimates some of them."
-            )
-        if source.model.memory:
-            raise InputError(
-                "A warm start needs a model whose states hold no past inputs, got model.memory "
-                f"{source.model.memory}."
-            )
+        assert data is not None, "check_warm_start has seen to it"
+        assert task.cost is not None
         self._cost = task.cost
         self._problem = Problem(
             dynamics=source.model.dynamics(data),

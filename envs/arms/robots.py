@@ -4,7 +4,7 @@
 
 q comes from encoders with noise, and q_r' - q' from a low-pass filter of the differences of
 q_r - q. The forces of the model depend on the reference alone: they are found beforehand, with any
-model.
+model. `scara` and `ur10` are industrial robots, as chains.
 
 Reference: An, Atkeson, Hollerbach, Model-based control of a robot manipulator, 1988, chapter 6
     (feedforward control); Ting et al., section IV-B.
@@ -20,8 +20,38 @@ import numpy as np
 from jaxtyping import Float
 
 from envs.arms.motions import Sinusoids, random_sinusoids
+from mcpilco.bodies import Chain
+from mcpilco.plant import chain_of, load_mjcf
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
+
+
+def scara() -> Chain:
+    """Four joints RRPR; arms of 425 mm and 375 mm, a quill of 2 kg, a load of 2 kg off its axis.
+
+    | joint | kind | unit | moves |
+    |---|---|---|---|
+    | shoulder | hinge | rad | the inner arm about the column |
+    | elbow | hinge | rad | the outer arm |
+    | quill | slide | m | the quill, down |
+    | tool | hinge | rad | the load about the quill |
+
+    The lengths are those of the AdeptOne; masses and inertias are of bodies of such a size.
+
+    Reference: thesis section 3.4.1, whose dynamic parameters are not given.
+    """
+    return chain_of(load_mjcf(Path(__file__).with_name("scara.xml")))
+
+
+def ur10() -> Chain:
+    """Six joints RRRRRR with the lengths and about the masses of a UR10 that holds 1 kg.
+
+    The links are solid cylinders, so that this is a robot like it, not a model of one.
+
+    Reference: thesis section 3.4.2, where the robot is a real one.
+    """
+    return chain_of(load_mjcf(Path(__file__).with_name("ur10.xml")))
+
 
 ARMS = {name: Path(__file__).with_name(f"{name}.xml") for name in ("arm_hand", "vision_head")}
 """robots with motors that follow a reference, by name: 10 and 7 joints"""

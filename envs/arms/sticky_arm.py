@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from envs.arms.waypoints import Targets
+from envs.arms.motions import Targets
 from mcpilco.recordings import ArmRecording
 from mcpilco.typing import InputError
 

@@ -161,6 +161,11 @@ def _wrong_cost(task: TaskSpec, states: Tensor, inputs: Tensor) -> str | None:
     return None
 
 
+def time_limit(env: gym.Env) -> int | None:
+    """Steps after which the env truncates an episode; None: never."""
+    return None if env.spec is None else env.spec.max_episode_steps
+
+
 def horizon_of(env: gym.Env, horizon: int | None) -> int:
     """Steps of one episode: as configured, or the env's time limit.
 
@@ -168,7 +173,7 @@ def horizon_of(env: gym.Env, horizon: int | None) -> int:
         InputError: neither is known, the env ends sooner than configured, or an episode would be
             longer than `LONGEST`.
     """
-    limit = None if env.spec is None else env.spec.max_episode_steps
+    limit = time_limit(env)
     steps = limit if horizon is None else horizon
     if steps is None:
         raise InputError(

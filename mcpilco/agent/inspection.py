@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from jaxtyping import Float
 
-from mcpilco.agent.contract import check_cost, input_bounds, task_of
+from mcpilco.agent.contract import check_cost, input_bounds, task_of, time_limit
 from mcpilco.agent.episode import run_episode
 from mcpilco.agent.guess import RESETS, guess_task, start_of
 from mcpilco.agent.predictability import Gain, reward_share, state_gains
@@ -84,7 +84,7 @@ def inspect_env(
     except McPilcoError as error:
         yield _fault(str(error))
         return
-    yield from _ends(raw, terminated, horizon or _time_limit(env) or LONG)
+    yield from _ends(raw, terminated, horizon or time_limit(env) or LONG)
     yield from _circles(raw, known)
     if known is None:
         return
@@ -132,7 +132,7 @@ def _cost(
 
 
 def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
-    steps = _time_limit(env) if horizon is None else horizon
+    steps = time_limit(env) if horizon is None else horizon
     if steps is None:
         yield _fault("There is no time limit: say how many steps an episode has, --horizon.")
     elif steps > LONG:
@@ -144,18 +144,13 @@ def _time(env: gym.Env, horizon: int | None) -> Iterator[Finding]:
         yield _fits(f"Episodes have {steps} steps.")
 
 
-def _time_limit(env: gym.Env) -> int | None:
-    return None if env.spec is None else env.spec.max_episode_steps
-
-
 def _seeding(env: gym.Env, rng: np.random.Generator) -> Iterator[Finding]:
     low, high = input_bounds(env)
     inputs = rng.uniform(low, high, (10, len(low)))
-    twice = [_replay(env, inputs) for _ in range(2)]
-    starts, paths = zip(*twice, strict=True)
-    if not np.array_equal(*starts):
+    path, again = (_replay(env, inputs) for _ in range(2))
+    if not np.array_equal(path[0], again[0]):
         yield _note("Equal seeds of reset give different starts, so no run can be repeated.")
-    elif paths[0].shape != paths[1].shape or not np.array_equal(*paths):
+    elif not np.array_equal(path, again):
         yield _note(
             "Equal seeds and inputs give different episodes: the steps draw random numbers that "
             "reset does not seed, so no run can be repeated."
@@ -164,10 +159,9 @@ def _seeding(env: gym.Env, rng: np.random.Generator) -> Iterator[Finding]:
         yield _fits("Equal seeds and inputs give equal episodes.")
 
 
-def _replay(env: gym.Env, inputs: Float[np.ndarray, "T U"]) -> tuple[np.ndarray, np.ndarray]:
+def _replay(env: gym.Env, inputs: Float[np.ndarray, "T U"]) -> Float[np.ndarray, "T_plus_1 Y"]:
     waiting = iter(inputs)
-    record = run_episode(env, lambda _: next(waiting), len(inputs), dt=1.0, seed=0)
-    return record.observations[0], record.observations
+    return run_episode(env, lambda _: next(waiting), len(inputs), 1.0, seed=0).observations
 
 
 def _record(

@@ -20,7 +20,7 @@ from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, RewardCost, held, with_cost
 from mcpilco.search import SearchResult
-from mcpilco.sensing import PastInputs, Perception, chained, state_of
+from mcpilco.sensing import PastInputs, Perception, chained
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
 
@@ -243,38 +243,12 @@ class ModelBasedAgent(TrialAgent):
         assert self.transitions is not None, "learn explores first"
         return self.transitions
 
-    def predict(
-        self,
-        observation: Float[np.ndarray, "*b O"],
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
+    def _answer(
+        self, measured: Float[np.ndarray, "*b Y"], state: Any, begun: Any, deterministic: bool
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch.
-
-        Where states are measured in part, the actuator is late (`model.delay`) or the policy sees
-        past inputs (`model.memory`), the agent estimates the state to act on from the episode so
-        far: pass the state that the last call returned, as with recurrent policies. Else there is
-        no memory, and the state is returned as it came.
-
-        Before the first trial the action is the middle of its range, or random, with a warning.
-
-        Args:
-            observation: in the env's units.
-            state: returned by the call before; None begins an episode.
-            episode_start: which of a batch begin an episode, whatever the state says.
-            deterministic: not used; the policy is deterministic.
-
-        Raises:
-            InputError: the observation has another width, or is not finite; or the state belongs to
-                other observations.
-        """
         if not self.trials:
-            warnings.warn("No policy was learned yet; call learn before predict.", stacklevel=2)
-        controller = Controller(self.policy, self.estimator)
-        measured = state_of(self.task, self._observation(observation))
-        action, state = controller.answer(measured, state, episode_start)
-        return np.clip(action, self.low, self.high).astype(self.env.action_space.dtype), state
+            warnings.warn("No policy was learned yet; call learn before predict.", stacklevel=3)
+        return Controller(self.policy, self.estimator).answer(measured, state, begun)
 
 
 def _digested(record: Rollout, perception: Perception | None) -> Rollout:

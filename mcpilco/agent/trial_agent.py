@@ -43,7 +43,7 @@ from mcpilco.config import Preset
 from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback, Logged, Progress, Results, as_callback
 from mcpilco.policies import costs_of, held
-from mcpilco.sensing import Perception, state_view
+from mcpilco.sensing import Perception, state_of, state_view
 from mcpilco.task import TaskSpec, unknown_cost
 from mcpilco.typing import InputError
 
@@ -267,7 +267,6 @@ class TrialAgent(ABC):
         """
         self.logger = logger
 
-    @abstractmethod
     def predict(
         self,
         observation: Float[np.ndarray, "*b O"],
@@ -275,7 +274,36 @@ class TrialAgent(ABC):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Float[np.ndarray, "*b U"], Any]:
-        """The action for one observation or a batch, and the state to hand back with the next."""
+        """The action for one observation or a batch, and the state to hand back with the next.
+
+        An agent with a model estimates the state to act on from the episode so far where states are
+        measured in part, the actuator is late (`model.delay`) or the policy sees past inputs
+        (`model.memory`): pass the state that the last call returned, as with recurrent policies.
+        Else there is no memory, and the state is returned as it came.
+
+        Before the first trial the action of such an agent is the middle of its range, or random,
+        with a warning.
+
+        Args:
+            observation: in the env's units.
+            state: returned by the call before; None begins an episode.
+            episode_start: which of a batch begin an episode, whatever the state says.
+            deterministic: False adds the noise of exploration, where a policy has any. Differs:
+                stable-baselines3 has that by default.
+
+        Raises:
+            InputError: the observation has another width, or is not finite; or the state belongs to
+                other observations.
+        """
+        measured = state_of(self.task, self._observation(observation))
+        inputs, state = self._answer(measured, state, episode_start, deterministic)
+        return np.clip(inputs, self.low, self.high).astype(self.env.action_space.dtype), state
+
+    @abstractmethod
+    def _answer(
+        self, measured: Float[np.ndarray, "*b Y"], state: Any, begun: Any, deterministic: bool
+    ) -> tuple[Float[np.ndarray, "*b U"], Any]:
+        """The inputs, in the env's unit, from what is measured; and the state, as in `predict`."""
 
     def _observation(self, observation: Any) -> Float[np.ndarray, "*b O"]:
         shape = self.env.observation_space.shape

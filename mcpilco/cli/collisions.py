@@ -41,8 +41,8 @@ class Simulate(options.Command):
     def __call__(self) -> int:
         import numpy as np
 
+        from envs.arms.motions import waypoints
         from envs.arms.sticky_arm import MODEL, StickyArm
-        from envs.arms.waypoints import waypoints
         from mcpilco.files import make_folder, write_bytes
 
         if self.moves < 1 or self.seed < 0:

@@ -1,7 +1,6 @@
 from .evidence import JITTERS, add_to_diagonal, cholesky
 from .gp import GP, RECENT, FitReport, Further, Posterior, Samples
-from .sparse import subset_of_data
-from .weight_space import WeightPosterior, WeightSpaceGP
+from .weight_space import WeightPosterior, WeightSpaceGP, subset_of_data
 
 __all__ = [
     "GP",

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Canonical, Kernel, Positive, Term, mean_square
+from mcpilco.kernels.base import Canonical, Kernel, Positive, Rows, Term, mean_square
 from mcpilco.kernels.volterra import Map, VolterraKernel, degrees, later
 from mcpilco.typing import InputError
 
@@ -265,7 +265,7 @@ class SEDMPK(VolterraKernel):
         seen = torch.nn.functional.pad(own, (self.width, 0))
         return Canonical(W, self.terms_of(self._maps(seen.unbind(-2)), sum(W.shape)))
 
-    def times(self, X: Float[Tensor, "*#b N D"], S: Tensor) -> Float[Tensor, "*#b N D"]:
+    def times(self, X: Rows, S: Tensor) -> Rows:
         return X @ S
 
     def variances(self, S: Tensor) -> Float[Tensor, "*b D"]:

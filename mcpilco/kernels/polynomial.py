@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
+from mcpilco.kernels.base import Columns, Kernel, Matrix, Positive, Rows, Term, mean_square
 from mcpilco.typing import InputError
 
 
@@ -118,13 +118,11 @@ class Linear(Kernel):
         if bias:
             self.bias = self.spread(1.0)
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         linear = (X1 * self.weights[..., None, :]) @ X2.mT
         return linear + self.bias[..., None, None] if self.has_bias else linear
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         linear = (X.square() * self.weights[..., None, :]).sum(-1)
         return linear + self.bias[..., None] if self.has_bias else linear
 
@@ -184,9 +182,7 @@ class MPK(Kernel):
         """sigma0_p, from the largest to the smallest."""
         return self.offset_steps @ self._later.mT
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         offsets, weights = self.offsets.unbind(-1), self.weights.unbind(-2)
         factors = (
             c[..., None, None] + (X1 * s[..., None, :]) @ X2.mT
@@ -194,7 +190,7 @@ class MPK(Kernel):
         )
         return reduce(torch.mul, factors)
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         return (self.offsets[..., None, :] + X.square() @ self.weights.mT).prod(-1)
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:

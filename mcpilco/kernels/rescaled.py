@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from mcpilco.kernels.base import Kernel, mean_square
+from mcpilco.kernels.base import Columns, Kernel, Matrix, Rows, mean_square
 from mcpilco.typing import InputError
 
 
@@ -74,12 +74,10 @@ class Rescaled(Kernel):
         super().__init__(kernel.width, kernel.batch)
         self.kernel, self.scale = kernel, scale
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         return self.scale(X1)[..., :, None] * self.kernel(X1, X2) * self.scale(X2)[..., None, :]
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         return self.scale(X).square() * self.kernel.diag(X)
 
     def start_from(self, X: Float[Tensor, "N D"], Y: Float[Tensor, " N *b"]) -> None:

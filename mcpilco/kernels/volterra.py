@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from mcpilco.kernels.base import Kernel, Positive, Term, mean_square
+from mcpilco.kernels.base import Columns, Kernel, Matrix, Positive, Rows, Term, mean_square
 from mcpilco.kernels.polynomial import MonomialBasis
 from mcpilco.typing import InputError
 
@@ -59,12 +59,10 @@ class VolterraKernel(Kernel):
     def maps(self) -> list[Map]:
         """The priors of h_1, ..., h_r; metrics that are equal may be one object."""
 
-    def forward(
-        self, X1: Float[Tensor, "*#b N D"], X2: Float[Tensor, "*#b M D"]
-    ) -> Float[Tensor, "*#b N M"]:
+    def forward(self, X1: Rows, X2: Columns) -> Matrix:
         return self._total(lambda S: self.times(X1, S) @ X2.mT, 2)
 
-    def diag(self, X: Float[Tensor, "*#b N D"]) -> Float[Tensor, "*#b N"]:
+    def diag(self, X: Rows) -> Float[Tensor, "*#b N"]:
         return self._total(lambda S: (self.times(X, S) * X).sum(-1), 1)
 
     def terms(self) -> list[Term]:
@@ -114,7 +112,7 @@ class VolterraKernel(Kernel):
 
     # What differs where the metrics are full:
 
-    def times(self, X: Float[Tensor, "*#b N D"], S: Tensor) -> Float[Tensor, "*#b N D"]:
+    def times(self, X: Rows, S: Tensor) -> Rows:
         """X S."""
         return X * S[..., None, :]
 

@@ -2,7 +2,7 @@
 
 An agent calls a `Callback` at each event: `Progress` draws a table, `JsonLines` and `TensorBoard`
 write numbers; those of stable-baselines3 are taken too. A `RunFolder` is one run on disk, in plain
-formats; `read_history` reads it back as data. Read `callbacks`, `foreign`, `run_folder`, `metrics`,
+formats; `read_history` reads it back as data. Read `callbacks`, `run_folder`, `metrics`,
 `history` in this order.
 """
 

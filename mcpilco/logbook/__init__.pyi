@@ -1,5 +1,4 @@
-from .callbacks import Agent, Callback, JsonLines, TensorBoard
-from .foreign import Logged, as_callback
+from .callbacks import Agent, Callback, JsonLines, Logged, TensorBoard, as_callback
 from .history import (
     History,
     PastTrial,

@@ -148,15 +148,9 @@ class QuadraticCost:
 
 
 def costs_along(
-    cost: Cost | None, states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"]
+    cost: Cost, states: Float[np.ndarray, "T X"], inputs: Float[np.ndarray, "T U"]
 ) -> Float[np.ndarray, " T"]:
-    """The cost of each state and the input that led to it [-].
-
-    Raises:
-        InputError: there is no cost yet.
-    """
-    if cost is None:
-        raise InputError("The task has no cost yet; take the task of an agent, which learns one.")
+    """The cost of each state and the input that led to it [-]."""
     with torch.no_grad():
         return cost(torch.from_numpy(states), torch.from_numpy(inputs)).numpy()
 

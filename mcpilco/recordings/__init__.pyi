@@ -10,7 +10,6 @@ from .arms import (
 )
 from .excitations import PARTS, Part, excitation
 from .for_plant import read_for_plant
-from .joint_motion import JointMotion, encoder_noise, local_cubics, motion_cutoff, zero_phase
 from .joints import (
     ARRAYS,
     JointData,
@@ -23,11 +22,20 @@ from .joints import (
 )
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .reader import read_recording, read_recordings
-from .recording import Recording, from_rollout, runs, write_recording
-from .robot_log import Segment, load_robot, read_robot
+from .recording import Recording, bridged, from_rollout, runs, write_recording
+from .resample import sampling_time
+from .robot_log import (
+    JointMotion,
+    Segment,
+    encoder_noise,
+    load_robot,
+    local_cubics,
+    motion_cutoff,
+    read_robot,
+    zero_phase,
+)
 from .series import Series, lagged, read_series, suspicions, usable
 from .smoothing import noise_std, smoothed
-from .stamps import sampling_time
 from .suspicion import doubts
 
 __all__ = [
@@ -46,6 +54,7 @@ __all__ = [
     "Segment",
     "Series",
     "arm_samples",
+    "bridged",
     "check_joint_data",
     "columns_of",
     "doubts",

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from mcpilco.recordings.reader import LogRows, read_rows
 from mcpilco.recordings.recording import Samples
-from mcpilco.recordings.stamps import sampling_time
+from mcpilco.recordings.resample import sampling_time
 from mcpilco.typing import InputError, RecordingError
 
 WINDOW = 3
@@ -184,7 +184,7 @@ def _thinned(rows: LogRows, dt: float | None) -> LogRows:
             f"{rows.table.path}: expected samples every {dt:g} s, or so many times as often, got "
             f"{own:g} s; record at that rate, or learn a model at this one."
         )
-    return rows.every(step)
+    return rows[::step]
 
 
 def arm_samples(log: ArmRecording, window: int = WINDOW) -> ArmSamples:

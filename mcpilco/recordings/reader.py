@@ -7,17 +7,26 @@ on a uniform grid of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.recordings.recording import Gaps, Recording
-from mcpilco.recordings.resample import AVERAGED, Log, find_gaps, readings, resampled
-from mcpilco.recordings.stamps import increasing, on_grid, sampling_time
+from mcpilco.recordings.recording import Gaps, Recording, Samples
+from mcpilco.recordings.resample import (
+    AVERAGED,
+    Log,
+    find_gaps,
+    increasing,
+    on_grid,
+    readings,
+    resampled,
+    sampling_time,
+)
 from mcpilco.recordings.suspicion import (
     Partner,
     about_clock,
@@ -46,7 +55,7 @@ Pairs = Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class LogRows:
+class LogRows(Samples):
     """Rows of a log file in the order of their time stamps: what all recordings are read from."""
 
     table: Table
@@ -70,10 +79,6 @@ class LogRows:
         absent, of = np.full(len(self.kept), np.nan), self.sources
         found = [self.table.numbers(of[n])[self.kept] if n in of else absent for n in names]
         return np.column_stack(found) if found else np.empty((len(self.kept), 0))
-
-    def every(self, step: int) -> LogRows:
-        """Each step-th of the rows."""
-        return replace(self, kept=self.kept[::step], stamps=self.stamps[::step])
 
     def row(self, k: int) -> int:
         """Place of the k-th row in the file, as its messages count."""
@@ -264,52 +269,48 @@ def read_recording(
     own = sampling_time(log.time)
     step = own if dt is None else dt
     _require_grid(rows, log, step)
-    blank = Recording(
+    still = set(range(len(state_names))) - {velocity for _, velocity in velocities}
+    made = partial(
+        Recording,
         name=Path(path).stem,
-        time=step * np.arange(2),
-        states=np.full((2, len(state_names)), np.nan),
-        inputs=np.zeros((2, len(input_names))),
         state_names=tuple(state_names),
         input_names=tuple(input_names),
         angles=tuple(angles),
         velocities=tuple((q, v) for q, v in velocities),
         resolution=tuple(quantisation_step(column) for column in log.states.T),
     )
+    recorded = partial(_recorded, made=made, positions=tuple(sorted(still)))
     read: tuple[Log, ...] = (log,)
     if step < AVERAGED * own and not on_grid(log.time, own):
-        read = readings(log, own, lambda reading: _recorded(reading, blank, own))
+        read = readings(log, own, partial(recorded, dt=own))
         remarks += about_clock(read, own)
     log = read[0]
     if not on_grid(log.time, step):
         remarks.append(about_resampling(log, step))
-    recording = _recorded(log, blank, step)
+    recording = recorded(log, dt=step)
     if len(read) > 1:
-        clocked = _recorded(read[1], blank, step)
+        clocked = recorded(read[1], dt=step)
         every = max(recording.every, clocked.every)
         held = recording.driven(every) if every > 1 else None
         recording = replace(recording, held=held, by_clock=clocked.driven(every))
-    _require_positions(rows.table, recording)
+    _require_positions(rows.table, recording, sorted(still))
     remarks += [*about_gaps(recording.gaps), *suspicions(recording)]
     return replace(recording, remarks=tuple(remarks))
 
 
-def _recorded(log: Log, blank: Recording, dt: float) -> Recording:
-    """A log on a grid; `blank` has all else."""
+def _recorded(
+    log: Log, made: Callable[..., Recording], positions: tuple[int, ...], dt: float
+) -> Recording:
+    """A log on a grid, `made` with all else; positions are states that are no velocities."""
     states, inputs, held = resampled(log, dt)
-    gaps = find_gaps(log, states, _positions(blank), dt)
+    gaps = find_gaps(log, states, positions, dt)
     _hold(inputs, gaps, dt)
     if held is not None:
         _hold(held, gaps, dt * len(inputs) / len(held))
     for start, end in gaps:
         states[round(start / dt) + 1 : round(end / dt)] = np.nan
     time = dt * np.arange(len(states))
-    return replace(blank, time=time, states=states, inputs=inputs, held=held, gaps=gaps)
-
-
-def _positions(recording: Recording) -> tuple[int, ...]:
-    """States that are no velocities."""
-    still = {velocity for _, velocity in recording.velocities}
-    return tuple(k for k in range(len(recording.state_names)) if k not in still)
+    return made(time=time, states=states, inputs=inputs, held=held, gaps=gaps)
 
 
 def _require_inputs(table: Table, log: Log, names: Sequence[str]) -> None:
@@ -321,8 +322,8 @@ def _require_inputs(table: Table, log: Log, names: Sequence[str]) -> None:
             )
 
 
-def _require_positions(table: Table, recording: Recording) -> None:
-    for place in _positions(recording):
+def _require_positions(table: Table, recording: Recording, positions: Iterable[int]) -> None:
+    for place in positions:
         name = recording.state_names[place]
         found = int(np.isfinite(recording.states[:, place]).sum())
         if found < FEWEST:

@@ -190,6 +190,15 @@ def mean_held(
     return np.column_stack(columns)
 
 
+def bridged(states: Float[np.ndarray, "T X"]) -> Float[np.ndarray, "T X"]:
+    """States with those that are masked on lines between their neighbours, where there are any."""
+    rows, whole = np.arange(len(states)), states.copy()
+    for x, known in enumerate(np.isfinite(states).T):
+        if known.any():
+            whole[:, x] = np.interp(rows, rows[known], states[known, x])
+    return whole
+
+
 def runs(flags: Bool[np.ndarray, " T"]) -> list[tuple[int, int]]:
     """First index and end of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))

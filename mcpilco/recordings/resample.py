@@ -1,22 +1,78 @@
 """From samples at any times to samples on a uniform grid, and what time stamps that jitter mean.
 
-Some loggers stamp the moment at which a sensor was read, some that at which a row was written. A
-sample that is put j seconds off its place is v j off the motion, so the motion shows which it was:
-it is the rougher one under the wrong reading. When a command went out, with its sample or by a
-clock of its own, shows only in what it does to the motion later: `gap` asks its model.
+Time stamps say which rows are in order, and the grid that they stand for. Some loggers stamp the
+moment at which a sensor was read, some that at which a row was written. A sample that is put j
+seconds off its place is v j off the motion, so the motion shows which it was: it is the rougher one
+under the wrong reading. When a command went out, with its sample or by a clock of its own, shows
+only in what it does to the motion later: `gap` asks its model.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from mcpilco.recordings.recording import Gaps, Recording, mean_held, runs
+from mcpilco.recordings.recording import Gaps, Recording, Samples, mean_held, runs
 from mcpilco.recordings.smoothing import local_fit, noise_std
-from mcpilco.recordings.stamps import JUMP, ON_GRID, on_grid, sampling_time
+
+ON_GRID = 1e-3
+"""a stamp this close to the grid is on it [steps]"""
+JUMP = 2.5
+"""a step longer than so many median steps is a jump of the time stamps"""
+_SENSIBLE = 2e-3  # a rounded step may differ from the mean by this share
+
+
+def increasing(time: Float[np.ndarray, " N"]) -> Int[np.ndarray, " M"]:
+    """Indices of a longest strictly increasing subsequence: the rows that are in order."""
+    if np.all(np.diff(time) > 0):
+        return np.arange(len(time))
+    ends: list[float] = []  # the smallest last stamp of a subsequence of each length
+    last: list[int] = []
+    before = np.full(len(time), -1)
+    for k, stamp in enumerate(time.tolist()):
+        length = bisect_left(ends, stamp)
+        before[k] = last[length - 1] if length else -1
+        if length == len(ends):
+            ends.append(stamp)
+            last.append(k)
+        else:
+            ends[length], last[length] = stamp, k
+    kept, k = [], last[-1]
+    while k >= 0:
+        kept.append(k)
+        k = int(before[k])
+    return np.array(kept[::-1])
+
+
+def sampling_time(time: Float[np.ndarray, " N"]) -> float:
+    """The step of the grid on which stamps lie, or near which they jitter [s].
+
+    A round number where one fits: of seconds (0.02), else of samples a second (1/300).
+    """
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    mean = float(steps[steps <= JUMP * median].mean())
+    candidates = (_rounded(median), _rounded(mean), mean)
+    return next((dt for dt in candidates if on_grid(time, dt)), _rounded(mean))
+
+
+def on_grid(time: Float[np.ndarray, " N"], dt: float) -> bool:
+    """True where all stamps, from the first one, are distinct multiples of dt."""
+    steps = (time - time[0]) / dt
+    places = np.rint(steps)
+    return bool(np.all(np.abs(steps - places) <= ON_GRID) and np.all(np.diff(places) > 0))
+
+
+def _rounded(step: float) -> float:
+    """The roundest number near a step, or the step itself."""
+    rate = round(1 / step)
+    rounded = [float(f"{step:.0e}"), float(f"{step:.1e}"), 1 / rate if rate else 0.0]
+    return next((near for near in rounded if abs(near - step) <= _SENSIBLE * step), step)
+
 
 Channel = Float[np.ndarray, " N"]
 """a number a row of the log"""
@@ -32,7 +88,7 @@ AVERAGED = 5
 
 
 @dataclass(frozen=True)
-class Log:
+class Log(Samples):
     """N rows in the order of time, as a file has them."""
 
     time: Float[np.ndarray, " N"]
@@ -43,11 +99,6 @@ class Log:
     """each held until the next; NaN where a value is missing"""
     switched: Float[np.ndarray, " N"] | None = None
     """from when on each input is held [s], increasing; None: from the time of its row"""
-
-    def first(self, rows: int) -> Log:
-        """Its beginning."""
-        switched = None if self.switched is None else self.switched[:rows]
-        return Log(self.time[:rows], self.states[:rows], self.inputs[:rows], switched)
 
     @property
     def step(self) -> float:
@@ -220,7 +271,7 @@ def readings(log: Log, dt: float, recorded: Callable[[Log], Recording]) -> tuple
     if clock is None:
         return (log,)
     even = replace(log, time=clock - clock[0])
-    if _roughness(recorded(even.first(ROWS))) < _roughness(recorded(log.first(ROWS))):
+    if _roughness(recorded(even[:ROWS])) < _roughness(recorded(log[:ROWS])):
         return (even,)
     return log, replace(log, switched=clock)
 

@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mcpilco.recordings.recording import Gaps, Recording, runs
-from mcpilco.recordings.resample import Channel, Log
+from mcpilco.recordings.recording import Gaps, Recording, Samples, runs
+from mcpilco.recordings.resample import Channel, Log, on_grid
 from mcpilco.recordings.smoothing import noise_std
-from mcpilco.recordings.stamps import on_grid
 
 _REACH = 3  # samples that windows look to each side: what lasts longer is motion
 _AROUND = 10  # samples to each side by which a spike is judged
@@ -29,7 +28,7 @@ _MOST_SPIKES = 0.1  # share of the samples; beyond it they are the signal
 
 
 @dataclass(frozen=True)
-class Partner:
+class Partner(Samples):
     """The other column of a joint, which tells a fast motion from a value that was read wrongly."""
 
     time: Channel
@@ -38,10 +37,6 @@ class Partner:
     """positions beside a velocity, or velocities beside a position"""
     positions: bool
     """whether it is the first of these"""
-
-    def __getitem__(self, rows: np.ndarray) -> Partner:
-        """Some of the samples."""
-        return Partner(self.time[rows], self.values[rows], self.positions)
 
     def confirms(self, x: Channel, bridged: Channel, start: int, end: int) -> bool:
         """Whether the motion is nearer to x from start to end than to a bridge over it."""

@@ -208,14 +208,8 @@ def _cells(row: sweep.Row) -> tuple[object, ...]:
 
 
 def _csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    return csv_bytes(header, ([_text(value) for value in row] for row in rows))
-
-
-def _text(value: object) -> str:
-    """As text that reads back equal; empty for what is not told."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return ""
-    return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
+    """Numbers read back equal; what is not told is empty, be it None or NaN."""
+    return csv_bytes(header, (["" if value != value else value for value in row] for row in rows))
 
 
 def _upper(text: str) -> str:

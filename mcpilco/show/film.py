@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from mcpilco.data import Rollout
 from mcpilco.logbook import History, PastTrial, RunFolder, read_search, read_task, read_trial
 from mcpilco.show import entities
 from mcpilco.show.blueprint import ABOUT, LEARNING, SEARCH, build_blueprint
@@ -111,16 +110,10 @@ class Film:
                 entities.log_particles(track, reel.scene, trial.prediction)
         entities.log_curves(track, reel.history.task, rollout, trial.prediction, trial.costs)
         if trial.number:
-            self._log_cost(track, "predicted", track.colors.model, trial.predicted_cost, rollout)
-            self._log_cost(track, "system", track.colors.system, trial.real_cost, rollout)
-
-    def _log_cost(
-        self, track: entities.Track, name: str, color: entities.RGB, cost: float, rollout: Rollout
-    ) -> None:
-        path = track.under(LEARNING, name)
-        track.still(path, rr.SeriesLines(colors=color, widths=2.5, names=name))
-        levels = np.append(np.full(len(rollout) + 1, cost), np.nan)
-        track.moving(path, 0, len(levels), rr.Scalars.columns(scalars=levels))
+            predicted = "predicted", trial.predicted_cost, track.colors.model
+            for name, cost, color in (predicted, ("system", trial.real_cost, track.colors.system)):
+                level = np.full(len(rollout) + 1, cost)
+                entities.log_line(track, track.under(LEARNING, name), 0, level, color)
 
     def _note(self, text: str) -> None:
         if self._live:

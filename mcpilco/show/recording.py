@@ -20,7 +20,6 @@ from mcpilco.show.blueprint import ABOUT, TIMELINE, build_blueprint
 from mcpilco.show.entities import COLORS_IN_WORDS, Track, log_curves, log_particles, log_scene
 from mcpilco.show.scene import Scene
 from mcpilco.task import TaskSpec
-from mcpilco.typing import RunFolderError
 
 Property = str | float | bool | None
 
@@ -90,12 +89,8 @@ def new_recording(
     yield rec
     content = stream.read()
     rec.disconnect()
-    try:
+    with contextlib.suppress(OSError):  # the writing then says what is wrong
         path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunFolderError(
-            f"Cannot write {path}: {error.strerror or error}; choose another folder."
-        ) from error
     write_bytes(path, content or b"")
 
 

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_digits
+from mcpilco.recordings import bridged
 from mcpilco.show.blueprint import INPUTS, STATES, WORLD, build_side_by_side, entity
 from mcpilco.show.entities import RGB, Colors, Track, log_dots, log_line, log_scene, log_tails
 from mcpilco.show.recording import log_note, new_recording
@@ -96,13 +97,8 @@ def _log(track: Track, clip: Clip, naming: Naming, scene: Scene) -> None:
 
 def _whole(states: Float[np.ndarray, "T X"]) -> Float[np.ndarray, "T X"]:
     """States with their gaps bridged, for a picture; 0 where nothing is known."""
-    rows = np.arange(len(states))
-    whole = np.zeros_like(states)
-    for x, values in enumerate(states.T):
-        known = np.isfinite(values)
-        if known.any():
-            whole[:, x] = np.interp(rows, rows[known], values[known])
-    return whole
+    whole = bridged(states)
+    return np.where(np.isfinite(whole), whole, 0.0)
 
 
 def _blueprint(clips: Sequence[Clip], naming: Naming, scene: Scene) -> rr.blueprint.Blueprint:

@@ -3,11 +3,11 @@
 settings = Settings("envs:mcpilco/CartPoleSwingUp-v0")
 summary = sweep(settings, range(30), "runs/out/sweep", LocalEngine())
 
-Read `seeds.py` first: `sweep` runs a job for each seed that the folder has no result of. A job
-(`job.py`) is a whole training whose policies are judged on fresh episodes (`fresh.py`); an engine
-(`engines.py`) runs jobs in processes or on a Ray cluster; `SweepFolder` (`folder.py`) keeps a file
-a seed, and `summary.py` its summary. `comparison.py` reads several sweeps or runs that are judged
-alike, and `statistics.py` has the statistics over seeds of one and of two.
+Read `folder.py` first: `sweep` runs a job for each seed that the folder has no result of, and
+`SweepFolder` keeps a file a seed, and a summary. A job (`job.py`) is a whole training whose
+policies are judged on fresh episodes; an engine (`engines.py`) runs jobs in processes or on a Ray
+cluster. `comparison.py` reads several sweeps or runs that are judged alike, and `statistics.py` has
+the statistics over seeds of one and of two.
 """
 
 import lazy_loader

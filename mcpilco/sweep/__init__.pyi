@@ -1,8 +1,32 @@
 from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
-from .folder import SweepFolder, parse_seeds, sweep, sweep_progress
-from .fresh import Act, FreshEpisodes, outcomes_one_by_one
-from .job import FORMAT, SeedJob, Settings, machine, one_thread, result_of, run_seed
+from .folder import (
+    SUMMARY_LEGEND,
+    SweepFolder,
+    conclusion,
+    markdown,
+    mean_cell,
+    measures_of,
+    parse_seeds,
+    rate_cell,
+    spread_cell,
+    summarise,
+    summary_table,
+    sweep,
+    sweep_progress,
+)
+from .job import (
+    FORMAT,
+    Act,
+    FreshEpisodes,
+    Settings,
+    machine,
+    one_thread,
+    outcomes_one_by_one,
+    result_of,
+    run_seed,
+    seed_job,
+)
 from .statistics import (
     CONFIDENCE,
     Estimate,
@@ -20,17 +44,6 @@ from .statistics import (
     rate,
     same_amount,
     spread,
-)
-from .summary import (
-    SUMMARY_LEGEND,
-    conclusion,
-    markdown,
-    mean_cell,
-    measures_of,
-    rate_cell,
-    spread_cell,
-    summarise,
-    summary_table,
 )
 
 __all__ = [
@@ -52,7 +65,6 @@ __all__ = [
     "RayEngine",
     "Row",
     "Run",
-    "SeedJob",
     "Settings",
     "SweepFolder",
     "all_amounts",
@@ -79,6 +91,7 @@ __all__ = [
     "result_of",
     "run_seed",
     "same_amount",
+    "seed_job",
     "spread",
     "spread_cell",
     "summarise",

@@ -3,7 +3,7 @@
 sweep.json         what all its seeds have in common
 seeds/0007.json    the result of seed 7, written when it is complete
 seeds/0007.txt     why seed 7 failed; gone when it has succeeded
-summary.json       statistics over the seeds
+summary.json       statistics over the seeds: rates, means and quartiles
 table.md           the same as a table
 """
 
@@ -15,14 +15,146 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mcpilco.agent import find
 from mcpilco.config import from_dict
+from mcpilco.data import title_of
 from mcpilco.files import require_own, write_bytes
-from mcpilco.logbook import counting, read_json, write_json
+from mcpilco.logbook import counting, measures_in, read_json, write_json
 from mcpilco.sweep.engines import Engine, Failure, Job, LocalEngine, OnResult
-from mcpilco.sweep.job import FORMAT, SeedJob, Settings
-from mcpilco.sweep.summary import SUMMARY_LEGEND, conclusion, markdown, summarise, summary_table
+from mcpilco.sweep.job import FORMAT, Settings, seed_job
+from mcpilco.sweep.statistics import CONFIDENCE, mean, rate, spread
 from mcpilco.typing import InputError, RunFolderError
+
+SUMMARY_LEGEND = (
+    "after: experience; success: of the one test rollout, with its "
+    f"{CONFIDENCE:.0%} Wilson interval; p: mean success over fresh rollouts of each policy, mean "
+    f"over seeds with its {CONFIDENCE:.0%} bootstrap interval; all else: median (quartiles) over "
+    "seeds; CPU: of the trial."
+)
+"""the meaning of the columns of `table`"""
+
+_SUMS = ("starts", "policy_steps", "cpu_s", "wall_s")
+"""numbers of a trial that add up over a training"""
+_SPREADS = ("return", "fresh_return", "predicted_cost", "real_cost", *_SUMS)
+
+
+def summarise(
+    results: Mapping[int, Mapping[str, Any]], failures: Mapping[int, str]
+) -> dict[str, Any]:
+    """Statistics over the seeds of a sweep, as JSON values.
+
+    Returns:
+        `trials`: statistics of each; `run`: of whole trainings; `solved`: share of the seeds of
+        which any test rollout succeeded; `by_seed`: what is told of each; `machines`: where.
+    """
+    seeds = list(results.values())
+    return {
+        "seeds": sorted(results),
+        "failed": {str(seed): why for seed, why in failures.items()},
+        "trials": [
+            _trial(rows) for rows in zip(*(result["trials"] for result in seeds), strict=True)
+        ],
+        "solved": rate(_solved(result) for result in seeds),
+        "run": {
+            key: spread(sum(row[key] for row in result["trials"]) for result in seeds)
+            for key in _SUMS
+        },
+        "by_seed": {str(seed): _digest(result) for seed, result in results.items()},
+        "machines": _machines(seeds),
+    }
+
+
+def summary_table(summary: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The summary as a header and a row a trial; blank where the env does not report a number."""
+    measures = measures_of(summary)
+    titles = ("after [s]", "success [%]", "p [%]", "return", *map(title_of, measures), "CPU [s]")
+    rows = [
+        (
+            f"{trial['experience_s']:g}",
+            rate_cell(trial["success"]),
+            mean_cell(trial["p"]),
+            spread_cell(trial["return"], 1),
+            *(spread_cell(trial.get(name), 2) for name in measures),
+            spread_cell(trial["cpu_s"], 1),
+        )
+        for trial in summary["trials"]
+    ]
+    return titles, rows
+
+
+def measures_of(summary: Mapping[str, Any]) -> list[str]:
+    """The env's measures in a summary."""
+    return measures_in(dict.fromkeys(name for trial in summary["trials"] for name in trial))
+
+
+def conclusion(summary: Mapping[str, Any]) -> str:
+    """A sentence on whole trainings."""
+    count = len(summary["seeds"])
+    cpu = spread_cell(summary["run"]["cpu_s"], 1) or "no"
+    failed = ", ".join(f"seed {seed}" for seed in summary["failed"]) or "none"
+    return f"Seeds: {count}; failed: {failed}; {cpu} CPU seconds a training."
+
+
+def markdown(header: Sequence[str], cells: Iterable[Sequence[str]]) -> str:
+    """A table."""
+    lines = [header, ["---"] * len(header), *cells]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def rate_cell(found: Mapping[str, Any] | None, kind: str = "rate") -> str:
+    """A rate and its interval [%], where it has one."""
+    if found is None:
+        return ""
+    if found["low"] is None:
+        return f"{100 * found[kind]:.1f}"
+    return f"{100 * found[kind]:.1f} ({100 * found['low']:.0f}–{100 * found['high']:.0f})"
+
+
+def mean_cell(found: Mapping[str, Any] | None) -> str:
+    """A mean share and its interval [%]."""
+    return rate_cell(found, "mean")
+
+
+def spread_cell(found: Mapping[str, float] | None, digits: int) -> str:
+    """A median and its quartiles."""
+    if found is None:
+        return ""
+    median, q1, q3 = (f"{found[key]:.{digits}f}" for key in ("median", "q1", "q3"))
+    return f"{median} ({q1}–{q3})"
+
+
+def _trial(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    measures = measures_in(dict.fromkeys(name for row in rows for name in row))
+    return {
+        "trial": rows[0]["trial"],
+        "experience_s": float(np.median([row["experience_s"] for row in rows])),
+        "success": rate(row["success"] for row in rows),
+        "p": mean(row["p"] for row in rows),
+        **{key: spread(row.get(key) for row in rows) for key in (*_SPREADS, *measures)},
+    }
+
+
+def _solved(result: Mapping[str, Any]) -> bool | None:
+    told = [row["success"] for row in result["trials"] if row["success"] is not None]
+    return any(told) if told else None
+
+
+def _digest(result: Mapping[str, Any]) -> dict[str, Any]:
+    """The trials of a seed as lists, and the time of all of them."""
+    digest = {key: [row[key] for row in result["trials"]] for key in ("success", "p", "return")}
+    return {**digest, "cpu_s": round(sum(row["cpu_s"] for row in result["trials"]), 1)}
+
+
+def _machines(seeds: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Each machine, with its versions, that a seed ran on; once."""
+    found: list[dict[str, Any]] = []
+    for result in seeds:
+        machine = {**result["machine"], "versions": result["versions"]}
+        if machine not in found:
+            found.append(machine)
+    return found
 
 
 class SweepFolder:
@@ -59,13 +191,19 @@ class SweepFolder:
 
     def results(self) -> dict[int, dict[str, Any]]:
         """The complete results, by seed; a damaged file counts as missing."""
-        return dict(sorted(self._read().items()))
+        found = {}
+        for path in (self.path / "seeds").glob("*.json"):
+            with contextlib.suppress(RunFolderError, KeyError, TypeError):
+                result = read_json(path)
+                if result["format"] == FORMAT and len(result["trials"]) == self._trials:
+                    found[int(result["seed"])] = result
+        return dict(sorted(found.items()))
 
     def failures(self) -> dict[int, str]:
         """Why the seeds failed that have no result, in a line each."""
-        paths = sorted((self.path / "seeds").glob("*.txt"))
+        paths, done = sorted((self.path / "seeds").glob("*.txt")), self.results()
         lines = {int(path.stem): path.read_text(encoding="utf-8").split("\n")[0] for path in paths}
-        return {seed: line for seed, line in lines.items() if seed not in self._read()}
+        return {seed: line for seed, line in lines.items() if seed not in done}
 
     def write(self, seed: int, outcome: dict[str, Any] | Failure) -> None:
         """Keep the outcome of a seed."""
@@ -75,22 +213,6 @@ class SweepFolder:
             return
         write_json(failure.with_suffix(".json"), outcome)
         failure.unlink(missing_ok=True)
-
-    def write_summary(self, summary: Mapping[str, Any], table: str) -> None:
-        """Write summary.json and table.md."""
-        write_json(self.path / "summary.json", summary)
-        write_bytes(self.path / "table.md", table.encode())
-
-    def _read(self) -> dict[int, dict[str, Any]]:
-        found = {}
-        for path in (self.path / "seeds").glob("*.json"):
-            try:
-                result = read_json(path)
-                if result["format"] == FORMAT and len(result["trials"]) == self._trials:
-                    found[int(result["seed"])] = result
-            except (RunFolderError, KeyError, TypeError):
-                continue
-        return found
 
 
 def _completed(there: dict[str, Any]) -> dict[str, Any]:
@@ -151,7 +273,7 @@ def sweep(
     path: str | Path,
     engine: Engine | None = None,
     on_result: OnResult | None = None,
-    make_job: Callable[[Any, int], Job] = SeedJob,
+    make_job: Callable[[Any, int], Job] = seed_job,
 ) -> dict[str, Any]:
     """Train from each seed that the folder has no result of, and return the summary of all it has.
 
@@ -181,8 +303,10 @@ def sweep(
         (engine or LocalEngine()).run(jobs, keep)
     finally:  # also when it is interrupted
         summary = summarise(folder.results(), folder.failures())
-        text = markdown(*summary_table(summary))
-        folder.write_summary(summary, f"{text}\n{SUMMARY_LEGEND}\n\n{conclusion(summary)}\n")
+        table = markdown(*summary_table(summary))
+        text = f"{table}\n{SUMMARY_LEGEND}\n\n{conclusion(summary)}\n"
+        write_json(folder.path / "summary.json", summary)
+        write_bytes(folder.path / "table.md", text.encode())
     return summary
 
 

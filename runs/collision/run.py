@@ -31,8 +31,8 @@ sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is r
 from collision.pages import write_page
 from harness import folder, parse_seeds
 
+from envs.arms.motions import Targets, waypoints
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
-from envs.arms.waypoints import Targets, waypoints
 from mcpilco.files import write_arrays, write_bytes
 from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (

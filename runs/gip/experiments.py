@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from envs.arms.industrial import scara, ur10
 from envs.arms.motions import random_motion
+from envs.arms.robots import scara, ur10
 from mcpilco.bodies import Body, Chain, generalised_forces
 from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.identification.inverse_dynamics import (

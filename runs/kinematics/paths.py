@@ -9,7 +9,7 @@ from math import pi
 import numpy as np
 from jaxtyping import Float, Int
 
-from envs.arms.dh import Kind, Link
+from envs.arms.marked import Kind, Link
 from envs.arms.motions import RANGES
 
 UR10 = (

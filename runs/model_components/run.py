@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,11 +27,11 @@ from harness import broken_off, fill, folder, machines, parse_seeds, read_summar
 from mcpilco.config import CART_POLE, CART_POLES, PRESETS, Config, ModelConfig, SearchConfig
 from mcpilco.sweep import (
     LocalEngine,
-    SeedJob,
     Settings,
     markdown,
     mean_cell,
     rate_cell,
+    seed_job,
     spread_cell,
     sweep,
 )
@@ -165,13 +166,13 @@ def disturbed(cell: Cell) -> dict[str, Any]:
     return {"effects": described({}, cell.delay, cell.lag)}
 
 
-def job_of(settings: Settings, seed: int) -> SeedJob:
+def job_of(settings: Settings, seed: int) -> partial[dict[str, Any]]:
     """The training of a seed; its nominal masses are wrong where the model knows a plant."""
     model = settings.config.model
     if model.mean == "physics" or "features" in model.kernel.split("+"):
         wrong = replace(model, plant=described(wrong_masses(seed)))
         settings = replace(settings, config=replace(settings.config, model=wrong))
-    return SeedJob(settings, seed)
+    return seed_job(settings, seed)
 
 
 def wrong_masses(seed: int) -> dict[str, float]:

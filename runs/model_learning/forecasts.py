@@ -18,8 +18,7 @@ from jaxtyping import Float
 
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PilcoConfig, PilcoModel
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics, predicted
+from baselines.pilco.rollout import GaussianDynamics, GPMean, predicted
 from mcpilco.agent import Model, input_bounds, load_policy
 from mcpilco.config import ModelConfig
 from mcpilco.data import Rollout, Transitions

@@ -8,8 +8,7 @@ from __future__ import annotations
 import torch
 
 from baselines.moments import Gaussian, through_bases, through_squash, through_trig
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics
+from baselines.pilco.rollout import GaussianDynamics, GPMean
 
 
 def predicted(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from harness import BEGIN, END
 
-from envs.arms.industrial import scara, ur10
+from envs.arms.robots import scara, ur10
 
 
 @pytest.fixture

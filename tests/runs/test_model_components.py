@@ -19,7 +19,7 @@ def test_masses_are_wrong_by_up_to_a_fifth_and_only_where_a_plant_is_known(run):
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
     for name, cell in run.CELLS.items():
         config = dataclasses.replace(run.Config(), model=cell.model)
-        told = run.job_of(Settings(CART_POLE, config=config), 3).settings.config.model.plant
+        told = run.job_of(Settings(CART_POLE, config=config), 3).args[0].config.model.plant
         knows = name.startswith(("physics", "features"))
         assert (told is not None) == knows
         assert not knows or told["parameters"] == run.wrong_masses(3)

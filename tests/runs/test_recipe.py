@@ -8,7 +8,7 @@ import sys
 import pytest
 from harness import BEGIN, END
 
-from mcpilco.sweep.summary import summarise
+from mcpilco.sweep.folder import summarise
 
 
 def make_trials(shares, cpu_s=10.0):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -57,16 +58,10 @@ class ForwardKinematics:
     """their `POSE_OUTPUTS`"""
     report: Report
 
-    def __post_init__(self) -> None:
-        mean = self.Y.mean(0)
-        posterior = self.gp.condition(regressors(self.q, self.kinds), self.Y - mean)
-        object.__setattr__(self, "_mean", mean)
-        object.__setattr__(self, "_posterior", posterior)
-
-    @property
+    @cached_property
     def posterior(self) -> Posterior:
         """Of the outputs less their mean over the samples."""
-        return cast(Posterior, self._posterior)  # type: ignore[attr-defined]
+        return self.gp.condition(regressors(self.q, self.kinds), self.Y - self.Y.mean(0))
 
     def pose(
         self, q: Float[Tensor, "*b J"]
@@ -81,7 +76,7 @@ class ForwardKinematics:
         """
         X = regressors(q, self.kinds)
         K = self.posterior.kernel(X.reshape(-1, X.shape[-1]), self.posterior.X)  # E M N
-        Y = (K @ self.posterior.alpha[..., None])[..., 0].mT + self._mean  # type: ignore[attr-defined]
+        Y = (K @ self.posterior.alpha[..., None])[..., 0].mT + self.Y.mean(0)
         Y = Y.reshape(*q.shape[:-1], len(POSE_OUTPUTS))
         return Y[..., :3], orthonormal(Y[..., 3:6], Y[..., 6:9])
 
@@ -115,9 +110,10 @@ class ForwardKinematics:
             gp.load_arrays(groups["gp"])
             data = {name: torch.as_tensor(groups["data"][name]) for name in ("q", "Y")}
             report = Report(converged=True, iterations=0)
-            return cls(
-                joints, kinds, str(about["marker"]), about["kernel"], gp, **data, report=report
-            )
+            marker, kernel = str(about["marker"]), about["kernel"]
+            model = cls(joints, kinds, marker, kernel, gp, **data, report=report)
+            _ = model.posterior  # raises where the samples do not fit
+            return model
         except (KeyError, TypeError, ValueError, InputError) as error:
             raise damaged(Path(path), error) from error
 

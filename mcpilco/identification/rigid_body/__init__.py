@@ -6,8 +6,8 @@ log to an `Identified` robot: filtered motions (`JointMotion` of `mcpilco.record
 `Rows`, a `Recipe` names the regression and the projection on parameters of bodies that can exist,
 and `check_links` says link by link which cannot. `write_identified_mjcf` writes an MJCF.
 
-Read `body`, `rows`, `consistency`, `projection`, then `identified`; `robot_model` is
-needed for MJCF files and for simulated instruments.
+Read `body`, `rows`, `projection`, then `identified`; `robot_model` is needed for MJCF files and for
+simulated instruments.
 """
 
 import lazy_loader

@@ -1,5 +1,14 @@
-from .body import TERMS, BaseParameters, RigidBody, base_parameters, random_motions
-from .consistency import LinkCheck, check_links, inertia_of, pseudo_inertia
+from .body import (
+    TERMS,
+    BaseParameters,
+    LinkCheck,
+    RigidBody,
+    base_parameters,
+    check_links,
+    inertia_of,
+    pseudo_inertia,
+    random_motions,
+)
 from .identified import (
     ALL_METHODS,
     PROJECTIONS,

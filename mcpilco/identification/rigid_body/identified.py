@@ -27,11 +27,12 @@ from mcpilco.identification.report import Report
 from mcpilco.identification.rigid_body.body import (
     TERMS,
     BaseParameters,
+    LinkCheck,
     RigidBody,
     base_parameters,
+    check_links,
     random_motions,
 )
-from mcpilco.identification.rigid_body.consistency import LinkCheck, check_links
 from mcpilco.identification.rigid_body.projection import Projection, project, project_virtual
 from mcpilco.identification.rigid_body.rows import Rows, force_errors, rows_of_segment
 from mcpilco.recordings import Segment, encoder_noise, motion_cutoff

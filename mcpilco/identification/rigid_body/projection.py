@@ -25,9 +25,10 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.optimize import least_squares
 
 from mcpilco.bodies import INERTIAL
-from mcpilco.identification.rigid_body.body import TERMS, RigidBody
-from mcpilco.identification.rigid_body.consistency import (
+from mcpilco.identification.rigid_body.body import (
+    TERMS,
     LinkCheck,
+    RigidBody,
     check_links,
     from_pseudo_inertia,
     inertia_of,

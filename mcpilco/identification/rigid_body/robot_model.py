@@ -22,8 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.bodies import INERTIAL
-from mcpilco.identification.rigid_body.body import RigidBody
-from mcpilco.identification.rigid_body.consistency import about_center, check_links
+from mcpilco.identification.rigid_body.body import RigidBody, about_center, check_links
 from mcpilco.plant import FAR, Inertials, save_mjcf, write_joint_terms
 from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -51,13 +51,13 @@ class Rows:
 
     def _changed(self, change: Callable[[np.ndarray], np.ndarray], tau: np.ndarray) -> Rows:
         """With other forces, and all regressors changed alike."""
-        Y, noisier, reference = (
-            None if regressor is None else change(regressor)
-            for regressor in (self.Y, self.noisier, self.reference)
-        )
-        simulate = self.simulate
-        then = None if simulate is None else lambda theta: change(simulate(theta))
-        return Rows(cast(np.ndarray, Y), tau, noisier, reference, then)
+        regressors = {name: getattr(self, name) for name in ("Y", "noisier", "reference")}
+        changed: dict[str, Any] = {
+            name: change(Y) for name, Y in regressors.items() if Y is not None
+        }
+        if (simulate := self.simulate) is not None:
+            changed["simulate"] = lambda theta: change(simulate(theta))
+        return replace(self, tau=tau, **changed)
 
     @property
     def metric(self) -> Float[np.ndarray, "D D"]:
@@ -96,9 +96,11 @@ class Rows:
         def simulate(theta: np.ndarray) -> np.ndarray:
             return np.concatenate([part.simulate(theta) for part in parts if part.simulate])
 
-        Y, tau = (np.concatenate([getattr(part, name) for part in parts]) for name in ("Y", "tau"))
+        arrays: dict[str, Any] = {
+            name: all_of(name) for name in ("Y", "tau", "noisier", "reference")
+        }
         simulated = all(part.simulate for part in parts)
-        return cls(Y, tau, all_of("noisier"), all_of("reference"), simulate if simulated else None)
+        return replace(parts[0], simulate=simulate if simulated else None, **arrays)
 
     def scaled(self, scale: Float[np.ndarray, " J"]) -> Rows:
         """All divided by a number a joint."""

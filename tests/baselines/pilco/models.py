@@ -7,8 +7,7 @@ import torch
 
 from baselines.moments import Bases, Gaussian
 from baselines.pilco import PilcoConfig
-from baselines.pilco.policy import GPMean
-from baselines.pilco.rollout import GaussianDynamics
+from baselines.pilco.rollout import GaussianDynamics, GPMean
 from mcpilco.dynamics import AngleAugmentation
 
 TINY = PilcoConfig(centres=4, line_searches=2, evaluations=4)

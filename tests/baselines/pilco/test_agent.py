@@ -12,7 +12,7 @@ import torch
 
 from baselines.moments.costs import TipDistanceCost
 from baselines.pilco import PILCO, PRESETS, PilcoConfig
-from baselines.pilco.search import PilcoSearch
+from baselines.pilco import agent as pilco_agent
 from mcpilco import MCPILCO
 from mcpilco.cli import main
 from mcpilco.config import Preset
@@ -70,10 +70,10 @@ def test_a_file_is_loaded_by_the_class_of_its_algorithm_only(tmp_path):
 
 
 def test_a_search_without_an_answer_is_a_trial_that_tells_why(monkeypatch):
-    def fail(self):
+    def fail(*_):
         raise torch.linalg.LinAlgError("no covariance")
 
-    monkeypatch.setattr(PilcoSearch, "run", fail)
+    monkeypatch.setattr(pilco_agent, "pilco_search", fail)
     result = learned(1).results[-1]
     assert "No policy could be learned: no covariance" in result.failure
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import math
 
 import numpy as np
 import pytest
 import torch
 
-from baselines.pilco.search import PilcoSearch, Problem
+from baselines.pilco.search import Problem, pilco_search
 from mcpilco.policies import SaturatingCost
 from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
 
@@ -20,10 +21,11 @@ CONFIG = dataclasses.replace(TINY, line_searches=10, evaluations=15)
 
 def search(
     sometimes=lambda problem: problem, report=lambda *_: None, fresh=None, config=CONFIG
-) -> PilcoSearch:
+) -> functools.partial:
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
-    return PilcoSearch(
+    return functools.partial(
+        pilco_search,
         config=config,
         problem=sometimes(Problem(dynamics, COST, narrow_start(), 4)),
         policy=policy,
@@ -36,18 +38,19 @@ def search(
 def test_the_cost_falls_and_the_start_stays():
     told, asked = [], None
     asked = search(report=lambda step, most, values: told.append(values["policy/cost"]))
-    before = copy.deepcopy(asked.policy.state_dict())
-    found = asked.run()
+    before = copy.deepcopy(asked.keywords["policy"].state_dict())
+    found = asked()
     assert found.best.cost == pytest.approx(min(told), abs=1e-12)
     assert found.best.cost < told[0] - 0.01
     assert len(told) == found.steps <= CONFIG.evaluations
     assert all(
-        torch.equal(value, before[name]) for name, value in asked.policy.state_dict().items()
+        torch.equal(value, before[name])
+        for name, value in asked.keywords["policy"].state_dict().items()
     )
 
 
 def test_the_expected_cost_is_that_of_the_particles_shown():
-    best = search().run().best
+    best = search()().best
     prediction = best.prediction(300)
     assert prediction.states.shape == (5, 300, 4)
     assert prediction.inputs.shape == (4, 300, 1)
@@ -81,19 +84,19 @@ class Sometimes:
 
 @pytest.mark.parametrize("as_nan", [False, True])
 def test_a_step_without_an_answer_is_shortened(as_nan):
-    usual = search().run()
-    found = search(Sometimes(3, 4, as_nan=as_nan)).run()
+    usual = search()()
+    found = search(Sometimes(3, 4, as_nan=as_nan))()
     assert math.isfinite(found.best.cost)
-    assert found.best.cost < search(Sometimes(), config=TINY).run().best.cost + 0.5
+    assert found.best.cost < search(Sometimes(), config=TINY)().best.cost + 0.5
     assert found.best.cost == pytest.approx(usual.best.cost, abs=0.3)
 
 
 def test_a_start_without_an_answer_gives_way_to_a_random_one():
-    found = search(Sometimes(1)).run()
+    found = search(Sometimes(1))()
     assert found.starts == 2
     assert math.isfinite(found.best.cost)
 
 
 def test_where_nothing_has_an_answer_the_search_says_so():
     with pytest.raises(torch.linalg.LinAlgError, match="nothing finite"):
-        search(Sometimes(1, 2)).run()
+        search(Sometimes(1, 2))()

@@ -116,7 +116,7 @@ def test_a_policy_is_learned_in_the_model_alone(source):
     agent = new(buffer_size=10_000, gamma=0.9, learning_rate=3e-3, batch_size=64, ent_coef=0.01)
     numbers = WarmStart(particles=60, first_steps=300, rounds=4, own_particles=30, round_steps=100)
     warm_start(agent, source, numbers)
-    record, _ = agent._try(1)
+    record, _ = agent._run_episode(agent.inputs_in, 1, agent.horizon)
     assert (1.0 - record.rewards).sum() < 0.8 * STEPS * (1 - np.exp(-1))
 
 

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from envs.arms.motions import waypoints
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
-from envs.arms.waypoints import waypoints
 from mcpilco.plant import chain_of
 from mcpilco.typing import InputError
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from envs.arms.dh import Link
-from envs.arms.industrial import ur10
-from envs.arms.marked import marked_arm
+from envs.arms.marked import Link, marked_arm
 from envs.arms.motions import random_motion
+from envs.arms.robots import ur10
 from mcpilco.bodies import generalised_forces
 from mcpilco.dynamics import JointPolynomials
 from mcpilco.gp import GP

@@ -172,7 +172,7 @@ def test_fresh_episodes_each_begin_a_memory_of_their_own(agent: MCPILCO, monkeyp
         outcomes = judge.outcomes(begin, seed=0, trial=1)
     assert len(begun) == 1
     assert outcomes["return"].shape == (3,)
-    monkeypatch.setattr("mcpilco.sweep.fresh._vector_form", lambda *_: None)
+    monkeypatch.setattr("mcpilco.sweep.job._vector_form", lambda *_: None)
     with FreshEpisodes(POSITIONS, {}, 3, STEPS) as judge:
         judge.outcomes(begin, seed=0, trial=1)
     assert len(begun) == 4

@@ -7,8 +7,8 @@ import functools
 import mujoco
 import numpy as np
 
+from envs.arms.motions import waypoints
 from envs.arms.sticky_arm import MODEL, SAMPLING_S, ArmLog, Push, StickyArm
-from envs.arms.waypoints import waypoints
 from mcpilco.identification import Report, RigidBody
 from mcpilco.identification.collision import (
     CURRENT_TERMS,

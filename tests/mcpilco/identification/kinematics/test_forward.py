@@ -9,8 +9,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from envs.arms.dh import Link
-from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm
+from envs.arms.marked import IDEAL, Camera, Link, MarkedArm, marked_arm
 from mcpilco.files import read_groups, write_groups
 from mcpilco.identification.kinematics import (
     ForwardKinematics,

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from envs.arms.dh import Link
-from envs.arms.marked import IDEAL, Camera, MarkedArm, marked_arm
+from envs.arms.marked import IDEAL, Camera, Link, MarkedArm, marked_arm
 from mcpilco.identification.kinematics import triplet_tests
 from mcpilco.recordings import MarkerRecording, marker_recording
 from tests.mcpilco.identification.kinematics.robots import recorded

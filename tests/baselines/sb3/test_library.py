@@ -8,7 +8,7 @@ from gymnasium import spaces
 from stable_baselines3.common.env_checker import check_env
 
 import envs  # noqa: F401  registers its ids
-from baselines.sb3.view import View, ViewedEnv
+from baselines.sb3.library import View, ViewedEnv
 from mcpilco.agent import input_bounds, make_env, task_of
 from mcpilco.typing import EnvError
 from tests.mcpilco.sweep.strange import Broken, Point
