@@ -114,8 +114,8 @@ class ModelConfig(Checked):
     """prior standard deviation of the logarithms of the plant's uncertain parameters [-]"""
     spread: dict | list | None = None
     """plants that particles draw from, so that the policy holds for them: relative standard
-    deviations by name, such as {"mass": 0.1, "f_c": 0.3}, or what `corrected.json` has of that name;
-    None: the plant alone"""
+    deviations by name, such as {"mass": 0.1, "f_c": 0.3}, or the part `spread` of
+    `corrected.json`; None: the plant alone"""
     plant_step: float = 0.025
     """longest Runge-Kutta step of the plant's equations [s]"""
     memory: int = 0

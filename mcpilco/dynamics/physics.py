@@ -11,7 +11,7 @@ parameters.
 Weights of forces that the plant's equations lack (`mcpilco.dynamics.missing_forces`) are further
 parameters, learned and sampled as the others are.
 
-A `Spread` says which plants the policy must hold for, beside the one that the data are of. What each
+A `Spread` says which plants the policy must hold for, beside the one that the data are of. What a
 particle draws of it moves its equations alone: its residual is that of the data's plant.
 """
 
@@ -132,7 +132,8 @@ class PhysicsMean:
     def _build(self) -> None:
         """Make the step of the plant as it is, with the missing forces that are known."""
         forces = None if self.missing is None else self.missing.forces
-        drawn = self.spread and self.spread.rows(_normal_points(self.spread.dimensions))
+        spread = self.spread
+        drawn = spread.rows(_normal_points(spread.dimensions)) if spread else None
         self.step: PlantStep = self._step_of(self._known, missing=forces, drawn=drawn)
 
     @property
@@ -150,7 +151,7 @@ class PhysicsMean:
         """The arguments of the program for plants that standard normal numbers choose."""
         K = len(self.belief.mean)
         values = self.belief.mean + points[:, :K] @ np.linalg.cholesky(self.belief.covariance).T
-        return self.numbers(values, self.spread and self.spread.rows(points[:, K:]))
+        return self.numbers(values, self.spread.rows(points[:, K:]) if self.spread else None)
 
     def numbers(
         self, values: Float[np.ndarray, "S K"], plants: Float[np.ndarray, "S P"] | None = None

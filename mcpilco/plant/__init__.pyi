@@ -62,7 +62,17 @@ from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
-from .spread import Member, Spread, members_of, moved, name_of, opened, recipe_of
+from .spread import (
+    Member,
+    Spread,
+    effect_in,
+    expressible,
+    members_of,
+    moved,
+    name_of,
+    opened,
+    recipe_of,
+)
 
 __all__ = [
     "ABS",
@@ -119,7 +129,9 @@ __all__ = [
     "correction_of",
     "cos",
     "design",
+    "effect_in",
     "exp",
+    "expressible",
     "features_of",
     "free_parameters",
     "friction_features",

@@ -2,14 +2,14 @@
 
 A number of a plant is known by its name: a parameter's, or `effect.target.symbol` of an effect that
 was added, as in `coulomb_friction.cart.f_c`. Each *member* of a spread is a set of effects that the
-data allow, with a probability, and a normal distribution of its numbers; those that must be positive
-have one of their logarithms.
+data allow, with a probability, and a normal distribution of its numbers, or of the logarithms of
+those that must be positive.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -42,7 +42,9 @@ class Member:
     @cached_property
     def root(self) -> Float[np.ndarray, "Q Q"]:
         """A square root of the correlation matrix."""
-        scale, axes = np.linalg.eigh(np.array(self.correlation).reshape(len(self.std), len(self.std)))
+        scale, axes = np.linalg.eigh(
+            np.array(self.correlation).reshape(len(self.std), len(self.std))
+        )
         return axes * np.sqrt(np.maximum(scale, 0.0))
 
     def within(self, kept: Sequence[str]) -> Member:
@@ -61,20 +63,23 @@ def name_of(instance: EffectInstance, symbol: Symbol) -> str:
     return f"{instance.effect.name}.{instance.target}.{symbol.name}"
 
 
-def instances_of(names: Sequence[str], catalogue: Mapping[str, Effect]) -> list[EffectInstance]:
+def effect_in(name: str) -> tuple[str, str] | None:
+    """Effect and target in the name of a number; None of a parameter's."""
+    first, _, rest = name.partition(".")
+    target, _, symbol = rest.rpartition(".")
+    return (first, target) if target and symbol else None
+
+
+def instances_of(names: Iterable[str], catalogue: Mapping[str, Effect]) -> list[EffectInstance]:
     """The effects that some names speak of.
 
     Raises:
         InputError: there is no such effect.
     """
-    found: dict[EffectInstance, None] = {}
-    for name in names:
-        effect, *target, _ = name.split(".") if name.count(".") > 1 else ("", "")
-        if target and effect not in catalogue:
-            raise InputError(f"a spread names {name!r}; there is no effect {effect!r}.")
-        if target:
-            found[EffectInstance(catalogue[effect], ".".join(target))] = None
-    return list(found)
+    pairs = dict.fromkeys(pair for name in names if (pair := effect_in(name)))
+    if unknown := [effect for effect, _ in pairs if effect not in catalogue]:
+        raise InputError(f"a spread names {unknown[0]!r}; there is no effect of that name.")
+    return [EffectInstance(catalogue[effect], target) for effect, target in pairs]
 
 
 def opened(plant: Plant) -> Plant:
@@ -129,8 +134,8 @@ class Spread:
         """The source with the effects that it lacks and some member has, as that expects them."""
         expected = {n: v for member in reversed(self.members) for n, v in member.values.items()}
         there = {instance for instance, _ in self.source.added}
-        more = [i for i in instances_of(list(expected), self.source.catalogue) if i not in there]
-        plant = self.source.having([(instance, instance.effect.neutral) for instance in more])
+        more = [i for i in instances_of(expected, self.source.catalogue) if i not in there]
+        plant = self.source.having([(each, each.effect.neutral.tolist()) for each in more])
         own = opened(self.source).values
         return moved(plant, {n: value for n, value in expected.items() if n not in own})
 
@@ -179,7 +184,9 @@ class Spread:
             columns = [self.names.index(name) for name in member.std]
             normal = points[which == m, 1 : 1 + len(columns)] @ member.root.T
             away[np.ix_(which == m, columns)] = normal * list(member.std.values())
-        ranges = [self._symbols.get(p.name, Symbol("", "", low=p.low)) for p in self.plant.parameters]
+        ranges = [
+            self._symbols.get(p.name, Symbol("", "", low=p.low)) for p in self.plant.parameters
+        ]
         low, high = (np.array([getattr(s, end) for s in ranges]) for end in ("low", "high"))
         logs = (low > 0.0) & (rows > 0.0)
         relative = np.clip(away / np.where(logs, rows, 1.0), -3.0 * WIDEST, 3.0 * WIDEST)
@@ -205,6 +212,15 @@ class Spread:
         """S plants that are drawn, each with its numbers."""
         for row in self.rows(points):
             yield moved(self.everything, dict(zip(self.names, row, strict=True)))
+
+
+def expressible(members: Sequence[Member], catalogue: Mapping[str, Effect]) -> tuple[Member, ...]:
+    """The members without the effects that a model's equations cannot say."""
+
+    def said(name: str) -> bool:
+        return all(i.effect.in_equations() for i in instances_of([name], catalogue))
+
+    return tuple(member.within([n for n in member.values if said(n)]) for member in members)
 
 
 def members_of(content: Sequence[Any]) -> tuple[Member, ...]:

@@ -255,7 +255,8 @@ def _advance(
         for u in range(len(system.drives))
     ]
     jumps = {segment.expected: segment for track in tracks for segment in track}
-    begun, expected = 0.0, 0.0
+    begun: Real = 0.0
+    expected = 0.0
     for until, jump in sorted(jumps.items()):
         acting = [next(s for s in track if until <= s.expected) for track in tracks]
         varied = not all(isinstance(end, float) for end in (begun, jump.until))

@@ -7,10 +7,16 @@ import pytest
 import torch
 
 from envs.plants import cart_pole
-from mcpilco.plant.correction import correction_from, correction_of, read_correction
-from mcpilco.plant.correction import corrected, write_correction
+from mcpilco.plant.correction import (
+    corrected,
+    correction_from,
+    correction_of,
+    read_correction,
+    write_correction,
+)
 from mcpilco.plant.equations.step import numbers_of, step_of
 from mcpilco.plant.plant import Plant
+from mcpilco.plant.simulation.motion import simulate
 from mcpilco.plant.spread import Member, Spread, members_of, moved, opened, recipe_of
 from mcpilco.typing import InputError
 from tests.mcpilco.plant.equations.test_step import DT, task_of
@@ -46,7 +52,8 @@ def test_draws_have_the_means_and_the_spreads_of_their_recipe():
         assert found[name].mean() == pytest.approx(mean, rel=0.02)
         assert found[name].std() == pytest.approx(part * mean, rel=0.03)
     assert np.ptp(found["pole_length"]) < 1e-12
-    assert found["cart_mass"].min() > 0.0 and found[F_C].min() >= 0.0
+    assert found["cart_mass"].min() > 0.0
+    assert found[F_C].min() >= 0.0
 
 
 def test_numbers_that_are_found_together_are_drawn_together():
@@ -66,7 +73,8 @@ def test_a_draw_has_the_effects_of_one_member():
     spread = Spread(HARD, (Member(0.75, {F_C: 1.0}, {}, ()), Member(0.25, other, {}, ())))
     found = drawn(spread, 4_000)
     coulomb, stribeck = found[F_C] == 1.0, found["stribeck_friction.cart.f_c"] == 0.7
-    assert (coulomb ^ stribeck).all() and (found[F_C] + 0.7 * stribeck > 0.69).all()
+    assert (coulomb ^ stribeck).all()
+    assert (found[F_C] + 0.7 * stribeck > 0.69).all()
     assert coulomb.mean() == pytest.approx(0.75, abs=0.03)
     assert (found[D] == 0.05).all()  # no member speaks of it
     source = dict(zip(spread.names, spread.centre, strict=True))
@@ -81,16 +89,17 @@ def test_each_particle_is_moved_as_the_simulation_moves_its_plant():
     states, commands = rng.normal(size=(B, 4)), rng.uniform(-5, 5, (B, memory + 1, 1))
     given = np.concatenate([states, commands[:, 1], commands[:, 0], commands[:, 2], own], 1)
     found = step.program(torch.from_numpy(given)).numpy()[:, :4]
-    from mcpilco.plant.simulation.motion import simulate
-
     for b, plant in enumerate(spread.plants(points)):
         window = np.pad(commands[b : b + 1], ((0, 0), (0, 1), (0, 0)))
         tables, none = plant.tables(plant.nominal[None]), np.zeros(1, dtype=int)
         seen = simulate(tables, none, states[b : b + 1], none, window, memory, DT)[0, :, 1]
         np.testing.assert_allclose(found[b], seen, atol=5e-3)
-    apart = found - step_of(HARD, task_of(HARD), 0.005, memory).program(
-        torch.from_numpy(np.concatenate([given[:, :7], _nominal(HARD, memory, B)], 1))
-    ).numpy()[:, :4]
+    apart = (
+        found
+        - step_of(HARD, task_of(HARD), 0.005, memory)
+        .program(torch.from_numpy(np.concatenate([given[:, :7], _nominal(HARD, memory, B)], 1)))
+        .numpy()[:, :4]
+    )
     assert np.abs(apart).max() > 0.05  # and the plants differ
 
 
@@ -164,5 +173,5 @@ def test_a_wrong_recipe_gets_a_sentence(recipe, sentence):
 def test_a_name_that_the_plant_does_not_have_gets_a_sentence():
     with pytest.raises(InputError, match="names 'wheel'; the plant has cart_mass"):
         Spread(HARD, (Member(1.0, {}, {"wheel": 0.1}, ((1.0,),)),))
-    with pytest.raises(InputError, match="there is no effect 'magic'"):
+    with pytest.raises(InputError, match="names 'magic'; there is no effect"):
         Spread(HARD, (Member(1.0, {"magic.cart.m": 1.0}, {}, ()),))
