@@ -1,4 +1,5 @@
 from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
+from .directions import FACTORS, Direction, directions
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
 from .folder import SweepFolder, parse_seeds, sweep, sweep_progress
 from .fresh import Act, FreshEpisodes, outcomes_one_by_one
@@ -35,12 +36,14 @@ from .summary import (
 
 __all__ = [
     "CONFIDENCE",
+    "FACTORS",
     "FORMAT",
     "SHOWN",
     "SPENT",
     "SUMMARY_LEGEND",
     "Act",
     "Course",
+    "Direction",
     "Engine",
     "Estimate",
     "Failure",
@@ -60,6 +63,7 @@ __all__ = [
     "common_amounts",
     "conclusion",
     "differences",
+    "directions",
     "estimate",
     "estimates",
     "line_up",

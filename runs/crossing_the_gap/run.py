@@ -57,8 +57,8 @@ TRIALS = {"from nothing": 5, "with a prior": 3}
 SAC_TRIALS = 34
 """of 600 steps each: 34 min of experience in each simulation"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
-SHORT_S = 20.0
-"""of recordings, in legs f and g [s]"""
+SHORT_S, SHORT_TRIALS = 20.0, 2
+"""of recordings in legs f and g [s], and policies that are learned there"""
 LEGS = ("a", "b", "c", "d", "e", "f", "g")
 Leg = Literal["a", "b", "c", "d", "e", "f", "g"]
 
@@ -208,7 +208,7 @@ def from_few(spread: bool) -> Callable[[int, Mapping[str, Any], Path], dict[str,
             dt=DT,
             spread=spread,
             seed=seed,
-            **({"trials": 1, "episodes": 3} if "quick" in path.parts else {}),
+            **({"trials": 1, "episodes": 3} if "quick" in path.parts else {"trials": SHORT_TRIALS}),
         )
         folders = [path / f"short-{name}" for name in ("posterior", "mean")]
         ours, other = folders if spread else folders[::-1]
