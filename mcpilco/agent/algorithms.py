@@ -192,15 +192,15 @@ def with_model(
     prior: Path | None = None,
     memory: int | None = None,
     delay: float | None = None,
-    spread: str | None = None,
+    spread: Mapping[str, float] | Path | None = None,
 ) -> Any:
     """The agent's numbers with another model.
 
     `name` is a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the equations of the
     plant are the mean, which the file `prior` describes, as `mcpilco gap` writes it. `memory` is
-    how many past inputs a state holds, `delay` how late the actuator answers [s]. `spread` is a
-    recipe such as `mass=0.1,f_c=0.3`, or a file with one, whose plant is the prior where none is
-    given.
+    how many past inputs a state holds, `delay` how late the actuator answers [s]. `spread` has
+    relative standard deviations by name, or is a file with one, whose plant is the prior where none
+    is given.
 
     Raises:
         InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
@@ -223,17 +223,16 @@ def with_model(
             )
         mean = PHYSICS if PHYSICS in parts else "zero"
         changes |= {"kernel": "+".join(kernel), "mean": mean}
-    if spread is not None and "=" in spread:
-        changes["spread"] = _recipe(spread)
-    elif spread is not None:
-        path = Path(spread)
-        changes["spread"] = _described(path).get("spread")
+    if isinstance(spread, Path):
+        changes["spread"] = _described(spread).get("spread")
         if not changes["spread"]:
             raise InputError(
-                f"{path} tells no spread; one that `mcpilco gap` writes does, or give a recipe "
-                "such as mass=0.1,f_c=0.3."
+                f"{spread} tells no spread; a corrected.json of `mcpilco gap` does, or give a "
+                "recipe such as mass=0.1,f_c=0.3."
             )
-        prior = prior or path
+        prior = prior or spread
+    elif spread is not None:
+        changes["spread"] = dict(spread)
     if prior is not None:
         changes["plant"] = _described(prior)
     return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))
@@ -245,14 +244,3 @@ def _described(path: Path) -> dict[str, Any]:
 
     read_correction(path)  # it says what is wrong with the file
     return json.loads(path.read_text(encoding="utf-8"))
-
-
-def _recipe(text: str) -> dict[str, float]:
-    """Relative standard deviations by name."""
-    try:
-        pairs = [entry.split("=") for entry in text.split(",") if entry]
-        return {name: float(number) for name, number in pairs}
-    except ValueError:
-        raise InputError(
-            f"--spread must be NAME=STD,... or a file such as gap/corrected.json, got {text!r}."
-        ) from None

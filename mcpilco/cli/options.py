@@ -259,7 +259,11 @@ class Learning(Command):
         config, env_kwargs = preset_numbers(
             find(self.algo), self.chosen_preset, self.env, self.horizon, self.exploration
         )
-        config = with_model(config, self.model, self.prior, self.memory, self.delay, self.spread)
+        wide: dict[str, float] | Path | None = None
+        if self.spread is not None:
+            recipe = "=" in self.spread
+            wide = named_numbers("--spread", [self.spread]) if recipe else Path(self.spread)
+        config = with_model(config, self.model, self.prior, self.memory, self.delay, wide)
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
 
     def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:

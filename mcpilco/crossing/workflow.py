@@ -53,7 +53,6 @@ from mcpilco.plant import (
     corrected,
     correction_of,
     effect_in,
-    expressible,
     past_inputs,
     read_correction,
     write_correction,
@@ -289,7 +288,7 @@ class Workflow:
             return {"name": PHYSICS_MODEL}
         correction = self._correction
         prior = write_correction(self.out / "prior.json", as_mean(correction))
-        spread = {"spread": str(prior)} if self.settings.spread and correction.spread else {}
+        spread = {"spread": prior} if self.settings.spread and correction.spread else {}
         place = self.settings.simulation
         with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
             memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
@@ -300,7 +299,9 @@ class Workflow:
 def as_mean(correction: Correction) -> Correction:
     """The part of a correction that equations can say as a model's mean; the rest is learned."""
     written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
-    spread = expressible(correction.spread, CATALOGUE)
+    told = {name: effect_in(name) for member in correction.spread for name in member.values}
+    kept = [n for n, pair in told.items() if not pair or CATALOGUE[pair[0]].in_equations()]
+    spread = tuple(member.within(kept) for member in correction.spread)
     return replace(correction, effects=written, learned=(), spread=spread)
 
 

@@ -125,7 +125,7 @@ class PhysicsMean:
         """The same with the effects of the plant on their way, see `Plant.weakened`."""
         weaker = copy.copy(self)
         weaker.plant = self.plant.weakened(share)
-        weaker.spread = self.spread and self.spread.weakened(share)
+        weaker.spread = None  # particles draw their plants where the way ends
         weaker._build()
         return weaker
 
@@ -168,7 +168,7 @@ class PhysicsMean:
     def _parameters(
         self, values: Float[np.ndarray, "S K"], plants: Float[np.ndarray, "S P"] | None = None
     ) -> Float[np.ndarray, "S P"]:
-        centre = self.plant.nominal if self.spread is None else self.spread.centre
+        centre = self.plant.nominal if self.spread is None else self.spread.expected({})
         rows = np.tile(centre, (len(values), 1)) if plants is None else plants.copy()
         rows[:, list(self.free)] *= np.exp(values[:, : len(self.free)])
         return rows

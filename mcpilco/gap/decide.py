@@ -383,7 +383,7 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
 def _member(
     fit: Fit, windows: Windows, probability: float, theta: Float[np.ndarray, " n"]
 ) -> Member:
-    """What is known of the numbers of a fit, around those of theta, in their units."""
+    """The distribution of the numbers of a fit around those of theta, in their units."""
     model = fit.model
     names, nuisances = list(model.priors), model.nuisances
     parameters, values = model.decode(theta[None])

@@ -74,7 +74,7 @@ class Gap:
 
     @property
     def correction(self) -> Correction:
-        """What turns the nominal plant into the corrected one, and what is not known of that."""
+        """The correction that makes the corrected plant of the nominal one, with its spread."""
         return replace(correction_of(self.corrected, self.plant), spread=self.spread)
 
     @property

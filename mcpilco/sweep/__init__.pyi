@@ -1,9 +1,9 @@
 from .comparison import SHOWN, SPENT, Course, LineUp, Run, line_up, read_run
-from .directions import FACTORS, Direction, directions
 from .engines import Engine, Failure, LocalEngine, OnResult, RayEngine
 from .folder import SweepFolder, parse_seeds, sweep, sweep_progress
 from .fresh import Act, FreshEpisodes, outcomes_one_by_one
 from .job import FORMAT, SeedJob, Settings, machine, one_thread, result_of, run_seed
+from .robustness import FACTORS, Direction, directions
 from .statistics import (
     CONFIDENCE,
     Estimate,

@@ -77,7 +77,7 @@ def test_a_draw_has_the_effects_of_one_member():
     assert (found[F_C] + 0.7 * stribeck > 0.69).all()
     assert coulomb.mean() == pytest.approx(0.75, abs=0.03)
     assert (found[D] == 0.05).all()  # no member speaks of it
-    source = dict(zip(spread.names, spread.centre, strict=True))
+    source = dict(zip(spread.names, spread.expected({}), strict=True))
     assert (source[F_C], source["stribeck_friction.cart.f_c"]) == (1.0, 0.0)
 
 
@@ -108,14 +108,6 @@ def _nominal(plant: Plant, memory: int, count: int) -> np.ndarray:
     return numbers_of(plant, step.slots, np.tile(plant.nominal, (count, 1)))
 
 
-def test_a_spread_on_its_way_begins_where_no_effect_acts():
-    spread = Spread(HARD, recipe_of(HARD, RECIPE))
-    assert np.abs(spread.weakened(0.0).rows(normal(spread, 5))[:, -3:]).max() == 0.0
-    half, whole = (spread.weakened(s).rows(normal(spread, 5)) for s in (0.5, 1.0))
-    np.testing.assert_allclose(half[:, -3:], 0.5 * whole[:, -3:])
-    np.testing.assert_allclose(half[:, :6], whole[:, :6])
-
-
 def test_a_moved_plant_is_that_of_its_correction():
     plant = moved(HARD, {F_C: 2.0, "cart_mass": 0.7})
     again = corrected(cart_pole(), correction_of(plant))
@@ -141,9 +133,9 @@ MEMBER = {"probability": 1.0, "values": {}, "std": {"cart_mass": 0.1}, "correlat
         ({"std": {"cart_mass": -0.1}}, "no std below 0"),
         ({"std": {"cart_mass": "wide"}}, "could not convert"),
         ({"correlation": []}, "correlation of 1 x 1"),
-        ({"probability": 0.0}, r"probability in \(0, 1\], got 0"),
+        ({"probability": 0.0}, r"probability must be in \(0, 1\], got 0"),
         ({"probability": float("nan")}, "probability"),
-        ({"more": 1}, "and no more"),
+        ({"values": None}, "must have probability, values, std"),
     ],
 )
 def test_a_wrong_member_gets_a_sentence(changed, sentence):
@@ -151,9 +143,9 @@ def test_a_wrong_member_gets_a_sentence(changed, sentence):
         members_of([{**MEMBER, **changed}])
 
 
-@pytest.mark.parametrize("content", [3, "mass", [1], [None], {"mass": 0.1}])
+@pytest.mark.parametrize("content", [3, "mass", [1], None, {"mass": 0.1}])
 def test_what_is_no_member_gets_a_sentence(content):
-    with pytest.raises(InputError, match="a member of a spread|list"):
+    with pytest.raises(InputError, match="a member of a spread"):
         members_of([content])
 
 
@@ -161,7 +153,7 @@ def test_what_is_no_member_gets_a_sentence(content):
     ("recipe", "sentence"),
     [
         ({"wheel": 0.1}, "no 'wheel' that is not 0; it has cart_mass"),
-        ({"mass": -0.1}, "relative standard deviation from 0 to 1, got -0.1"),
+        ({"mass": -0.1}, "must be from 0 to 1, got -0.1"),
         ({"mass": "much"}, "got 'much'"),
     ],
 )

@@ -72,7 +72,12 @@ def read(run) -> Reader:
 def test_page_holds_every_section(whole) -> None:
     headings = whole.headings
     expected = ["Learning", "How far the predictions hold", "Calibration", "Policy"]
-    expected += ["Where the policy holds", "Policy search", "Timings", "Exploration: the rollout of random inputs"]
+    expected += [
+        "Where the policy holds",
+        "Policy search",
+        "Timings",
+        "Exploration: the rollout of random inputs",
+    ]
     assert [h for h in headings if h in expected] == expected
     assert any(h.startswith("Trial 2, after 1.6 s") for h in headings)
     assert headings[-1] == "Configuration"

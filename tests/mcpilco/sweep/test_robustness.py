@@ -6,7 +6,7 @@ import numpy as np
 
 from envs.plants import pendulum
 from mcpilco.plant import CATALOGUE, EffectInstance
-from mcpilco.sweep.directions import FACTORS, directions
+from mcpilco.sweep.robustness import FACTORS, directions
 
 ENV, STEPS, LIMIT = "mcpilco/Pendulum-v0", 40, {"torque_limit": 6.0}
 
