@@ -11,13 +11,14 @@ run unchanged, in a folder of their own under runs/out/realaigym, and nothing is
 checkout. Results are kept in results/, a file for a robot, a variant and a seed; the same command
 goes on where it was stopped and rewrites README.md between its marked lines.
 
-The checkout's scripts need sympy, pandas, pyyaml, matplotlib, dill and tabulate beside ours.
+The checkout's scripts need sympy, pandas, pyyaml, tabulate and ffmpeg beside what we need.
 """
 
 from __future__ import annotations
 
 import csv
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
+import imageio_ffmpeg
 import numpy as np
 import tyro
 
@@ -168,6 +170,11 @@ def ours(robot: Robot, board: str, script: str, name: str, checkout: Path) -> Pa
     )
     paths = [place, checkout / "src" / "python", ROOT, ROOT / "runs"]
     told = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), "MPLBACKEND": "agg"}
+    if shutil.which("ffmpeg") is None:  # they film each entry; the extra `video` brings one
+        (WORK / "bin").mkdir(exist_ok=True)
+        (WORK / "bin" / "ffmpeg").unlink(missing_ok=True)
+        (WORK / "bin" / "ffmpeg").symlink_to(imageio_ffmpeg.get_ffmpeg_exe())
+        told["PATH"] = os.pathsep.join([str(WORK / "bin"), os.environ["PATH"]])
     command = [sys.executable, str(checkout / "leaderboard" / robot / board / script), con]
     done = subprocess.run(command, cwd=place, env=told, capture_output=True, text=True, check=False)
     if done.returncode:
