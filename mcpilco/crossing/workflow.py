@@ -47,12 +47,11 @@ from mcpilco.gap import Gap, investigate, suspicions
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
 from mcpilco.plant import (
-    CATALOGUE,
     Correction,
     Spread,
     corrected,
     correction_of,
-    effect_in,
+    instance_in,
     past_inputs,
     read_correction,
     write_correction,
@@ -299,8 +298,8 @@ class Workflow:
 def as_mean(correction: Correction) -> Correction:
     """The part of a correction that equations can say as a model's mean; the rest is learned."""
     written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
-    told = {name: effect_in(name) for member in correction.spread for name in member.values}
-    kept = [n for n, pair in told.items() if not pair or CATALOGUE[pair[0]].in_equations()]
+    told = {name: instance_in(name) for member in correction.spread for name in member.values}
+    kept = [name for name, each in told.items() if each is None or each.effect.in_equations()]
     spread = tuple(member.within(kept) for member in correction.spread)
     return replace(correction, effects=written, learned=(), spread=spread)
 
@@ -310,8 +309,8 @@ def remembered_inputs(correction: Correction, dt: float) -> int:
     late: dict[str, dict[str, float]] = {"actuator_delay": {}, "actuator_lag": {}}
     for member in reversed(correction.spread):
         for name, value in member.values.items():
-            effect, target = effect_in(name) or ("", "")
-            late.get(effect, {})[target] = value
+            if each := instance_in(name):
+                late.get(each.effect.name, {})[each.target] = value
     for addition in correction.effects:
         late.get(addition.name, {})[addition.target] = addition.values[0]
     delay, lag = late.values()

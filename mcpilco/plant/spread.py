@@ -9,7 +9,7 @@ those that must be positive.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from mcpilco.plant.effects.base import Effect, Symbol
+from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.typing import InputError
 
@@ -74,11 +74,12 @@ def name_of(instance: EffectInstance, symbol: Symbol) -> str:
     return f"{instance.effect.name}.{instance.target}.{symbol.name}"
 
 
-def effect_in(name: str) -> tuple[str, str] | None:
-    """Effect and target in the name of a number; None of a parameter's."""
+def instance_in(name: str, catalogue: Mapping[str, Effect] = CATALOGUE) -> EffectInstance | None:
+    """The effect in the name of a number; None of a parameter's."""
     first, _, rest = name.partition(".")
     target, _, symbol = rest.rpartition(".")
-    return (first, target) if target and symbol else None
+    known = target and symbol and first in catalogue
+    return EffectInstance(catalogue[first], target) if known else None
 
 
 def opened(plant: Plant) -> Plant:
@@ -132,7 +133,8 @@ class Spread:
         """The source with the effects that it lacks and some member has, as that expects them."""
         expected = {n: v for member in reversed(self.members) for n, v in member.values.items()}
         there, own = {instance for instance, _ in self.source.added}, opened(self.source).values
-        more = [i for i in _instances(expected, self.source.catalogue) if i not in there]
+        named = dict.fromkeys(instance_in(name, self.source.catalogue) for name in expected)
+        more = [each for each in named if each and each not in there]
         plant = self.source.having([(each, each.effect.neutral.tolist()) for each in more])
         return moved(plant, {n: v for n, v in expected.items() if n not in own})
 
@@ -179,14 +181,6 @@ class Spread:
         """S plants that are drawn, each with its numbers."""
         for row in self.rows(points):
             yield moved(self.everything, dict(zip(self.names, row, strict=True)))
-
-
-def _instances(names: Iterable[str], catalogue: Mapping[str, Effect]) -> list[EffectInstance]:
-    """The effects that some names speak of."""
-    pairs = dict.fromkeys(pair for name in names if (pair := effect_in(name)))
-    if unknown := [effect for effect, _ in pairs if effect not in catalogue]:
-        raise InputError(f"a spread names {unknown[0]!r}; there is no effect of that name.")
-    return [EffectInstance(catalogue[effect], target) for effect, target in pairs]
 
 
 def members_of(content: Sequence[Any]) -> tuple[Member, ...]:

@@ -16,8 +16,8 @@ from realaigym.regulator import Regulator, Switched
 from envs.plants import BOARD, PLANTS
 from mcpilco.agent.numpy_policy import NumpyPolicy
 
-DT, LIMIT = 0.002, 6.0
-"""time between two calls of a controller [s], and the largest torque [N m]"""
+DT = 0.002
+"""time between two calls of a controller [s]"""
 JOINT = {"pendubot": 0, "acrobot": 1}
 """which joint has the motor"""
 ORDER = [0, 2, 1, 3]
@@ -27,11 +27,11 @@ ORDER = [0, 2, 1, 3]
 class Controller(AbstractController):
     """The policy of a run, with the regulator near the top."""
 
-    def __init__(self, robot: str, policy: Path, dt: float, regulated: bool) -> None:
+    def __init__(self, robot: str, policy: Path, dt: float, limit: float, regulated: bool) -> None:
         super().__init__()
         self.joint, self.exported = JOINT[robot], NumpyPolicy(policy)
         plant = PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().where(**BOARD)
-        regulator = Regulator(plant, DT, LIMIT) if regulated else None
+        regulator = Regulator(plant, DT, limit) if regulated else None
         self.act = Switched(self._torque, regulator, round(dt / DT))
 
     def _torque(self, state: Any) -> float:
@@ -50,7 +50,7 @@ class Controller(AbstractController):
 def made(told: Path) -> tuple[Controller, dict[str, str]]:
     """The controller that a file describes, and its entry in a board."""
     entry = json.loads(told.read_text())
-    name = entry.pop("name")
+    name = entry.pop("name").replace("-", "_")  # as the file of the controller has it
     controller = Controller(**{**entry, "policy": told.parent / entry["policy"]})
     controller.init()
     config = {

@@ -50,6 +50,8 @@ ROOT = HERE.parents[1]
 WORK = ROOT / "runs" / "out" / "realaigym"
 DT, STEPS = 0.05, 50
 """of a policy's input [s], and of an episode: 2.5 s, in which it must reach the regulator"""
+LIMIT = 6.0
+"""largest torque of policy and regulator [N m]: all that there is"""
 MOST_S = 60.0
 """of experience of the nominal plant [s]"""
 SPREAD = {"mass": 0.1, "length": 0.05, "torque_gain": 0.1}
@@ -124,9 +126,11 @@ def learned(robot: Robot, variant: str, seed: int, name: str) -> dict[str, Any]:
     plant = {"format": 1, "plant": env, "parameters": BOARD, "effects": []}
     model = ModelConfig(kernel="rbf", mean="physics", plant=plant, spread=how["spread"])
     config = replace(CONFIG, model=model, horizon=STEPS)
-    made = gymnasium.make(f"mcpilco/Board{robot.capitalize()}-v0", dt=DT, max_episode_steps=STEPS)
+    made = gymnasium.make(
+        f"mcpilco/Board{robot.capitalize()}-v0", dt=DT, torque_limit=LIMIT, max_episode_steps=STEPS
+    )
     agent = MCPILCO("SumOfGaussians", made, config=config, seed=seed)
-    regulator = Regulator(PLANTS[env]().where(**BOARD), 0.002, 6.0)
+    regulator = Regulator(PLANTS[env]().where(**BOARD), 0.002, LIMIT)
     cpu_s, reached = 0.0, False
     while not reached and agent.num_timesteps * DT + STEPS * DT <= MOST_S:
         agent.learn(agent.timesteps_of(1))
@@ -136,7 +140,7 @@ def learned(robot: Robot, variant: str, seed: int, name: str) -> dict[str, Any]:
         print(f"  {name}, trial {result.trial}: cost {result.real_cost:.3f}, {reached}", flush=True)
     WORK.mkdir(parents=True, exist_ok=True)
     write_policy(WORK / f"{name}.npz", agent.policy, agent.task, agent.estimator)
-    told = {"name": name, "robot": robot, "policy": f"{name}.npz", "dt": DT}
+    told = {"name": name, "robot": robot, "policy": f"{name}.npz", "dt": DT, "limit": LIMIT}
     write_json(WORK / f"{name}.json", told | {"regulated": how["regulated"]})
     about = {"robot": robot, "variant": variant, "seed": seed, "machine": machine()}
     return about | {"experience_s": result.experience_s, "reached": reached, "cpu_s": cpu_s}

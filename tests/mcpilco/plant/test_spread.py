@@ -165,5 +165,5 @@ def test_a_wrong_recipe_gets_a_sentence(recipe, sentence):
 def test_a_name_that_the_plant_does_not_have_gets_a_sentence():
     with pytest.raises(InputError, match="names 'wheel'; the plant has cart_mass"):
         Spread(HARD, (Member(1.0, {}, {"wheel": 0.1}, ((1.0,),)),))
-    with pytest.raises(InputError, match="names 'magic'; there is no effect"):
+    with pytest.raises(InputError, match="names 'magic.cart.m'; the plant has"):
         Spread(HARD, (Member(1.0, {"magic.cart.m": 1.0}, {}, ()),))
