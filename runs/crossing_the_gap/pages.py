@@ -199,16 +199,18 @@ def ends(found: Sequence[Mapping[str, Any]], leg: str) -> list[float]:
 
 
 def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
+    rows, few = [], [leg for leg in "fg" if of_leg(found, leg)]
     for seed in found:
         legs = seed["legs"]
         hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
         gap = legs.get("b") or legs.get("f")
         named = ("; ".join(gap["named"]) or gap["verdict"]) if gap else ""
-        cells = [", ".join(f"{100 * end:.0f}" for end in ends([seed], leg)) for leg in "abefg"]
+        cells = [
+            ", ".join(f"{100 * end:.0f}" for end in ends([seed], leg)) for leg in [*"abe", *few]
+        ]
         cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
         rows.append((str(seed["seed"]), hidden_here, named, *cells))
-    header = ("seed", "hidden", "named", "a [%]", "b [%]", "e [%]", "f [%]", "g [%]")
+    header = ("seed", "hidden", "named", *(f"{leg} [%]" for leg in [*"abe", *few]))
     header += ("c solved [s]", "d solved [s]")
     return markdown(header, rows)
 
