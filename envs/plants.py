@@ -305,6 +305,19 @@ register("mcpilco/Pendulum-v0", pendulum, "envs.pendulum:PendulumEnv", steps=40)
 register("mcpilco/DoublePendulum-v0", double_pendulum)
 register("mcpilco/Pendubot-v0", pendubot, "envs.double_pendulum:PendubotEnv", steps=50)
 register("mcpilco/Acrobot-v0", acrobot, "envs.double_pendulum:AcrobotEnv", steps=50)
+BOARD = {
+    "upper_mass": 0.52346023,
+    "lower_mass": 0.62556772,
+    "upper_inertia": 0.52290459,
+    "lower_center": 0.85231018,
+    "lower_inertia": 0.17709948,
+    **dict.fromkeys(("shoulder_friction", "elbow_friction"), 0.0),
+}
+"""parameters in the simulations of the RealAIGym boards: design C.1, model 1.0, no friction"""
+for _robot in ("Pendubot", "Acrobot"):
+    _board = {"dt": 0.02, "start_std": 1e-3, "noise_std": 0.0, **BOARD}
+    _env = f"envs.double_pendulum:{_robot}Env"
+    register_env(f"mcpilco/Board{_robot}-v0", _env, steps=500, **_board)
 register_env(
     "mcpilco/CartPoleSwingUpPositions-v0",
     "envs.cartpole:CartPoleSwingUpEnv",

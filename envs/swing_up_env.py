@@ -47,6 +47,7 @@ class SwingUpEnv(gym.Env[np.ndarray, np.ndarray]):
         self.observation_space = swing_up.observation_space
         self.action_space = swing_up.action_space
         self.task = swing_up.task
+        self.plant = swing_up.plant if swing_up.engine is None else None
         self._judge = swing_up.judge()
         self._motion = swing_up.motion()
         self._state: Float[np.ndarray, " X"] | None = None

@@ -112,6 +112,10 @@ class ModelConfig(Checked):
     name, parameters, effects; None: the one with the task's states and inputs, as it is"""
     uncertainty: float = 0.2
     """prior standard deviation of the logarithms of the plant's uncertain parameters [-]"""
+    spread: dict | list | None = None
+    """plants that particles draw from, so that the policy holds for them: relative standard
+    deviations by name, such as {"mass": 0.1, "f_c": 0.3}, or the part `spread` of
+    `corrected.json`; None: the plant alone"""
     plant_step: float = 0.025
     """longest Runge-Kutta step of the plant's equations [s]"""
     memory: int = 0
@@ -164,6 +168,11 @@ class ModelConfig(Checked):
             not lagged or (self.memory > 0 and self.sampling == "step"),
             f"{'+'.join(lagged)} is of past inputs: choose a memory of at least 1 and sampling "
             f"step, got memory {self.memory} and sampling {self.sampling}.",
+        )
+        _require(
+            self.spread is None or self.mean == "physics",
+            "spread is of the plant's equations: choose the mean physics (on the command line "
+            f"--model physics+rbf), got {self.mean}.",
         )
         late = self.delay > 0
         _require(

@@ -192,21 +192,24 @@ def with_model(
     prior: Path | None = None,
     memory: int | None = None,
     delay: float | None = None,
+    spread: Mapping[str, float] | Path | None = None,
 ) -> Any:
     """The agent's numbers with another model.
 
     `name` is a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the equations of the
     plant are the mean, which the file `prior` describes, as `mcpilco gap` writes it. `memory` is
-    how many past inputs a state holds, `delay` how late the actuator answers [s].
+    how many past inputs a state holds, `delay` how late the actuator answers [s]. `spread` has
+    relative standard deviations by name, or is a file with one, whose plant is the prior where none
+    is given.
 
     Raises:
         InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
     """
-    if (name, prior, memory, delay) == (None,) * 4:
+    if (name, prior, memory, delay, spread) == (None,) * 5:
         return config
     if not hasattr(config, "model"):
         raise InputError(
-            "--model, --prior, --memory and --delay are options of the algorithm mcpilco."
+            "--model, --prior, --memory, --delay and --spread are options of the algorithm mcpilco."
         )
     numbers = {"memory": memory, "delay": delay}
     changes: dict[str, Any] = {key: value for key, value in numbers.items() if value is not None}
@@ -220,9 +223,24 @@ def with_model(
             )
         mean = PHYSICS if PHYSICS in parts else "zero"
         changes |= {"kernel": "+".join(kernel), "mean": mean}
+    if isinstance(spread, Path):
+        changes["spread"] = _described(spread).get("spread")
+        if not changes["spread"]:
+            raise InputError(
+                f"{spread} tells no spread; a corrected.json of `mcpilco gap` does, or give a "
+                "recipe such as mass=0.1,f_c=0.3."
+            )
+        prior = prior or spread
+    elif spread is not None:
+        changes["spread"] = dict(spread)
     if prior is not None:
-        from mcpilco.plant import read_correction
-
-        read_correction(prior)  # it says what is wrong with the file
-        changes["plant"] = json.loads(prior.read_text(encoding="utf-8"))
+        changes["plant"] = _described(prior)
     return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))
+
+
+def _described(path: Path) -> dict[str, Any]:
+    """The content of a correction's file."""
+    from mcpilco.plant import read_correction
+
+    read_correction(path)  # it says what is wrong with the file
+    return json.loads(path.read_text(encoding="utf-8"))

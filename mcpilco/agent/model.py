@@ -176,16 +176,20 @@ class Model:
 
     def _mean(self) -> PhysicsMean:
         from mcpilco.dynamics import PhysicsMean
+        from mcpilco.plant import Spread, members_of, recipe_of
 
-        config = self.config
+        config, plant = self.config, self._plant()
+        spread = config.spread
+        members = recipe_of(plant, spread) if isinstance(spread, dict) else members_of(spread or ())
         return PhysicsMean(
-            self._plant(),
+            plant,
             self.task,
             self.increment,
             config.memory,
             config.uncertainty,
             config.plant_step,
             FORCE_PART in self.parts,
+            Spread(plant, members) if members else None,
         )
 
     def rows(self, transitions: Transitions) -> tuple[Float[Tensor, "N D"], Float[Tensor, "N E"]]:

@@ -56,6 +56,8 @@ class Cross(options.Command):
     """policies to learn in each simulation; the best there goes to the system"""
     episodes: int = 100
     """fresh ones, that a policy is judged by in simulation and on the system"""
+    spread: bool = True
+    """learn for all plants that the recordings allow; without, for the likeliest alone"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     accept: bool = False
@@ -162,6 +164,7 @@ class Cross(options.Command):
             preset=self.preset,
             trials=self.trials,
             episodes=self.episodes,
+            spread=self.spread,
             seed=self.seed,
         )
         return Workflow(

@@ -118,12 +118,12 @@ class Gap(options.Command):
         write_json(gap, self.out / "gap.json")
         written = ["gap.json"]
         if gap.verdict != "too_poor":
-            plants = {"corrected.json": gap.corrected}
+            corrections = {"corrected.json": gap.correction}
             if gap.closest is not None:
-                plants["closest.json"] = gap.closest.plant
-            for name, changed in plants.items():
-                write_correction(self.out / name, correction_of(changed, plant))
-            written += plants
+                corrections["closest.json"] = correction_of(gap.closest.plant, plant)
+            for name, correction in corrections.items():
+                write_correction(self.out / name, correction)
+            written += corrections
             if Path(self.plant).suffix == ".xml":
                 written += self._write_mjcf(gap)
         if self.stability:

@@ -237,6 +237,9 @@ class Learning(Command):
     makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
     prior: Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")] = None
     """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
+    spread: Annotated[str | None, optional("FILE.json|NAME=STD,...", "that plant alone")] = None
+    """of mcpilco: plants that a policy must hold for, each particle its own: what `mcpilco gap` has
+    written, or relative standard deviations, such as mass=0.1,f_c=0.3"""
     memory: Annotated[int | None, optional("INT", "that of the preset, 0")] = None
     """of mcpilco: past inputs that model and policy see, for actuators that lag"""
     delay: Annotated[float | None, optional("SECONDS", "that of the preset, 0")] = None
@@ -256,7 +259,11 @@ class Learning(Command):
         config, env_kwargs = preset_numbers(
             find(self.algo), self.chosen_preset, self.env, self.horizon, self.exploration
         )
-        config = with_model(config, self.model, self.prior, self.memory, self.delay)
+        wide: dict[str, float] | Path | None = None
+        if self.spread is not None:
+            recipe = "=" in self.spread
+            wide = named_numbers("--spread", [self.spread]) if recipe else Path(self.spread)
+        config = with_model(config, self.model, self.prior, self.memory, self.delay, wide)
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
 
     def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:

@@ -71,7 +71,7 @@ class Crossing:
 
 def cross(
     controllers: Mapping[int, Callable[[], Act]],
-    simulation: Place,
+    simulation: Place | Sequence[Place],
     system: Place,
     horizon: int,
     seed: int,
@@ -82,7 +82,8 @@ def cross(
     The system is met once: no policy is chosen by how it did there. What is promised is of other
     episodes than those that chose it.
 
-    `controllers` are what makes a policy act, by trial of the training in the simulation.
+    `controllers` are what makes a policy act, by trial of the training in the simulation; where
+    there are several of these, each sees a part of the episodes.
     """
     tried = {
         trial: judged(begin, simulation, horizon, (seed, trial, 0), episodes).worth
@@ -102,9 +103,13 @@ def cross(
 
 
 def judged(
-    begin: Callable[[], Act], place: Place, horizon: int, seed: Sequence[int], episodes: int
+    begin: Callable[[], Act],
+    place: Place | Sequence[Place],
+    horizon: int,
+    seed: Sequence[int],
+    episodes: int,
 ) -> Outcome:
-    """The outcome of a policy in a place, over fresh episodes.
+    """The outcome of a policy in a place, or in some, over fresh episodes.
 
     `seed` is run, trial, and which of its judgements this is. The episode that is kept is of the
     first two alone: it begins alike in all places that draw their starts alike.
@@ -112,15 +117,19 @@ def judged(
     first, shown_seed = (
         int(np.random.SeedSequence(tuple(part)).generate_state(1)[0]) for part in (seed, seed[:2])
     )
-    with FreshEpisodes(place.env, place.kwargs, episodes, horizon) as fresh:
-        outcomes = fresh.outcomes(begin, first, 0)
+    places = [place] if isinstance(place, Place) else place
+    each, found = math.ceil(episodes / len(places)), []
+    for n, one in enumerate(places):
+        with FreshEpisodes(one.env, one.kwargs, each, horizon) as fresh:
+            found.append(fresh.outcomes(begin, first, n))
+    place = places[0]
     with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
         shown = run_episode(env, begin(), horizon, _task(place).dt, seed=shown_seed)
-    success = outcomes.get("is_success")
+    told = all("is_success" in outcomes for outcomes in found)
     return Outcome(
-        episodes=episodes,
-        returns=float(outcomes["return"].mean()),
-        success=None if success is None else float(success.mean()),
+        episodes=each * len(places),
+        returns=float(np.mean([outcomes["return"] for outcomes in found])),
+        success=float(np.mean([o["is_success"] for o in found])) if told else None,
         states=shown.shown_states,
         inputs=shown.inputs,
     )

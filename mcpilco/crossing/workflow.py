@@ -20,12 +20,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from mcpilco.agent import (
     agent_of,
@@ -45,7 +46,16 @@ from mcpilco.files import make_folder, require_own
 from mcpilco.gap import Gap, investigate, suspicions
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
-from mcpilco.plant import Correction, correction_of, past_inputs, read_correction, write_correction
+from mcpilco.plant import (
+    Correction,
+    Spread,
+    corrected,
+    correction_of,
+    instance_in,
+    past_inputs,
+    read_correction,
+    write_correction,
+)
 from mcpilco.recordings import read_for_plant, write_recording
 from mcpilco.typing import InputError, RunFolderError
 
@@ -56,6 +66,8 @@ if TYPE_CHECKING:
 
 TRIALS = 4
 """of an algorithm that learns by trials"""
+JUDGED = 20
+"""plants of the posterior, in each of which a policy that must hold for them is judged"""
 PHYSICS_MODEL = "physics+rbf"
 """the equations of the simulation, and a residual beside them"""
 LEGS = ("nominal", "corrected")
@@ -91,6 +103,8 @@ class CrossingSettings:
     """policies to learn in each simulation; None: `TRIALS`, or those of the preset"""
     episodes: int = 100
     """fresh ones, by which a policy is judged in simulation and on the system"""
+    spread: bool = True
+    """whether a policy must hold for all plants that the recordings allow, or for the likeliest"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
 
@@ -183,8 +197,7 @@ class Workflow:
             self.gap.mkdir(parents=True, exist_ok=True)
             write_gap(found, self.gap / "gap.json")
             if found.verdict != "too_poor":
-                correction = correction_of(found.corrected, self.plant)
-                write_correction(self.gap / "corrected.json", correction)
+                write_correction(self.gap / "corrected.json", found.correction)
         return found
 
     def require_corrected(self) -> None:
@@ -232,7 +245,7 @@ class Workflow:
             agents = {trial: agent_of(run, trial, env) for trial in run.finished_trials()}
             found = cross(
                 {trial: agent.controller for trial, agent in agents.items()},
-                simulation=Place(told.simulation.env, kwargs),
+                simulation=self._possible(Place(told.simulation.env, kwargs), leg),
                 system=told.system,
                 horizon=next(iter(agents.values())).horizon,
                 seed=told.seed,
@@ -252,33 +265,54 @@ class Workflow:
             return place
         return Place(place.env, {**place.kwargs, "effects": read_json(self.gap / "corrected.json")})
 
+    def _possible(self, place: Place, leg: str) -> list[Place]:
+        """Simulations of plants that the recordings allow, or the one that a policy learned in."""
+        members = () if leg == "nominal" else self._correction.spread
+        if not (members and self.settings.spread):
+            return [place]
+        spread = Spread(corrected(self.plant, self._correction), members)
+        normal = np.random.default_rng(self.settings.seed).normal(size=(JUDGED, spread.dimensions))
+        drawn = spread.plants(normal)
+        return [Place(place.env, {**place.kwargs, "effects": correction_of(p)}) for p in drawn]
+
+    @property
+    def _correction(self) -> Correction:
+        return read_correction(self.gap / "corrected.json")
+
     def _model(self, leg: str) -> dict[str, Any]:
         """The model of MC-PILCO: the equations of a simulation, and the inputs in its states."""
         if self.settings.algo != "mcpilco":
             return {}
         if leg == "nominal":
             return {"name": PHYSICS_MODEL}
-        correction = read_correction(self.gap / "corrected.json")
+        correction = self._correction
         prior = write_correction(self.out / "prior.json", as_mean(correction))
+        spread = {"spread": prior} if self.settings.spread and correction.spread else {}
         place = self.settings.simulation
         with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
             memory = remembered_inputs(correction, task_of(env, None, quiet=True).dt)
-        return {"name": PHYSICS_MODEL, "prior": prior, **({"memory": memory} if memory else {})}
+        late = {"memory": memory} if memory else {}
+        return {"name": PHYSICS_MODEL, "prior": prior, **spread, **late}
 
 
 def as_mean(correction: Correction) -> Correction:
     """The part of a correction that equations can say as a model's mean; the rest is learned."""
     written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
-    return replace(correction, effects=written, learned=())
+    told = {name: instance_in(name) for member in correction.spread for name in member.values}
+    kept = [name for name, each in told.items() if each is None or each.effect.in_equations()]
+    spread = tuple(member.within(kept) for member in correction.spread)
+    return replace(correction, effects=written, learned=(), spread=spread)
 
 
 def remembered_inputs(correction: Correction, dt: float) -> int:
-    """The number of past inputs that an actuator still answers to."""
-    delay: dict[str, float] = defaultdict(float)
-    lag: dict[str, float] = defaultdict(float)
+    """The number of past inputs that an actuator answers to, in any plant of the spread."""
+    late: dict[str, dict[str, float]] = {"actuator_delay": {}, "actuator_lag": {}}
+    for member in reversed(correction.spread):
+        for name, value in member.values.items():
+            if each := instance_in(name):
+                late.get(each.effect.name, {})[each.target] = value
     for addition in correction.effects:
-        late = {"actuator_delay": delay, "actuator_lag": lag}.get(addition.name)
-        if late is not None:
-            late[addition.target] += addition.values[0]
+        late.get(addition.name, {})[addition.target] = addition.values[0]
+    delay, lag = late.values()
     targets = {*delay, *lag}
-    return max((past_inputs(delay[target], lag[target], dt) for target in targets), default=0)
+    return max((past_inputs(delay.get(t, 0.0), lag.get(t, 0.0), dt) for t in targets), default=0)

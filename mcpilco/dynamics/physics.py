@@ -10,6 +10,9 @@ parameters.
 
 Weights of forces that the plant's equations lack (`mcpilco.dynamics.missing_forces`) are further
 parameters, learned and sampled as the others are.
+
+A `Spread` says which plants the policy must hold for, beside the one that the data are of. What a
+particle draws of it moves its equations alone: its residual is that of the data's plant.
 """
 
 from __future__ import annotations
@@ -29,7 +32,15 @@ from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import GPDynamics, Increment
 from mcpilco.dynamics.missing_forces import MissingForces
 from mcpilco.gp import Posterior
-from mcpilco.plant import Plant, PlantStep, Program, free_parameters, numbers_of, step_of
+from mcpilco.plant import (
+    Plant,
+    PlantStep,
+    Program,
+    Spread,
+    free_parameters,
+    numbers_of,
+    step_of,
+)
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -70,6 +81,7 @@ class PhysicsMean:
         uncertainty: float = 0.2,
         longest: float = 0.025,
         missing: bool = False,
+        spread: Spread | None = None,
     ) -> None:
         """A mean that has seen no data.
 
@@ -82,15 +94,17 @@ class PhysicsMean:
                 trusts them.
             longest: Runge-Kutta step [s].
             missing: whether forces are learned that the equations lack, the kernel part `gip`.
+            spread: the plants that particles draw from, around this one; None: this one alone.
 
         Raises:
             InputError: the plant does not fit the task, or has what a program cannot say.
         """
         self.plant = plant
         self.increment = increment
+        self.spread = spread
         self._step_of = partial(step_of, task=task, longest=longest, memory=memory)
-        self.step: PlantStep = self._step_of(plant)
         self.missing = MissingForces(plant, task) if missing else None
+        self._build()
         self.free = free_parameters(plant) if uncertainty > 0.0 else ()
         self.names = tuple(plant.parameters[i].name for i in self.free)
         self._prior_std = uncertainty
@@ -111,13 +125,21 @@ class PhysicsMean:
         """The same with the effects of the plant on their way, see `Plant.weakened`."""
         weaker = copy.copy(self)
         weaker.plant = self.plant.weakened(share)
+        weaker.spread = None  # particles draw their plants where the way ends
         weaker._build()
         return weaker
 
     def _build(self) -> None:
         """Make the step of the plant as it is, with the missing forces that are known."""
         forces = None if self.missing is None else self.missing.forces
-        self.step = self._step_of(self.plant, missing=forces)
+        spread = self.spread
+        drawn = spread.rows(_normal_points(spread.dimensions)) if spread else None
+        self.step: PlantStep = self._step_of(self._known, missing=forces, drawn=drawn)
+
+    @property
+    def _known(self) -> Plant:
+        """The plant whose parameters the program's numbers are of."""
+        return self.plant if self.spread is None else self.spread.plant
 
     @property
     def values(self) -> dict[str, float]:
@@ -125,15 +147,29 @@ class PhysicsMean:
         (row,) = self._parameters(self.belief.mean[None])
         return {self.plant.parameters[i].name: float(row[i]) for i in self.free}
 
-    def numbers(self, values: Float[np.ndarray, "S K"]) -> Float[Tensor, "S L"]:
-        """The arguments of the program for parameters that are given as in `Parameters.mean`."""
-        own = numbers_of(self.plant, self.step.slots, self._parameters(values))
+    def drawn(self, points: Float[np.ndarray, "S D"]) -> Float[Tensor, "S L"]:
+        """The arguments of the program for plants that standard normal numbers choose."""
+        K = len(self.belief.mean)
+        values = self.belief.mean + points[:, :K] @ np.linalg.cholesky(self.belief.covariance).T
+        return self.numbers(values, self.spread.rows(points[:, K:]) if self.spread else None)
+
+    def numbers(
+        self, values: Float[np.ndarray, "S K"], plants: Float[np.ndarray, "S P"] | None = None
+    ) -> Float[Tensor, "S L"]:
+        """The arguments of the program for parameters that are given as in `Parameters.mean`.
+
+        They are relative to those of the plant, or of each of some `plants` of the spread.
+        """
+        own = numbers_of(self._known, self.step.slots, self._parameters(values, plants))
         if self.missing is not None:
             own = np.concatenate([own, values[:, len(self.free) :] * self.missing.scales], 1)
         return torch.from_numpy(own)
 
-    def _parameters(self, values: Float[np.ndarray, "S K"]) -> Float[np.ndarray, "S P"]:
-        rows = np.tile(self.plant.nominal, (len(values), 1))
+    def _parameters(
+        self, values: Float[np.ndarray, "S K"], plants: Float[np.ndarray, "S P"] | None = None
+    ) -> Float[np.ndarray, "S P"]:
+        centre = self.plant.nominal if self.spread is None else self.spread.expected({})
+        rows = np.tile(centre, (len(values), 1)) if plants is None else plants.copy()
         rows[:, list(self.free)] *= np.exp(values[:, : len(self.free)])
         return rows
 
@@ -202,7 +238,7 @@ class PhysicsMean:
         known, left = self.belief, self.residuals(rows)
         predicted = list(self.increment.predicted)
         columns = [predicted.index(i) for i in missing.order[0][1::2]]
-        tables = self.plant.tables(self._parameters(known.mean[None]))
+        tables = self._known.tables(self._parameters(known.mean[None]))
         start = missing.fit(rows, left[:, columns], tables, noise_floor)
         if not len(start):
             return
@@ -296,9 +332,10 @@ class PhysicsDynamics:
         self.model = model
         self.physics, self._rows = physics, rows
         self.program = physics.step.program
-        normal = _normal_points(len(physics.belief.mean))
-        spread = normal @ np.linalg.cholesky(physics.belief.covariance).T
-        self._numbers = physics.numbers(physics.belief.mean + spread)
+        K = len(physics.belief.mean)
+        normal = _normal_points(K + (physics.spread.dimensions if physics.spread else 0))
+        spread = normal[:, :K] @ np.linalg.cholesky(physics.belief.covariance).T
+        self._numbers = physics.drawn(normal)
         # given theta, alpha = (K + s^2 I)^-1 (y - F(theta)): linear in theta near its mean
         L_inv = model.posterior.L_inv.numpy()
         solved = L_inv.swapaxes(1, 2) @ (L_inv @ physics.sensitivities(rows))

@@ -6,16 +6,17 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
 
 from mcpilco.gap.comparison import Interval, error_over_noise, error_reduction
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_model, misfits
+from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
 from mcpilco.gap.search import SearchResult, Tried, without
 from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import CHOICE, VERDICT
-from mcpilco.plant import EffectInstance, Plant
+from mcpilco.plant import EffectInstance, Member, Plant, name_of
 
 
 def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
@@ -320,7 +321,18 @@ def _present(instance: EffectInstance, estimates: dict[str, EstimatedParameter])
 
 
 def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the 95 % intervals of theta; windows, not samples, count as independent.
+    """Ends of the 95 % intervals of theta; windows, not samples, count as independent."""
+    std = np.sqrt(np.maximum(np.diag(covariance(best, windows)), 0.0))
+    independent = len(windows) / windows.overlap
+    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
+    low, high = best.model.bounds
+    ends = np.stack([best.theta - factor * std, best.theta + factor * std])
+    ends = np.clip(ends, low, high)
+    return ends[0], ends[1]
+
+
+def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:
+    """Of the errors of theta, as windows differ from one another.
 
     Reference: White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982),
         with windows as clusters.
@@ -336,9 +348,63 @@ def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     independent = len(windows) / windows.overlap
     spread = windows.overlap * g.T @ g * independent / max(independent - 1.0, 1.0)
     spread += np.diag(model.precision)
-    std = np.sqrt(np.maximum(np.diag(inverse @ spread @ inverse), 0.0))
-    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
-    low, high = model.bounds
-    ends = np.stack([best.theta - factor * std, best.theta + factor * std])
-    ends = np.clip(ends, low, high)
-    return ends[0], ends[1]
+    return inverse @ spread @ inverse
+
+
+def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:
+    """The joint posterior of parameters and effects: of the final model, and of models as likely.
+
+    Args:
+        result: the search.
+        judged: its best model and the nominal one on all windows.
+        final: the one of these that the plant gets, with a learned force where there is one.
+    """
+    windows, chosen = judged.windows, judged.best
+    if final.model.effects != chosen.model.effects:
+        return (_member(judged.null, windows, 1.0, final.theta),)
+    tied = {
+        id(rival.fit): rival
+        for instance in chosen.model.effects
+        for rival in rivals(result, instance)
+        if rival.behind < CHOICE.tied
+    }
+    weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
+    total = 1.0 + sum(weights)
+    others = [on_windows(rival.fit, windows) for rival in tied.values()]
+    return (
+        _member(chosen, windows, 1.0 / total, final.theta),
+        *(
+            _member(fit, windows, w / total, fit.theta)
+            for fit, w in zip(others, weights, strict=True)
+        ),
+    )
+
+
+def _member(
+    fit: Fit, windows: Windows, probability: float, theta: Float[np.ndarray, " n"]
+) -> Member:
+    """The distribution of the numbers of a fit around those of theta, in their units."""
+    model = fit.model
+    names, nuisances = list(model.priors), model.nuisances
+    parameters, values = model.decode(theta[None])
+    columns = [list(model.plant.values).index(name) for name in names]
+    expected, units = list(parameters[0, columns]), list(model.plant.nominal[columns])
+    for instance, found in zip(model.added, values, strict=True):
+        # what only smooths a formula has no name here
+        symbols = instance.effect.symbols
+        names += [name_of(instance, s) if s.reported else "" for s in symbols]
+        expected += list(found[0])
+    units += [1.0] * (len(names) - nuisances)
+    numbers = len(names)
+    scale = np.where(model.logarithmic[:numbers], expected, units)
+    spread = covariance(fit, windows)[:numbers, :numbers] * scale * scale[:, None]
+    std = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    told = [n for n, name in enumerate(names) if name]
+    wide = [n for n in told if std[n] > 0.0]
+    correlation = (spread[wide] / std[wide, None])[:, wide] / std[wide]
+    return Member(
+        float(probability),
+        {names[n]: float(expected[n]) for n in told},
+        {names[n]: float(std[n]) for n in wide},
+        tuple(map(tuple, correlation.round(4).tolist())),
+    )

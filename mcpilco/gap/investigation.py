@@ -18,6 +18,7 @@ from mcpilco.gap.decide import (
     named_effects,
     on_bounds,
     shifted_parameters,
+    spread_of,
     surely_better,
     unweighed,
     weighed,
@@ -181,6 +182,7 @@ def investigate(
         left=left_forces(judged),
         shifted=shifted_parameters(final),
         on_bounds=on_bounds(final),
+        spread=spread_of(result, judged, final),
     )
 
 

@@ -22,7 +22,7 @@ from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
 from mcpilco.gap.thresholds import CHOICE, VERDICT
-from mcpilco.plant import EffectInstance, Plant
+from mcpilco.plant import Correction, EffectInstance, Member, Plant, correction_of
 from mcpilco.recordings import PARTS, Part, Recording, doubts
 
 
@@ -71,6 +71,13 @@ class Gap:
     """values of effects that lie on a bound"""
     closest: Closest | None = None
     """where none is named: the effects that come closest, and may but imitate what is missing"""
+    spread: tuple[Member, ...] = ()
+    """the plants that the recordings allow, around the corrected one"""
+
+    @property
+    def correction(self) -> Correction:
+        """The correction that makes the corrected plant of the nominal one, with its spread."""
+        return replace(correction_of(self.corrected, self.plant), spread=self.spread)
 
     @property
     def compared(self) -> tuple[str, ...]:

@@ -62,6 +62,16 @@ from .mjcf_inertials import Inertials
 from .plant import Base, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
+from .spread import (
+    Member,
+    Spread,
+    instance_in,
+    members_of,
+    moved,
+    name_of,
+    opened,
+    recipe_of,
+)
 
 __all__ = [
     "ABS",
@@ -96,6 +106,7 @@ __all__ = [
     "JointForce",
     "Layout",
     "LearnedForce",
+    "Member",
     "Own",
     "Parameter",
     "Plant",
@@ -106,6 +117,7 @@ __all__ = [
     "Real",
     "Rows",
     "Scale",
+    "Spread",
     "Spring",
     "Symbol",
     "Tables",
@@ -120,10 +132,15 @@ __all__ = [
     "features_of",
     "free_parameters",
     "friction_features",
+    "instance_in",
     "larger",
     "load_mjcf",
     "mass_matrix",
+    "members_of",
+    "moved",
+    "name_of",
     "numbers_of",
+    "opened",
     "order_of",
     "own_effects",
     "passive_forces",
@@ -132,6 +149,7 @@ __all__ = [
     "plant_for",
     "plant_of",
     "read_correction",
+    "recipe_of",
     "register_plant",
     "save_mjcf",
     "simulate",

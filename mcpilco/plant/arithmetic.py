@@ -143,7 +143,8 @@ def _extreme(operation: int, a: Any, b: Any) -> Any:
         import torch
 
         like = a if hasattr(a, "clamp") else b
-        return getattr(torch, NAMES[operation])(*(torch.as_tensor(x).to(like) for x in (a, b)))
+        same = (torch.as_tensor(x, dtype=like.dtype, device=like.device) for x in (a, b))
+        return getattr(torch, NAMES[operation])(*same)
     return getattr(np, NAMES[operation])(a, b)
 
 

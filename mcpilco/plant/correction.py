@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.effects.learned import Axis, LearnedForce
 from mcpilco.plant.effects.own import Own, own_effects
 from mcpilco.plant.plant import EffectInstance, Plant
+from mcpilco.plant.spread import Member, members_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
@@ -78,12 +79,17 @@ class Correction:
     """what the nominal plant lacks"""
     learned: tuple[LearnedForce, ...] = ()
     """forces that it lacks and no effect explains"""
+    spread: tuple[Member, ...] = ()
+    """the plants that are as possible as this one, see `mcpilco.plant.Spread`; none: not told"""
 
 
-def correction_of(plant: Plant, nominal: Plant) -> Correction:
-    """The correction that turns the nominal plant into `plant`: parameters and effects."""
-    before = {parameter.name: parameter.value for parameter in nominal.parameters}
-    changed = {p.name: p.value for p in plant.parameters if p.value != before[p.name]}
+def correction_of(plant: Plant, nominal: Plant | None = None) -> Correction:
+    """The correction that turns the nominal plant into `plant`: parameters and effects.
+
+    Without a nominal plant it has all parameters, and so turns any into this one.
+    """
+    before = {} if nominal is None else nominal.values
+    changed = {p.name: p.value for p in plant.parameters if p.value != before.get(p.name)}
     effects = (
         Addition(
             active.effect.name,
@@ -137,6 +143,8 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
     }
     if correction.learned:
         content["learned"] = [_grid(force) for force in correction.learned]
+    if correction.spread:
+        content["spread"] = [asdict(member) for member in correction.spread]
     return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
 
 
@@ -169,20 +177,22 @@ def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correcti
     Raises:
         InputError: a part is missing, unknown or of another kind.
     """
-    content = {"learned": [], **_object(content, "it")}
-    content = _object(content, "it", ("format", "plant", "parameters", "effects", "learned"))
+    content = {"learned": [], "spread": [], **_object(content, "it")}
+    keys = ("format", "plant", "parameters", "effects", "learned", "spread")
+    content = _object(content, "it", keys)
     if content["format"] != FORMAT or isinstance(content["format"], bool):
         raise InputError(f'"format" must be {FORMAT}, got {_short(content["format"])}.')
     plant, additions = content["plant"], content["effects"]
     if not isinstance(plant, str):
         raise InputError(f'"plant" must be the name of a plant, got {_short(plant)}.')
-    _require_kinds(content, "", effects=list, learned=list)
+    _require_kinds(content, "", effects=list, learned=list, spread=list)
     parameters = _object(content["parameters"], '"parameters"')
     for name, value in parameters.items():
         _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
     learned = tuple(map(_learned, content["learned"]))
     own = {effect.name: effect for effect in own_effects(effects)}
-    return Correction(plant, parameters, tuple(_addition(a, own) for a in additions), learned)
+    named = tuple(_addition(a, own) for a in additions)
+    return Correction(plant, parameters, named, learned, members_of(content["spread"]))
 
 
 def _addition(content: Any, own: Mapping[str, Effect]) -> Addition:

@@ -33,6 +33,8 @@ class Parameter:
     """whether a nominal value is never exact: masses, lengths, friction, gains; not gravity"""
     low: float = 0.0
     """least value that makes sense"""
+    high: float = np.inf
+    """largest one"""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from .job import (
     run_seed,
     seed_job,
 )
+from .robustness import FACTORS, Direction, directions
 from .statistics import (
     CONFIDENCE,
     Estimate,
@@ -48,12 +49,14 @@ from .statistics import (
 
 __all__ = [
     "CONFIDENCE",
+    "FACTORS",
     "FORMAT",
     "SHOWN",
     "SPENT",
     "SUMMARY_LEGEND",
     "Act",
     "Course",
+    "Direction",
     "Engine",
     "Estimate",
     "Failure",
@@ -72,6 +75,7 @@ __all__ = [
     "common_amounts",
     "conclusion",
     "differences",
+    "directions",
     "estimate",
     "estimates",
     "line_up",

@@ -44,6 +44,11 @@ def write(out: Path) -> None:
             "### Success on the system",
             policies(found),
             *(["### Learning on the system itself", experience(found)] if learnt else []),
+            *(
+                ["### Over the posterior, and at its mean", from_few(found)]
+                if of_leg(found, "f")
+                else []
+            ),
             "### By what is hidden",
             by_kind(found),
             "### Seed by seed",
@@ -102,6 +107,33 @@ def policies(found: Sequence[Mapping[str, Any]]) -> str:
     return markdown(header, rows)
 
 
+def from_few(found: Sequence[Mapping[str, Any]]) -> str:
+    """Legs f and g on the seeds that have both: what was promised, and what happened."""
+    both = [seed for seed in found if {"f", "g"} <= set(seed["legs"])]
+    rows = []
+    for kind in (*sorted({seed["kind"] for seed in both}), "all"):
+        ours = [seed for seed in both if kind in (seed["kind"], "all")]
+        cells = [
+            share([outcome[what] for outcome in of_leg(ours, leg)])
+            for leg in "fg"
+            for what in ("promised", "happened")
+        ]
+        apart = 100 * (np.mean(ends(ours, "f")) - np.mean(ends(ours, "g")))
+        solving = [f"{sum(p >= SOLVED for p in ends(ours, leg))}" for leg in "fg"]
+        rows.append((kind, str(len(ours)), *cells, f"{apart:+.1f}", " and ".join(solving)))
+    header = (
+        "hidden",
+        "seeds",
+        "f promised [%]",
+        "f on the system [%]",
+        "g promised [%]",
+        "g on the system [%]",
+        "f - g [points]",
+        "solved by f and g",
+    )
+    return markdown(header, rows)
+
+
 def of_leg(found: Sequence[Mapping[str, Any]], leg: str, part: str | None = None) -> list[Any]:
     there = [seed["legs"][leg] for seed in found if leg in seed["legs"]]
     return there if part is None else [outcome[part] for outcome in there]
@@ -145,6 +177,7 @@ def by_kind(found: Sequence[Mapping[str, Any]]) -> str:
     """Success on the system at the end of each leg, for each kind of what is hidden."""
     legs = [leg for leg in "abecd" if of_leg(found, leg)]
     rows = []
+    found = [seed for seed in found if any(leg in seed["legs"] for leg in legs)]
     for kind in sorted({seed["kind"] for seed in found}):
         ours = [seed for seed in found if seed["kind"] == kind]
         shares = [ends(ours, leg) for leg in legs]
@@ -166,15 +199,19 @@ def ends(found: Sequence[Mapping[str, Any]], leg: str) -> list[float]:
 
 
 def by_seed(found: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
+    rows, few = [], [leg for leg in "fg" if of_leg(found, leg)]
     for seed in found:
         legs = seed["legs"]
         hidden_here = "; ".join(in_words(effect) for effect in seed["hidden"]["effects"])
-        named = "; ".join(legs["b"]["named"]) or legs["b"]["verdict"] if "b" in legs else ""
-        cells = [", ".join(f"{100 * end:.0f}" for end in ends([seed], leg)) for leg in "abe"]
+        gap = legs.get("b") or legs.get("f")
+        named = ("; ".join(gap["named"]) or gap["verdict"]) if gap else ""
+        cells = [
+            ", ".join(f"{100 * end:.0f}" for end in ends([seed], leg)) for leg in [*"abe", *few]
+        ]
         cells += [f"{solved(legs[leg]):g}" if leg in legs else "" for leg in "cd"]
         rows.append((str(seed["seed"]), hidden_here, named, *cells))
-    header = ("seed", "hidden", "named", "a [%]", "b [%]", "e [%]", "c solved [s]", "d solved [s]")
+    header = ("seed", "hidden", "named", *(f"{leg} [%]" for leg in [*"abe", *few]))
+    header += ("c solved [s]", "d solved [s]")
     return markdown(header, rows)
 
 

@@ -3,6 +3,7 @@
 python runs/crossing_the_gap/run.py --quick          # does it run at all?
 python runs/crossing_the_gap/run.py                  # seeds 0:20, legs a to d: CPU hours
 python runs/crossing_the_gap/run.py --seeds 0:5 --legs a b c d e
+python runs/crossing_the_gap/run.py --seeds 100:120 --legs f g
 
 A seed chooses what is hidden, and how large it is. Results are kept in results/seeds/, a file a
 seed; the same command goes on where it was stopped, and rewrites README.md between its marked lines
@@ -11,6 +12,7 @@ from all results that are there. What a seed has recorded and trained lies in ru
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -55,8 +57,10 @@ TRIALS = {"from nothing": 5, "with a prior": 3}
 SAC_TRIALS = 34
 """of 600 steps each: 34 min of experience in each simulation"""
 KINDS = ("friction and lag", "stiction and delay", "tilt, drag and a wrong mass")
-LEGS = ("a", "b", "c", "d", "e")
-Leg = Literal["a", "b", "c", "d", "e"]
+SHORT_S, SHORT_TRIALS = 20.0, 2
+"""of recordings in legs f and g [s], and policies that are learned there"""
+LEGS = ("a", "b", "c", "d", "e", "f", "g")
+Leg = Literal["a", "b", "c", "d", "e", "f", "g"]
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,8 @@ class Arguments:
     """`0:20` are 0 to 19"""
     legs: tuple[Leg, ...] = ("a", "b", "c", "d")
     """a, b: trained in the nominal and in the corrected simulation; c: on the system alone; d: on
-    the system, with the corrected simulation as the model's mean; e: as a and b, by SAC"""
+    the system, with the corrected simulation as the model's mean; e: as a and b, by SAC; f, g: in
+    the simulation that 20 s of recordings correct, over its posterior and at its mean"""
     quick: bool = False
     """one seed that learns nothing; the tables go to runs/out"""
     out: Path | None = None
@@ -158,6 +163,7 @@ def crossed(algo: str, leg: str) -> Callable[[int, Mapping[str, Any], Path], dic
             simulation=Place(CART_POLE, {}),
             dt=DT,
             algo=algo,
+            spread=False,
             seed=seed,
             **few,
         )
@@ -187,6 +193,47 @@ def crossed(algo: str, leg: str) -> Callable[[int, Mapping[str, Any], Path], dic
 def by_sac(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Both simulations, by SAC."""
     return {leg: crossed("sac", leg)(seed, found, path) for leg in ("nominal", "corrected")}
+
+
+def from_few(spread: bool) -> Callable[[int, Mapping[str, Any], Path], dict[str, Any]]:
+    """What came of the policy of a simulation that 20 s of recordings have corrected."""
+
+    def learn(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
+        watch = Stopwatch()
+        settings = CrossingSettings(
+            system=Place(CART_POLE, {"effects": found["hidden"]}),
+            simulation=Place(CART_POLE, {}),
+            seconds=SHORT_S,
+            rollouts=4,
+            dt=DT,
+            spread=spread,
+            seed=seed,
+            **({"trials": 1, "episodes": 3} if "quick" in path.parts else {"trials": SHORT_TRIALS}),
+        )
+        folders = [path / f"short-{name}" for name in ("posterior", "mean")]
+        ours, other = folders if spread else folders[::-1]
+        work = Workflow(ours, settings, envs.PLANTS[CART_POLE]())
+        work.begin()
+        for name in ("recordings", "gap"):  # alike for both, which are searched once
+            if (other / name).exists() and not (ours / name).exists():
+                shutil.copytree(other / name, ours / name)
+        work.record()
+        work.correct()
+        work.require_corrected()
+        work.train("corrected", run_callbacks)
+        outcome = work.attempt("corrected")
+        gap = read_json(ours / "gap" / "gap.json")
+        return {
+            "promised": outcome.promised.success,
+            "happened": outcome.happened.success,
+            "return": outcome.happened.returns,
+            "experience_s": SHORT_S,
+            "verdict": gap["verdict"],
+            "named": [f"{effect['name']} at {effect['target']}" for effect in gap["effects"]],
+            "cpu_s": watch.read().cpu_s,
+        }
+
+    return learn
 
 
 def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -234,6 +281,8 @@ LEARN: Mapping[str, Callable[[int, Mapping[str, Any], Path], dict[str, Any]]] = 
     "c": on_the_system,
     "d": with_prior,
     "e": by_sac,
+    "f": from_few(True),
+    "g": from_few(False),
 }
 
 

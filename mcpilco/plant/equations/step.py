@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.plant.arithmetic import Real, Tape
+from mcpilco.plant.arithmetic import Real, Tape, larger, smaller
 from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorSaturation, shaping
 from mcpilco.plant.effects.joint import DryFriction
 from mcpilco.plant.equations import chain as chains
@@ -35,6 +35,8 @@ FORGOTTEN = 0.05
 PERTURBATION = 0.1
 """relative change of a parameter that shows what depends on it"""
 
+QUICKEST = 1e-3
+"""part of a step that a lag takes at least, or is left of a delay's, where particles differ [-]"""
 STABLE = 2.0
 """damping rate times step that a Runge-Kutta step bears well; it leaps beyond 2.8 [-]"""
 POSES = 16
@@ -43,7 +45,7 @@ POSES = 16
 _shaped = shaping()
 _CHAIN = ("origin", "mass", "center", "inertia", "armature", "gravity")
 _SHARED = ("parent", "slides", "axis", "rotation")
-_FIELDS = (*_CHAIN, "constants", "actuators")
+_FIELDS = (*_CHAIN, "constants", "actuators", "sensors")
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ def step_of(
     longest: float,
     memory: int = 0,
     missing: PolynomialForces | None = None,
+    drawn: Float[np.ndarray, "S P"] | None = None,
 ) -> PlantStep:
     """The program of one sampling interval.
 
@@ -97,13 +100,16 @@ def step_of(
         longest: a step of the Runge-Kutta method takes [s].
         memory: how many past commands the state holds, behind the plant's own, newest first.
         missing: forces that the plant's equations lack; their weights are given behind the slots.
+        drawn: parameters of further plants that the program must do for. A delay is at least as
+            many whole steps as that of the plant, and less than one step more.
 
     Raises:
         InputError: names differ, or the plant has what such a program cannot say.
     """
     tables = plant.tables(plant.nominal[None])
     require_expressible(plant, task, tables, memory)
-    slots = _slots(plant)
+    further = np.empty((0, len(plant.nominal))) if drawn is None else drawn
+    slots = _slots(plant, further)
     X, U = len(task.state_names), len(task.input_names)
     width = X + memory * U + U
     behind = width + len(slots)
@@ -112,6 +118,9 @@ def step_of(
     if missing:
         system.missing = partial(missing, weights=tape.inputs[behind:])
         system.most = missing.most
+    if len(further):  # steps must follow the largest of the frictions
+        constants = plant.tables(further).constants
+        tables.constants[0] = np.abs(np.concatenate([tables.constants, constants])).max(0)
     followable(system_of(tables, {}), system, min(longest, task.dt))
     state, commands = tape.inputs[:X], commands_of(tape.inputs[X:width], U, memory)
     following = _advance(system, order_of(plant, task), state, commands, task.dt, longest)
@@ -176,13 +185,13 @@ def _field(tables: Tables, name: str) -> np.ndarray:
     return getattr(tables.chains if name in _CHAIN else tables, name)
 
 
-def _slots(plant: Plant) -> tuple[Slot, ...]:
-    """The numbers that change with an uncertain parameter."""
+def _slots(plant: Plant, further: Float[np.ndarray, "S P"]) -> tuple[Slot, ...]:
+    """The numbers that change with an uncertain parameter, or from one further plant to another."""
     free = free_parameters(plant)
     rows = np.tile(plant.nominal, (1 + len(free), 1))
     for row, i in enumerate(free, 1):
         rows[row, i] *= 1.0 + PERTURBATION
-    tables = plant.tables(rows)
+    tables = plant.tables(np.concatenate([rows, further]))
     slots = []
     for name in _FIELDS:
         values = _field(tables, name)
@@ -206,9 +215,12 @@ def system_of(tables: Tables, given: dict[Slot, Real]) -> SimpleNamespace:
             map(force_of, tables.law), tables.joint.tolist(), arrays["constants"], strict=True
         )
     ]
-    sensors = tables.sensors[0].tolist()
     return SimpleNamespace(
-        **arrays, laws=laws, drives=tables.drives.tolist(), sensors=sensors, missing=None
+        **arrays,
+        laws=laws,
+        drives=tables.drives.tolist(),
+        expected=tables.actuators[0].tolist(),
+        missing=None,
     )
 
 
@@ -242,14 +254,18 @@ def _advance(
         segments(system, u, [now[order[1][u]] for now in commands], dt)
         for u in range(len(system.drives))
     ]
-    jumps = sorted({segment.until for track in tracks for segment in track})
-    begun = 0.0
-    for until in jumps:
-        steps = math.ceil((until - begun) / longest - 1e-9)
-        h = (until - begun) / steps
+    jumps = {segment.expected: segment for track in tracks for segment in track}
+    begun: Real = 0.0
+    expected = 0.0
+    for until, jump in sorted(jumps.items()):
+        acting = [next(s for s in track if until <= s.expected) for track in tracks]
+        varied = not all(isinstance(end, float) for end in (begun, jump.until))
+        steps = math.ceil((until - expected) / longest - 1e-9) + varied
+        end = larger(jump.until, begun) if varied else jump.until
+        h = (end - begun) / steps
         for n in range(steps):
-            q, v = _runge_kutta(system, q, v, tracks, begun + n * h, h)
-        begun = until
+            q, v = _runge_kutta(system, q, v, acting, begun + n * h, h)
+        begun, expected = end, until
     following: list[Any] = [0.0] * len(state)
     true = [x for pair in zip(q, v, strict=True) for x in pair]
     for i, x, sensor in zip(order[0], true, system.sensors, strict=True):
@@ -261,13 +277,15 @@ def _advance(
 class _Segment:
     """The force of an actuator between two jumps: constant, or on its way to a value."""
 
-    since: float
-    until: float
+    since: Real
+    until: Real
+    expected: float
+    """its end [s]: `until` itself, but where the delay is a number of a tape"""
     at_first: Real
     goal: Real
-    lag: float
+    lag: Real
 
-    def force_at(self, time: float) -> Real:
+    def force_at(self, time: Real) -> Real:
         """The force [N or N m] at a time within it [s]."""
         if self.lag == 0.0:
             return self.goal
@@ -276,32 +294,38 @@ class _Segment:
 
 def segments(system: Any, u: int, commands: Sequence[Real], dt: float) -> list[_Segment]:
     """The force of an actuator in the interval, by the commands of now, one step ago, ..."""
-    actuator = system.actuators[u]
+    actuator, expected = system.actuators[u], system.expected[u]
     goals = [_shaped(actuator, command, 0.0) for command in commands]
-    lag = actuator[LAG]
-    whole, part = _whole_steps(actuator[DELAY], dt)
+    lag, delay = actuator[LAG], actuator[DELAY]
+    whole, part = _whole_steps(expected[DELAY], dt)
+    until: Real = part
+    if not isinstance(delay, float):  # a particle's own, within the same step
+        if part == 0.0 and whole:  # at the end of the step before
+            whole, part = whole - 1, (1.0 - QUICKEST) * dt
+        until = smaller(larger(delay - whole * dt, 0.0), dt)
+    if not isinstance(lag, float):
+        lag = larger(lag, QUICKEST * dt)
     force, oldest = goals[-1], len(goals) - 1  # the oldest that is known was held for ever
-    if lag > 0.0:
+    if lag != 0.0:
         for k in range(oldest - 1, whole, -1):
-            acted = dt - part if k == whole + 1 else dt
+            acted = dt - until if k == whole + 1 else dt
             force = ActuatorLag.shape(force, goals[k], acted, lag)
     track = []
     if part > 0.0:
-        track.append(_Segment(0.0, part, force, goals[whole + 1], lag))
-        force = track[-1].force_at(part)
-    return [*track, _Segment(part, dt, force, goals[whole], lag)]
+        track.append(_Segment(0.0, until, part, force, goals[whole + 1], lag))
+        force = track[-1].force_at(until)
+    return [*track, _Segment(until, dt, dt, force, goals[whole], lag)]
 
 
 def _runge_kutta(
-    system: Any, q: list[Any], v: list[Any], tracks: Any, time: float, h: float
+    system: Any, q: list[Any], v: list[Any], acting: Sequence[_Segment], time: Real, h: Real
 ) -> tuple[list[Any], list[Any]]:
-    """One step of the classical method of fourth order."""
+    """One step of the classical method of fourth order; a segment acts for each actuator."""
 
-    def slope(q: list[Any], v: list[Any], at: float) -> list[Any]:
-        forces = [next(s for s in t if time + h / 2 < s.until).force_at(at) for t in tracks]
-        return accelerations(system, q, v, forces)
+    def slope(q: list[Any], v: list[Any], at: Real) -> list[Any]:
+        return accelerations(system, q, v, [segment.force_at(at) for segment in acting])
 
-    def moved(x: list[Any], dx: list[Any], by: float) -> list[Any]:
+    def moved(x: list[Any], dx: list[Any], by: Real) -> list[Any]:
         return [a + by * b for a, b in zip(x, dx, strict=True)]
 
     v1, a1 = v, slope(q, v, time)

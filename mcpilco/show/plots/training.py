@@ -20,10 +20,13 @@ from mcpilco.show.plots.style import (
     plain_ticks,
     trial_shades,
 )
+from mcpilco.sweep import FACTORS
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from mcpilco.sweep import Direction
 
 
 _STYLES = ("-", "--", "-.", ":")
@@ -69,6 +72,17 @@ def plot_search(costs: Mapping[int, Sequence[float]], ax: Axes | None = None) ->
         steps = np.arange(1, len(values) + 1)
         ax.plot(steps, values, color=shade, linewidth=1, label=f"trial {trial}")
     ax.set(xlabel="step of the policy search", ylabel="predicted cost [-]", ylim=(0, None))
+    add_legend(ax)
+    return ax
+
+
+def plot_directions(found: Sequence[Direction], ax: Axes | None = None) -> Axes:
+    """Success of a policy over each number of the plant, the others as they are."""
+    ax = new_axes()[0] if ax is None else ax
+    for number, one in enumerate(found):
+        style = _STYLES[number // 10 % len(_STYLES)]
+        ax.plot(FACTORS, np.multiply(one.success, 100.0), marker=".", ls=style, label=one.name)
+    ax.set(xlabel="times its own value [-]", ylabel="success [%]", ylim=(-4, 104))
     add_legend(ax)
     return ax
 

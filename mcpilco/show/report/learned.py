@@ -5,6 +5,8 @@ A trial's models never saw the trial: its data are held out. A policy is a map o
 
 from __future__ import annotations
 
+import contextlib
+import logging
 from dataclasses import dataclass
 from itertools import combinations, islice, product
 from typing import TYPE_CHECKING, Any, cast
@@ -14,16 +16,20 @@ import torch
 from jaxtyping import Float
 from scipy.stats import norm
 
-from mcpilco.agent import find
+from mcpilco.agent import agent_of, find, horizon_of, open_run_env
 from mcpilco.config import from_dict
 from mcpilco.data import Prediction
 from mcpilco.logbook import History, PastTrial, read_transitions
+from mcpilco.plant import Plant
 from mcpilco.show.plots.training import PolicyMap
+from mcpilco.sweep import Direction, directions
 from mcpilco.task import TaskSpec
-from mcpilco.typing import InputError, RunFolderError
+from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
     from mcpilco.agent import ModelBasedAgent
+
+logger = logging.getLogger(__name__)
 
 LEVELS = np.concatenate([np.linspace(0.05, 0.95, 19), [0.99]])
 """nominal levels of the intervals"""
@@ -114,6 +120,23 @@ def rollout_errors(
     steps = min(len(truth), len(prediction.states))
     distance = prediction.states[:steps] - truth[:steps, None]
     return np.sqrt(np.square(distance).mean(axis=1))
+
+
+def held_directions(history: History) -> list[Direction]:
+    """Success of the last policy over the numbers of its env's plant; none where it shows none."""
+    run, trial = history.run, history.learned[-1].number
+    try:
+        with contextlib.closing(open_run_env(run)) as env:
+            plant = getattr(env.unwrapped, "plant", None)
+            if not isinstance(plant, Plant):
+                return []
+            agent = agent_of(run, trial, env)
+            env_id, kwargs, seed = (run.config[key] for key in ("env", "env_kwargs", "seed"))
+            steps = horizon_of(env, agent.horizon)
+            return directions(plant, env_id, kwargs, agent.controller, steps, seed)
+    except McPilcoError as error:
+        logger.warning("The report has no map of where the policy holds: %s", error)
+        return []
 
 
 def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial, reduce
 from operator import add
@@ -20,6 +20,7 @@ from mcpilco.show.plots import training as plots
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_state
 from mcpilco.show.report import learned as models
 from mcpilco.show.report.document import Document, Section, Table, draw, made, write_document
+from mcpilco.sweep import FACTORS, Direction
 from mcpilco.typing import InputError, RunFolderError
 
 _TABLE_LEVELS = (0.5, 0.9, 0.95, 0.99)
@@ -67,6 +68,8 @@ def _sections(history: History) -> Iterator[Section]:
             yield made("How far the predictions hold", partial(errors, history))
             yield made("Calibration", partial(calibration, history))
             yield made("Policy", partial(policy, history))
+        if found := models.held_directions(history):
+            yield made("Where the policy holds", partial(held, history, found))
         yield made("Policy search", partial(search, history))
         yield made("Timings", partial(timings, history))
     for trial in history.trials:
@@ -246,6 +249,21 @@ def policy(history: History) -> Section:
         f"What the policy of trial {trial.number} answers over two states, the others as at the "
         "end of its rollout. The line is the rollout's way, from the open dot to the filled one.",
         pictures,
+    )
+
+
+def held(history: History, found: Sequence[Direction]) -> Section:
+    """The success of the last policy where one number of the plant is another."""
+    rows = [
+        (f"{d.name} = {d.value:.3g} {d.unit}", *(f"{share:.0%}" for share in d.success))
+        for d in found
+    ]
+    return Section(
+        "Where the policy holds",
+        f"Success of the policy of trial {history.learned[-1].number} in fresh rollouts, where the "
+        "env simulates its plant with one number times a factor, and the others as they are.",
+        [draw("Success over the numbers of the plant", partial(plots.plot_directions, found))],
+        [Table(("number", *(f"x {factor:g}" for factor in FACTORS)), rows)],
     )
 
 

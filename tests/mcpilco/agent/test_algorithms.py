@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from baselines.pilco.model import PilcoConfig
 from mcpilco.agent import algorithms, import_named, suitable_preset, with_model
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.config import Config, ModelConfig
-from mcpilco.plant import Correction, write_correction
+from mcpilco.plant import Correction, Member, members_of, write_correction
 from mcpilco.sweep import Settings, run_seed
 from mcpilco.typing import InputError
 from tests.baselines.pilco.models import TINY
@@ -103,6 +104,22 @@ def test_a_file_says_which_plant_is_known(tmp_path):
     path.write_text("{}")
     with pytest.raises(InputError, match="no correction"):
         with_model(Config(), "physics+rbf", path)
+
+
+def test_a_spread_is_a_recipe_or_what_a_correction_tells(tmp_path):
+    recipe = with_model(Config(), "physics+rbf", spread={"mass": 0.1, "f_c": 0.3}).model
+    assert recipe.spread == {"mass": 0.1, "f_c": 0.3}
+    correction = Correction("robot", {"mass": 2.0}, ())
+    path = write_correction(tmp_path / "plant.json", correction)
+    with pytest.raises(InputError, match=r"plant.json tells no spread.*recipe"):
+        with_model(Config(), "physics+rbf", spread=path)
+    member = Member(1.0, {"mass": 2.0}, {"mass": 0.1}, ((1.0,),))
+    write_correction(path, dataclasses.replace(correction, spread=(member,)))
+    model = with_model(Config(), "physics+rbf", spread=path).model
+    assert members_of(model.spread) == (member,)
+    assert model.plant["parameters"] == {"mass": 2.0}  # the file's plant is the prior too
+    with pytest.raises(InputError, match="choose the mean physics"):
+        with_model(Config(), "rbf", spread={"mass": 0.1})
 
 
 @pytest.mark.parametrize(

@@ -70,8 +70,7 @@ def found(monkeypatch: pytest.MonkeyPatch) -> type[Found]:
     monkeypatch.setattr(workflow, "investigate", investigate)
     monkeypatch.setattr(workflow, "write_gap", write_gap)
     monkeypatch.setattr(workflow, "write_correction", write_correction)
-    monkeypatch.setattr(workflow, "correction_of", lambda gap, plant: None)
-    monkeypatch.setattr(Found, "corrected", None, raising=False)
+    monkeypatch.setattr(Found, "correction", None, raising=False)
     monkeypatch.setattr(command, "show_gap", lambda gap, out, written: None)
     return Found
 

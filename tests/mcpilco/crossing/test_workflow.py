@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from envs.plants import cart_pole, pendubot
-from mcpilco.crossing import as_mean, remembered_inputs
+from mcpilco.crossing import CrossingSettings, Place, Workflow, as_mean, remembered_inputs
 from mcpilco.plant import (
     CATALOGUE,
     Correction,
     EffectInstance,
+    Member,
     corrected,
     correction_from,
     correction_of,
+    write_correction,
 )
 from mcpilco.plant.equations.step import beyond_equations, require_expressible
 from mcpilco.typing import InputError
@@ -59,6 +61,37 @@ def test_mean_has_what_can_be_written_and_leaves_the_rest_to_be_learned():
     whole = replace(whole, learned=correction_from(as_file(learned=[force])).learned)
     assert len(whole.learned) == 1
     assert as_mean(whole) == correction(FRICTION, LAG)
+
+
+def test_mean_has_the_spread_of_what_can_be_written():
+    values = {"coulomb_friction.cart.f_c": 1.0, "backlash.actuator.p": 0.1, "cart_mass": 0.5}
+    std = dict.fromkeys(values, 0.01)
+    member = Member(1.0, values, std, ((1.0, 0.2, 0.3), (0.2, 1.0, 0.4), (0.3, 0.4, 1.0)))
+    (kept,) = as_mean(replace(correction(FRICTION), spread=(member,))).spread
+    assert list(kept.std) == list(kept.values) == ["coulomb_friction.cart.f_c", "cart_mass"]
+    assert kept.correlation == ((1.0, 0.3), (0.3, 1.0))
+
+
+def test_inputs_are_remembered_for_every_plant_of_the_spread():
+    member = Member(0.1, {"actuator_lag.actuator.T": 0.05, "cart_mass": 0.5}, {}, ())
+    assert remembered_inputs(replace(correction(DELAY), spread=(member,)), 0.1) == 3
+
+
+def test_a_policy_of_the_posterior_is_judged_in_plants_that_it_draws(tmp_path):
+    place = Place("mcpilco/CartPoleSwingUp-v0", {"noise_std": 0.0})
+    told = CrossingSettings(place, place)
+    path = tmp_path / "gap" / "corrected.json"
+    path.parent.mkdir()
+    member = Member(1.0, {}, {"coulomb_friction.cart.f_c": 0.1}, ((1.0,),))
+    write_correction(path, replace(correction(FRICTION), spread=(member,)))
+    places = Workflow(tmp_path, told, cart_pole())._possible(place, "corrected")
+    sizes = [p.kwargs["effects"].effects[0].values[0] for p in places]
+    assert len(set(sizes)) == len(places) > 5
+    assert np.std(sizes) == pytest.approx(0.1, rel=0.5)
+    assert {p.kwargs["noise_std"] for p in places} == {0.0}
+    alone = Workflow(tmp_path, replace(told, spread=False), cart_pole())
+    assert alone._possible(place, "corrected") == [place]
+    assert Workflow(tmp_path, told, cart_pole())._possible(place, "nominal") == [place]
 
 
 def test_a_model_remembers_as_many_inputs_as_the_plants_equations_ask_for():

@@ -103,6 +103,28 @@ def test_a_particle_keeps_its_parameters(task):
     assert len(drawn.numbers.unique(dim=0)) > 1
 
 
+def test_plants_of_a_spread_differ_where_there_are_data_around_what_was_learned(task):
+    rows = simulated(task, noise=NOISE)
+    alone, wide = (fitted(task, rows, spread=s).dynamics(rows) for s in (None, {"mass": 0.1}))
+    none, states = torch.zeros(200, 2).double(), torch.from_numpy(rows.states[:1]).expand(200, -1)
+    inputs = torch.from_numpy(rows.inputs[:1]).expand(200, -1)
+
+    def following(dynamics):
+        drawn = dynamics.draw(200, torch.Generator().manual_seed(0))
+        return drawn.step(states, inputs, none)[:, 1]
+
+    assert following(wide).std() > 5 * following(alone).std()
+    assert following(wide).mean() == pytest.approx(float(following(alone).mean()), abs=0.1)
+    np.testing.assert_array_equal(wide.model.posterior.alpha, alone.model.posterior.alpha)
+
+
+def test_a_spread_needs_equations(task):
+    with pytest.raises(InputError, match="choose the mean physics"):
+        ModelConfig(spread={"mass": 0.1})
+    with pytest.raises(InputError, match="no 'wheel' that is not 0"):
+        Model(ModelConfig(kernel="rbf", mean="physics", plant=PLANT, spread={"wheel": 0.1}), task)
+
+
 def test_what_was_learned_is_read_back(task):
     rows = simulated(task, noise=NOISE)
     model = fitted(task, rows)

@@ -15,6 +15,7 @@ from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.report import summary, to_json
+from mcpilco.plant import Spread
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap.pendulum import STD, dry_friction, hidden, record
@@ -42,6 +43,21 @@ def test_a_hidden_friction_is_named_with_its_size(found: Gap) -> None:
     assert size.low < HIDDEN_FRICTION < size.high
     assert found.comparison is not None
     assert found.comparison.closed.value > 0.8
+
+
+def test_the_spread_is_around_the_corrected_plant_and_as_wide_as_the_intervals(found: Gap) -> None:
+    best, *others = found.correction.spread
+    name = "coulomb_friction.pendulum.f_c"
+    size = found.named[0].parameters["f_c"]
+    assert best.values[name] == pytest.approx(size.value)
+    assert best.values["mass"] == pytest.approx(found.corrected.values["mass"])
+    assert 3.9 * best.std[name] < size.high - size.low < 6.0 * best.std[name]
+    assert best.probability >= max([0.5, *(other.probability for other in others)])
+    again = Spread(found.corrected, found.spread)
+    drawn = again.rows(np.random.default_rng(0).normal(size=(4_000, again.dimensions)))
+    errors = np.corrcoef(drawn[:, [again.names.index(n) for n in best.std]].T)
+    if not others:
+        np.testing.assert_allclose(errors, best.correlation, atol=0.1)
 
 
 @pytest.mark.slow

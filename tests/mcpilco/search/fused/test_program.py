@@ -49,6 +49,12 @@ COMPONENTS = {
     "missing forces": ModelConfig(kernel="gip+rbf", mean="physics", plant=EVERY),
     "physics, trusted": ModelConfig(kernel="rbf", mean="physics", uncertainty=0.0),
     "physics of a late actuator": ModelConfig(mean="physics", plant=LATE, memory=3),
+    "plants": ModelConfig(
+        kernel="rbf", mean="physics", plant=EVERY, spread={"all": 0.1, "f_c": 0.3}
+    ),
+    "late plants": ModelConfig(
+        kernel="rbf", mean="physics", plant=LATE, memory=3, spread={"d": 0.2, "T": 0.3}
+    ),
     "features": ModelConfig(kernel="features+rbf", plant=described()),
     "friction": ModelConfig(kernel="friction+rbf+mpk"),
     "all": ModelConfig(kernel="features+friction+rbf", mean="physics", plant=described()),

@@ -72,7 +72,12 @@ def read(run) -> Reader:
 def test_page_holds_every_section(whole) -> None:
     headings = whole.headings
     expected = ["Learning", "How far the predictions hold", "Calibration", "Policy"]
-    expected += ["Policy search", "Timings", "Exploration: the rollout of random inputs"]
+    expected += [
+        "Where the policy holds",
+        "Policy search",
+        "Timings",
+        "Exploration: the rollout of random inputs",
+    ]
     assert [h for h in headings if h in expected] == expected
     assert any(h.startswith("Trial 2, after 1.6 s") for h in headings)
     assert headings[-1] == "Configuration"
@@ -88,9 +93,10 @@ def test_page_needs_no_other_file(whole) -> None:
 
 def test_pictures_are_drawings_that_say_what_they_show(whole) -> None:
     images = whole.images
-    # Learning, search, times, two of calibration, two maps; errors of four states; three rollouts
-    # of four states, an input and a cost, but that the exploration has no prediction.
-    assert len(images) == 3 + 2 + 2 + 4 + 3 * 6
+    # Learning, search, times, two of calibration, two maps, where the policy holds; errors of four
+    # states; three rollouts of four states, an input and a cost, but that the exploration has no
+    # prediction.
+    assert len(images) == 3 + 2 + 2 + 1 + 4 + 3 * 6
     for image in images:
         assert image["alt"]
         drawing = ElementTree.fromstring(base64.b64decode(image["src"].split(",")[1]))
@@ -144,7 +150,7 @@ def test_folder_of_an_earlier_version_is_told_but_for_the_real_cost(undrawn, run
         run.write_arrays(number, "rollout", arrays)
     page = read(run)
     assert "Calibration" in page.headings
-    assert len(page.images) == 28  # the exploration's cost is not known
+    assert len(page.images) == 29  # the exploration's cost is not known
 
 
 @pytest.mark.parametrize(
