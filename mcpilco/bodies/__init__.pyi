@@ -1,5 +1,5 @@
 from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, stack
-from .compiled import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
+from .compiled import INLINED, INNER, factorise, linearise, linearise_in_plane, scratch, solve
 from .differentiable import torch_regressor
 from .motion import (
     INERTIAL,
@@ -14,6 +14,7 @@ __all__ = [
     "HINGE",
     "INERTIAL",
     "INLINED",
+    "INNER",
     "SLIDE",
     "Body",
     "Chain",

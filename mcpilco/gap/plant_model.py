@@ -220,25 +220,19 @@ class PlantModel:
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest theta that make physical sense."""
-        ranges = [
-            (math.log(s.low), math.log(most)) if _positive(s) else (s.low, most)
+        plausible = [
+            (s, *s.bounds(self.scales[instance.target]))
             for instance in self.added
-            for s, most in self._largest(instance)
+            for s in instance.effect.symbols
+        ]
+        ranges = [
+            (math.log(low), math.log(high)) if _positive(s) else (low, high)
+            for s, low, high in plausible
         ]
         low = [-0.95] * self.nuisances + [least for least, _ in ranges]
         high = [np.inf] * self.nuisances + [most for _, most in ranges]
         free = np.full(self.coordinates, np.inf)
         return np.append(low, -free), np.append(high, free)
-
-    def _largest(self, instance: EffectInstance) -> Iterator[tuple[Symbol, float]]:
-        """The symbols of an effect with the largest value of each.
-
-        A friction that turned over within the usual speed of its joint would be a viscous one.
-        """
-        usual = self.scales[instance.target].velocity
-        for symbol in instance.effect.symbols:
-            quick = max(FIT.turn_over * usual, TURN.low) if symbol == TURN else math.inf
-            yield symbol, min(symbol.high, quick)
 
     def reach(
         self, theta: Float[np.ndarray, " n"]

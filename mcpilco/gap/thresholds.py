@@ -102,9 +102,6 @@ class FitThresholds:
     """relative prior std of a freed parameter [-]: its order of magnitude is meant"""
     free_force_std: float = 10.0
     """the same of a force in a joint that is found to differ [-]: the nominal one may be small"""
-    turn_over: float = 0.05
-    """most of a joint's usual speed within which its dry friction turns over [-]: beyond, it
-    would be told from viscous friction by its name alone"""
     farthest: float = 2.5
     """factor by which one step may change a mass, or what enters as a logarithm [-]"""
     least_scale: float = 0.1

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,18 +18,22 @@ from systems import SYSTEMS, System
 from truth import (
     ARMATURE,
     BACKWARD,
+    BRAKE,
     CABLE,
     CONSTANT,
     COS,
     COULOMB,
     COUPLING,
     CUBIC,
+    DAMPING,
     DETENT,
     DOUBLE_PENDULUM,
     DRAG,
     EXTRA,
     FEED,
     FORWARD,
+    GAP,
+    INDUCTANCE,
     LOAD,
     MINUS,
     NUMBERS,
@@ -36,9 +41,11 @@ from truth import (
     PLUS,
     REACH,
     ROTARY_PENDULUM,
+    ROTOR,
     SIN,
     SPEED,
     SPRING,
+    STIFFNESS,
     TILT,
     VISCOUS,
     WAVES,
@@ -134,6 +141,10 @@ FURTHER = (
     "sensor_lag",
     "eccentric_encoder",
     "gravity_tilt",
+    "dahl_friction",
+    "back_emf",
+    "elastic_joint",
+    "joint_backlash",
 )
 """of the catalogue too, in a tier of their own: the draws of the others stay what they were"""
 SYMBOL = {
@@ -262,7 +273,8 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
     std, how = np.array([noise_of(system, j) for j in range(J)]), (DT, GRAVITY, width)
     if not all(felt(system, machine, without, motions, std, how) for without in lacking):
         return None
-    besides = (("spring", system.joints[0]),) if tier.rough else ()
+    besides = (("spring", system.joints[0]), ("dahl_friction", system.joints[0]))
+    besides = besides if tier.rough else ()
     return Case(seed, plant, tuple(chosen), velocities, tuple(recordings), besides)
 
 
@@ -445,6 +457,38 @@ def tilt(system: System, rng: np.random.Generator, machine: Machine) -> dict[str
     return _told("gravity_tilt", system.bodies[0], t=value)
 
 
+def give_way(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """Friction of a joint that gives way, like a spring, before it slides."""
+    j = int(rng.integers(len(system.joints)))
+    f_c = rng.uniform(0.05, 0.15) * system.force[j]
+    x_d = rng.uniform(0.003, 0.05) * (1.0 if system.slides[j] else 2.0)
+    machine.joint[j, [CABLE, REACH]] = f_c, x_d
+    return _told("dahl_friction", system.joints[j], f_c=f_c, x_d=x_d)
+
+
+def electrify(system: System, rng: np.random.Generator, machine: Machine) -> dict[str, Any]:
+    """A motor under a voltage, whose current lags."""
+    j = int(rng.choice(system.drives))
+    b, lag = rng.uniform(0.1, 0.3) * system.force[j] / system.speed[j], rng.uniform(0.01, 0.05)
+    machine.joint[j, [BRAKE, INDUCTANCE]] = b, lag
+    return _told("back_emf", system.joints[j], b=b, T=lag)
+
+
+def loosen(
+    system: System, rng: np.random.Generator, machine: Machine, play: bool = False
+) -> dict[str, Any]:
+    """A motor with an inertia of its own behind a spring, or a stiffer one that has play."""
+    j = int(rng.choice(system.drives))
+    rotor = rng.uniform(0.1, 0.3) * system.body[j][0 if system.slides[j] else 2]
+    rate, ratio = rng.uniform(60.0, 100.0) if play else rng.uniform(15.0, 50.0), 0.2
+    gap = play * rng.uniform(0.01, 0.03) * (1.0 if system.slides[j] else 2.0)
+    k = rotor * rate**2
+    numbers = rotor, k, 2.0 * ratio * rotor * rate, gap
+    machine.joint[j, [ROTOR, STIFFNESS, DAMPING, GAP]] = numbers
+    values = {"I_m": rotor, "k": k, "z": ratio} | ({"g": gap} if play else {})
+    return _told("joint_backlash" if play else "elastic_joint", system.joints[j], **values)
+
+
 MORE = {
     "load_dependent_friction": load,
     "body_length": lengthen,
@@ -453,6 +497,10 @@ MORE = {
     "sensor_lag": filter_,
     "eccentric_encoder": decentre,
     "gravity_tilt": tilt,
+    "dahl_friction": give_way,
+    "back_emf": electrify,
+    "elastic_joint": loosen,
+    "joint_backlash": partial(loosen, play=True),
 }
 
 

@@ -34,7 +34,10 @@ FORWARD, BACKWARD, LOAD = range(18, 21)
 # a cable: a force with hysteresis, the way after which it turns over, where it is on that way
 CABLE, REACH, WAY = range(21, 24)
 TILT = 24  # of the first joint's base
-NUMBERS = 25
+# a motor under a voltage: what its speed takes off, the lag of its current; one behind a spring:
+# its inertia, the spring, its damping, half of the play between them
+BRAKE, INDUCTANCE, ROTOR, STIFFNESS, DAMPING, GAP = range(25, 31)
+NUMBERS = 31
 # per actuator: gain, dead zone, limit, delay, lag, play, more dead zone below 0, rate
 # per body: mass, moment, inertia about the joint
 
@@ -58,6 +61,21 @@ def joint_force(q, v, tau, p, width):
     if p[FEED] != 0.0:
         force += p[FEED] * v / (1.0 + v * v)
     return force
+
+
+@njit(cache=True)
+def transmit(q, v, tau, joint, angle, speed, passed, turned):
+    """What reaches each joint of its motor's torque, and the acceleration of a motor of its own."""
+    for j in range(len(q)):
+        passed[j], turned[j] = tau[j], 0.0
+        if joint[j, ROTOR] > 0.0:
+            twist, gap = angle[j] - q[j], joint[j, GAP]
+            passed[j] = 0.0
+            if abs(twist) >= gap:
+                pressed = twist - math.copysign(gap, twist)
+                damped = joint[j, DAMPING] * (speed[j] - v[j])
+                passed[j] = joint[j, STIFFNESS] * pressed + damped
+            turned[j] = (tau[j] - passed[j]) / joint[j, ROTOR]
 
 
 @njit(cache=True)
@@ -107,6 +125,22 @@ def acceleration(kind, q, v, tau, body, joint, g, width, out):
 
 
 @njit(cache=True)
+def begin(kind, q, v, tau, body, joint, g, width, angle, current):
+    """Sets what cables, currents and motors are at before: those of a motion that goes on."""
+    a, through = np.zeros(len(q)), tau.copy()
+    for j in range(len(q)):
+        current[j] = tau[j] - joint[j, BRAKE] * v[j]
+        joint[j, WAY] = np.sign(v[j])
+    for _ in range(30):
+        acceleration(kind, q, v, through, body, joint, g, width, a)
+        through[:] = 0.5 * (through + tau - joint[:, ROTOR] * a)
+    for j in range(len(q)):
+        if joint[j, ROTOR] > 0.0:
+            slack = math.copysign(joint[j, GAP], through[j])
+            angle[j] = q[j] + through[j] / joint[j, STIFFNESS] + slack
+
+
+@njit(cache=True)
 def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives, g, width):
     """States (T, 2 J) at the samples; what is fed back of them, (U, 2 J), joins the commands."""
     J, T, U = len(start) // 2, len(commands), commands.shape[1]
@@ -119,6 +153,8 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
     half = 0.5 * STEP
     tau = np.zeros(J)
     a1, a2, a3, a4 = np.zeros(J), np.zeros(J), np.zeros(J), np.zeros(J)
+    b1, b2, b3, b4 = np.zeros(J), np.zeros(J), np.zeros(J), np.zeros(J)
+    angle, speed, current, through = q.copy(), v.copy(), np.zeros(J), np.zeros(J)
     for k in range(T):
         for j in range(J):
             out[k, 2 * j], out[k, 2 * j + 1] = q[j], v[j]
@@ -136,6 +172,11 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                 x = min(max(last[u], x - p), x + p)
             last[u] = x
             shaped[k, u] = x
+        if k == 0:
+            tau[:] = 0.0
+            for u in range(U):
+                tau[drives[u]] += level[u]
+            begin(kind, q, v, tau, body, joint, g, width, angle, current)
         for i in range(n):
             t = k * dt + (i + 0.5) * STEP
             tau[:] = 0.0
@@ -155,15 +196,26 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                     tau[drives[u]] += goal
             for j in range(J):
                 if joint[j, CABLE] > 0.0:
-                    way = joint[j, WAY]
-                    joint[j, WAY] += STEP * (v[j] - abs(v[j]) * way) / joint[j, REACH]
-            acceleration(kind, q, v, tau, body, joint, g, width, a1)
-            v2 = v + half * a1
-            acceleration(kind, q + half * v, v2, tau, body, joint, g, width, a2)
-            v3 = v + half * a2
-            acceleration(kind, q + half * v2, v3, tau, body, joint, g, width, a3)
-            v4 = v + STEP * a3
-            acceleration(kind, q + STEP * v3, v4, tau, body, joint, g, width, a4)
+                    to = math.copysign(1.0, v[j])
+                    left = math.exp(-STEP * abs(v[j]) / joint[j, REACH])
+                    joint[j, WAY] = to + (joint[j, WAY] - to) * left
+                if joint[j, INDUCTANCE] > 0.0:
+                    goal = tau[j] - joint[j, BRAKE] * v[j]
+                    current[j] = goal + (current[j] - goal) * math.exp(-STEP / joint[j, INDUCTANCE])
+                    tau[j] = current[j]
+            transmit(q, v, tau, joint, angle, speed, through, b1)
+            acceleration(kind, q, v, through, body, joint, g, width, a1)
+            v2, s2 = v + half * a1, speed + half * b1
+            transmit(q + half * v, v2, tau, joint, angle + half * speed, s2, through, b2)
+            acceleration(kind, q + half * v, v2, through, body, joint, g, width, a2)
+            v3, s3 = v + half * a2, speed + half * b2
+            transmit(q + half * v2, v3, tau, joint, angle + half * s2, s3, through, b3)
+            acceleration(kind, q + half * v2, v3, through, body, joint, g, width, a3)
+            v4, s4 = v + STEP * a3, speed + STEP * b3
+            transmit(q + STEP * v3, v4, tau, joint, angle + STEP * s3, s4, through, b4)
+            acceleration(kind, q + STEP * v3, v4, through, body, joint, g, width, a4)
             q = q + STEP * v + STEP**2 / 6.0 * (a1 + a2 + a3)
             v = v + STEP / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+            angle = angle + STEP * speed + STEP**2 / 6.0 * (b1 + b2 + b3)
+            speed = speed + STEP / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
     return out

@@ -5,7 +5,7 @@
 An effect is one class with one formula; its name is public vocabulary.
 """
 
-from mcpilco.plant.effects import actuator, inertial, joint, sensor
+from mcpilco.plant.effects import actuator, inertial, joint, memory, sensor
 from mcpilco.plant.effects.base import Effect, Place, Probe, Scale, Symbol, sizes
 
 CATALOGUE: dict[str, Effect] = {
@@ -22,6 +22,10 @@ CATALOGUE: dict[str, Effect] = {
         joint.HardeningSpring(),
         joint.ConstantForce(),
         joint.PositionRipple(),
+        memory.DahlFriction(),
+        memory.BackEMF(),
+        memory.ElasticJoint(),
+        memory.JointBacklash(),
         inertial.BodyMass(),
         inertial.CenterOfMass(),
         inertial.BodyInertia(),

@@ -47,6 +47,17 @@ class Symbol:
     """largest one"""
     reported: bool = True
     """whether a report shows it; False for what only smooths the formula"""
+    within: tuple[str, float, float] | None = None
+    """a magnitude of `Scale`, and the multiples of it between which the value is plausible"""
+
+    def bounds(self, scale: Scale) -> tuple[float, float]:
+        """Least and largest value that is plausible in some recordings."""
+        if self.within is None:
+            return self.low, self.high
+        of, least, most = self.within
+        usual = getattr(scale, of)
+        low = max(self.low, least * usual)
+        return low, max(min(self.high, most * usual), low)
 
 
 @dataclass(frozen=True)
@@ -71,6 +82,16 @@ class Scale:
     """from the joint to the center of mass of the body [m]"""
     dt: float
     """sampling time [s]"""
+
+    @property
+    def way(self) -> float:
+        """That the joint takes in a tenth of a second [m or rad]."""
+        return 0.1 * self.velocity
+
+    @property
+    def stiffness(self) -> float:
+        """Of a spring on which the joint would swing as fast as can be seen [N/m or N m/rad]."""
+        return self.inertia * (math.pi / self.dt) ** 2
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
-TURN = Symbol("v_r", "{q}/s", TURN_OVER, SLOWEST, FASTEST, reported=False)
+QUICK = 0.05
+"""most of a joint's usual speed within which its dry friction turns over [-]: beyond, it would be
+told from viscous friction by its name alone"""
+TURN = Symbol("v_r", "{q}/s", TURN_OVER, SLOWEST, FASTEST, False, ("velocity", 0.0, QUICK))
 """dry friction turns over as tanh(v / v_r); every machine has its own v_r"""
 SMALL = 0.02
 """of the usual force, that of a probe [-]"""
@@ -50,7 +53,7 @@ class JointForce(Effect):
         raise NotImplementedError
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
-        return layout.joints
+        return layout.driven if self.loaded else layout.joints
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         if len(values) > CONSTANTS:
@@ -211,9 +214,6 @@ class LoadDependentFriction(JointForce):
     @staticmethod
     def force(q, v, F, mu, v_r):
         return -mu * abs(F) * tanh(v / v_r)
-
-    def targets(self, layout: Layout) -> tuple[str, ...]:
-        return tuple(name for j, name in enumerate(layout.joints) if j in layout.drives)
 
     def turn_over(self, values: Sequence[float]) -> float:
         return values[1] if values[0] != 0.0 else 0.0

@@ -13,16 +13,18 @@ from numba import cfunc, njit, types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload
 
-from mcpilco.bodies import INLINED
+from mcpilco.bodies import INLINED, INNER
 from mcpilco.plant import arithmetic
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, shaping
 from mcpilco.plant.effects.joint import JointForce
+from mcpilco.plant.effects.memory import RememberingForce
 from mcpilco.plant.simulation.layout import CONSTANTS
 from mcpilco.typing import InputError
 
 _CATALOGUE = tuple(effect for effect in CATALOGUE.values() if isinstance(effect, JointForce))
 """forces that are compiled into the loops; the code of each is its place here"""
+_REMEMBERING = tuple(k for k, each in enumerate(_CATALOGUE) if isinstance(each, RememberingForce))
 _OTHERS = {}
 """class of a user's force -> its code, which is the address of its compiled formula"""
 _COMPILED = {}
@@ -102,21 +104,39 @@ def _call(context, address, q, v, a, b, c, d):
     return types.float64(types.int64, *[types.float64] * (2 + CONSTANTS)), generate
 
 
-def _dispatcher():
-    """The force of law, q, v and four constants: that of the effect with this code."""
-    names = {f"force_{k}": njit(**INLINED)(effect.force) for k, effect in enumerate(_CATALOGUE)}
-    lines = ["def force(law, q, v, load, a, b, c, d):"]
+def _dispatcher(method, given, otherwise, kind=JointForce, how=INLINED):
+    """A method of the effects of a kind: called with a law, that of the effect with this code.
+
+    Behind what is given it takes the four constants of the law.
+    """
+    scope = {"call": _call}
+    lines = [f"def {method}(law, {', '.join(given)}, a, b, c, d):"]
     for k, effect in enumerate(_CATALOGUE):
-        given = ", ".join(["load"] * effect.loaded + [*"abcd"[: len(effect.symbols)]])
-        lines += [f"    if law == {k}:", f"        return force_{k}(q, v, {given})"]
-    lines += ["    return call(law, q, v, a, b, c, d)"]
-    scope = {"call": _call, **names}
+        if isinstance(effect, kind):
+            scope[f"{method}_{k}"] = njit(**INLINED)(getattr(effect, method))
+            lacks = "F" * (not effect.loaded) + "xy" * (not isinstance(effect, RememberingForce))
+            own = [name for name in given if name not in lacks] + [*"abcd"[: len(effect.symbols)]]
+            lines += [f"    if law == {k}:", f"        return {method}_{k}({', '.join(own)})"]
+    lines += [f"    return {otherwise}"]
     exec("\n".join(lines), scope)  # numba compiles one function faster than a chain of them
-    return njit(**INLINED)(scope["force"])
+    return njit(**how)(scope[method])
 
 
-joint_force = _dispatcher()
-"""force of a law on its joint [N or N m], of position q, velocity v and what its actuators give"""
+joint_force = _dispatcher("force", ("q", "v", "F", "x", "y"), "call(law, q, v, a, b, c, d)")
+"""force of a law on its joint [N or N m], of position q, velocity v, what its actuators give, and
+its memory (x, y)"""
+begin = _dispatcher("begin", ("now",), "(0.0, 0.0)", RememberingForce, INNER)
+_way = "memory", "since", "before", "now"
+follow = _dispatcher("follow", _way, "memory", RememberingForce, INNER)
+"""the memory of a law at a start and after a way, see `mcpilco.plant.effects.memory`"""
+
+
+@njit(**INLINED)
+def remembers(law):
+    """Whether a law has a memory."""
+    return law in _REMEMBERING
+
+
 shaped = njit(**INLINED)(shaping(njit(**INLINED)))
 """the force that a command asks for, see `mcpilco.plant.effects.actuator.shaping`"""
 ramping = njit(**INLINED)(ActuatorRateLimit.shape)

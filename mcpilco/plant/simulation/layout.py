@@ -36,6 +36,11 @@ class Layout:
         """The joints that are no slides."""
         return tuple(j for j, slide in zip(self.joints, self.slides, strict=True) if not slide)
 
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """The joints that have an actuator."""
+        return tuple(joint for j, joint in enumerate(self.joints) if j in self.drives)
+
     def actuator(self, number: int) -> str:
         """The name of the actuator of an input: `actuator` where there is one only."""
         return "actuator" if len(self.inputs) == 1 else self.inputs[number]

@@ -12,6 +12,7 @@ Reference: Dormand & Prince, A family of embedded Runge-Kutta formulae, Journal 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,7 +21,17 @@ from numba import njit
 from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
 from mcpilco.compiling import digest
 from mcpilco.plant.effects.learned import learned_force, place_on
-from mcpilco.plant.simulation.laws import force_of, joint_force, lagging, ramping, shaped
+from mcpilco.plant.effects.memory import Moment
+from mcpilco.plant.simulation.laws import (
+    begin,
+    follow,
+    force_of,
+    joint_force,
+    lagging,
+    ramping,
+    remembers,
+    shaped,
+)
 from mcpilco.plant.simulation.layout import (
     COSINE,
     DELAY,
@@ -41,6 +52,8 @@ POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
 """of a step [m or rad, m/s or rad/s]"""
 SHORTEST = 1e-6
 """step that is taken whatever its error [s]"""
+BEGINNINGS = 10
+"""turns in which memories and accelerations at a start are found from one another"""
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
 MOST_STEPS = 20000.0
@@ -86,11 +99,48 @@ def grid_place(tables, s, k, a, q, v, actuated, since):
     return place_on(tables.learned, k, a, x)
 
 
+class Past(NamedTuple):
+    """Where a motion was at the start of a step, as forces that remember need it."""
+
+    q: Float[np.ndarray, " J"]
+    v: Float[np.ndarray, " J"]
+    load: Float[np.ndarray, " J"]
+    """what the actuators gave [N or N m]"""
+    memory: Float[np.ndarray, "L 2"]
+    """of each law; NaN before the first step"""
+
+
 @njit(**INLINED)
-def derivative(tables, s, q, v, actuated, since, w, kv, row):
+def constants_of(tables, s, i):
+    """The constants of law i."""
+    own = tables.constants
+    return own[s, i, 0], own[s, i, 1], own[s, i, 2], own[s, i, 3]
+
+
+@njit(**INLINED)
+def remembered(tables, s, i, q, v, load, kv, past, gone):
+    """The memory of law i, `gone` seconds after the start of a step; 0 if it has none.
+
+    kv[0] are the accelerations at the start.
+    """
+    law, j = tables.law[i], tables.joint[i]
+    if not remembers(law):
+        return 0.0, 0.0
+    memory = past.memory[i, 0], past.memory[i, 1]
+    if gone == 0.0:
+        return memory
+    a, b, c, d = constants_of(tables, s, i)
+    before = Moment(past.q[j], past.v[j], kv[0, j], past.load[j])
+    now = Moment(q[j], v[j], np.nan, load[j])
+    return follow(law, memory, gone, before, now, a, b, c, d)
+
+
+@njit(**INLINED)
+def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
     """Accelerations at positions q and velocities v, `since` seconds into a segment, into kv[row].
 
-    actuated[u] holds the force that input u is at, and the one that it lags behind.
+    actuated[u] holds the force that input u is at, and the one that it lags behind. The step began
+    `gone` seconds ago, at `past`.
     """
     J = len(q)
     if tables.chains.planar[0]:
@@ -106,9 +156,9 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
         w.x[j] = w.load[j] - w.bias[j]
     for i in range(len(tables.law)):
         j = tables.joint[i]
-        a, b = tables.constants[s, i, 0], tables.constants[s, i, 1]
-        c, d = tables.constants[s, i, 2], tables.constants[s, i, 3]
-        w.x[j] += joint_force(tables.law[i], q[j], v[j], w.load[j], a, b, c, d)
+        x, y = remembered(tables, s, i, q, v, w.load, kv, past, gone)
+        a, b, c, d = constants_of(tables, s, i)
+        w.x[j] += joint_force(tables.law[i], q[j], v[j], w.load[j], x, y, a, b, c, d)
     for k in range(len(tables.learned.joint)):
         x = grid_place(tables, s, k, 0, q, v, actuated, since)
         y = grid_place(tables, s, k, 1, q, v, actuated, since)
@@ -116,6 +166,22 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row):
     solve(w, w.x)
     for j in range(J):
         kv[row, j] = w.x[j]
+
+
+@njit(**INLINED)
+def begun(tables, s, load, kv, past):
+    """Moves the memories half the way to those of a motion that begins with accelerations kv[0].
+
+    Half of it, for the accelerations follow the memories.
+    """
+    for i in range(len(tables.law)):
+        if remembers(tables.law[i]):
+            j = tables.joint[i]
+            a, b, c, d = constants_of(tables, s, i)
+            now = Moment(past.q[j], past.v[j], kv[0, j], load[j])
+            x, y = begin(tables.law[i], now, a, b, c, d)
+            past.memory[i, 0] += 0.5 * (x - past.memory[i, 0])
+            past.memory[i, 1] += 0.5 * (y - past.memory[i, 1])
 
 
 @njit(**INLINED)
@@ -137,22 +203,30 @@ def turning(tables, s, v, tv, kv, h):
 
 
 @njit(**INLINED)
-def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, tv, taken):
+def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, tv, taken):
     """Follows a motion through a segment; returns the step that suits its end, or -1 if lost.
 
-    q and v are replaced by those at the end. `accuracy` is the error allowed in a step, in units of
-    the tolerances [-]; kq, kv (7, J) and tq, tv (J,) are work space; taken (1,) counts the steps.
+    `past` is replaced by where the motion is at the end. `accuracy` is the error allowed in a step,
+    in units of the tolerances [-]; kq, kv (7, J) and tq, tv (J,) are work space; taken (1,) counts
+    the steps.
     """
+    q, v = past.q, past.v
     J = len(q)
     done = 0.0
     first = tried = 0
+    for i in range(len(tables.law)):
+        if past.memory[i, 0] != past.memory[i, 0]:
+            past.memory[i, 0] = past.memory[i, 1] = 0.0
+            if remembers(tables.law[i]):
+                first = -BEGINNINGS
     while duration - done > 1e-12:
         tried += 1
         taken[0] += 1
         if tried > 100.0 + MOST_STEPS * duration:
             return -1.0
         h = min(step, duration - done)
-        for i in range(first, 7):
+        for n in range(first, 7):
+            i = max(n, 0)
             for j in range(J):
                 dq = dv = 0.0
                 for k in range(i):
@@ -160,7 +234,12 @@ def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, t
                     dv += A[i, k] * kv[k, j]
                 tq[j] = q[j] + h * dq
                 tv[j] = kq[i, j] = v[j] + h * dv
-            derivative(tables, s, tq, tv, actuated, done + C[i] * h, w, kv, i)
+            gone = C[i] * h
+            derivative(tables, s, tq, tv, actuated, done + gone, w, kv, i, past, gone)
+            if n < 0:
+                begun(tables, s, w.load, kv, past)
+            for j in range(J if n == 0 else 0):
+                past.load[j] = w.load[j]
         first = 1  # a step begins with the derivative that the one before it ended with
         worst = 0.0
         for j in range(J):
@@ -175,7 +254,11 @@ def travel(tables, s, q, v, actuated, duration, step, accuracy, w, kq, kv, tq, t
         part = turning(tables, s, v, tv, kv, h)
         if (worst <= 1.0 and part == 1.0) or h <= SHORTEST:
             done += h
+            for i in range(len(tables.law)):
+                x, y = remembered(tables, s, i, tq, tv, w.load, kv, past, h)
+                past.memory[i, 0], past.memory[i, 1] = x, y
             for j in range(J):  # the last stage is at the end of the step
+                past.load[j] = w.load[j]
                 q[j], v[j] = tq[j], tv[j]
                 kq[0, j], kv[0, j] = kq[6, j], kv[6, j]
                 if not abs(v[j]) < RUNAWAY:
@@ -317,12 +400,14 @@ def _compiled(source: str):
         source  # noqa: B018  closed over
         T = y.shape[2]
         forces, actuated, filters, taken = memory
-        q, v, tq, tv, kq, kv = room
+        tq, tv, kq, kv, past = room
+        q, v = past.q, past.v
         for b in range(len(start)):
             s, n = system[b], window[b]
             for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
             prepare(tables, s, commands, n, lead, dt, forces, actuated)
+            past.memory[:] = np.nan
             for x in range(len(filters)):
                 filters[x, 0] = np.nan
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
@@ -341,7 +426,7 @@ def _compiled(source: str):
                     event = next_event(tables, s, now, dt, actuated)
                     rest = event - now
                     step = travel(
-                        tables, s, q, v, actuated, rest, step, accuracy, w, kq, kv, tq, tv, taken
+                        tables, s, past, actuated, rest, step, accuracy, w, kq, kv, tq, tv, taken
                     )
                     settle(tables, s, event - now, actuated)
                     now = event
@@ -393,15 +478,16 @@ def simulate(
     J, (_, T, U) = start.shape[1] // 2, commands.shape
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
     memory = np.empty((T, U)), np.empty((U, 2)), np.empty((2 * J, 3)), taken
-    room = room_for(J)
+    room = room_for(J, len(tables.law))
     given = tables, system, start, window, commands, lead, dt, every, accuracy
     _follow(*given, y, scratch(J), room, memory)
     return y
 
 
-def room_for(joints: int) -> tuple[np.ndarray, ...]:
-    """Work space of `travel`: q, v, tq, tv, (J,) each, and kq, kv, (7, J) each.
+def room_for(joints: int, laws: int) -> tuple[Any, ...]:
+    """Work space of `travel`: tq, tv, (J,) each, kq, kv, (7, J) each, and where the motion is.
 
     Handed to compiled functions, for what makes arrays itself takes long to compile.
     """
-    return *np.empty((4, joints)), *np.empty((2, 7, joints))
+    q, v, load, tq, tv = np.empty((5, joints))
+    return tq, tv, *np.empty((2, 7, joints)), Past(q, v, load, np.empty((laws, 2)))

@@ -23,6 +23,7 @@ from mcpilco.plant.simulation.layout import (
 )
 from mcpilco.plant.simulation.motion import (
     SOURCES,
+    Past,
     look,
     next_event,
     room_for,
@@ -43,7 +44,9 @@ def _compiled(source: str):
     """
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def advance(tables, commands, dt, states, forces, actuated, seen, filters, path, w, room):
+    def advance(
+        tables, commands, dt, states, forces, actuated, seen, filters, memory, path, w, room
+    ):
         """Holds commands (B, U) for dt; fills path (T, B, X) with the states on the way.
 
         Args:
@@ -55,15 +58,17 @@ def _compiled(source: str):
             actuated: (B, U, 2), the force that each input is at, and the one that it lags behind.
             seen: (B, X, future), what the sensors see now and at the next samples.
             filters: (B, X, 3), of `look`.
+            memory: (B, L, 2), of the forces in joints.
             path: the states at T equally spaced times, the last one at the end; NaN where lost.
             w: work space of `mcpilco.bodies.compiled.scratch`.
-            room: q, v, tq, tv, kq, kv and taken of `travel`, see `room_for`.
+            room: tq, tv, kq, kv, past and taken of `travel`, see `room_for`.
         """
         source  # noqa: B018  closed over
         T, B, X = path.shape
-        q, v, tq, tv, kq, kv, taken = room
+        tq, tv, kq, kv, (q, v, load, _), taken = room
         newest = forces.shape[1] - 1
         for b in range(B):
+            past = Past(q, v, load, memory[b])
             for j in range(len(q)):
                 q[j], v[j] = states[b, 2 * j], states[b, 2 * j + 1]
             for u in range(forces.shape[2]):
@@ -79,7 +84,7 @@ def _compiled(source: str):
                     event = min(next_event(tables, 0, now, dt, actuated[b]), until)
                     rest = event - now
                     step = travel(
-                        tables, 0, q, v, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
+                        tables, 0, past, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
                     )
                     settle(tables, 0, rest, actuated[b])
                     now = event
@@ -124,9 +129,10 @@ class Stepper:
         self._actuated = np.zeros((batch, U, 2))
         self._seen = np.zeros((batch, X, future))
         self._filters = np.zeros((batch, X, 3))
+        self._memory = np.empty((batch, len(tables.law), 2))
         self._path = np.empty((samples, batch, X))
         J = X // 2
-        self._work = scratch(J), (*room_for(J), np.zeros(1, np.int64))
+        self._work = scratch(J), (*room_for(J, len(tables.law)), np.zeros(1, np.int64))
         self.restart(np.ones(batch, dtype=bool), self.states)
 
     def restart(self, which: Bool[np.ndarray, " B"], states: Float[np.ndarray, "b X"]) -> None:
@@ -135,6 +141,7 @@ class Stepper:
         self.states[which] = states
         self._forces[which] = 0.0
         self._actuated[which] = 0.0
+        self._memory[which] = np.nan
         seen = states.copy()
         seen[:, 0::2] -= sensors[0::2, FILTER] * states[:, 1::2]
         both = np.repeat(states.reshape(len(states), -1, 2), 2, axis=1)
@@ -153,6 +160,7 @@ class Stepper:
             self._actuated,
             self._seen,
             self._filters,
+            self._memory,
             self._path,
             *self._work,
         )

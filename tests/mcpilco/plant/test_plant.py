@@ -132,7 +132,7 @@ def test_arguments_are_left_as_they_were():
 
 def test_candidates_are_every_effect_at_every_target():
     found = [str(candidate) for candidate in cart_pole().candidates()]
-    assert len(found) == len(set(found)) == 10 * 2 + 1 + 2 + 1 + 1 + 2 + 8 + 4 * 4 + 2
+    assert len(found) == len(set(found)) == 11 * 2 + 4 + 2 + 1 + 1 + 2 + 8 + 4 * 4 + 2
     names = {c.effect.name for p in (cart_pole, double_pendulum) for c in p().candidates()}
     assert names == set(CATALOGUE)
     assert "center_of_mass (pole)" in found

@@ -12,7 +12,6 @@ import pytest
 from envs.plants import PLANTS
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE, Scale
-from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation.layout import Tables
 from mcpilco.plant.simulation.motion import simulate
@@ -23,13 +22,7 @@ CASES = [
     for name, make in PLANTS.items()
     for active in make().candidates()
 ]
-FORCES = [
-    case
-    for case in CASES
-    if isinstance(case.values[1].effect, JointForce) and not case.values[1].effect.loaded
-]
 everywhere = pytest.mark.parametrize(("plant_name", "active"), CASES)
-at_joints = pytest.mark.parametrize(("plant_name", "active"), FORCES)
 
 
 def sign(v):
@@ -76,6 +69,10 @@ ROWS = {
         ("N, N, 1/m", "N m, N m, 1/rad"),
         lambda q, v: 0.3 * np.sin(5.0 * q) - 0.2 * np.cos(5.0 * q),
     ),
+    "dahl_friction": Row([0.3, 0.01], ("N, m", "N m, rad")),
+    "back_emf": Row([0.2, 0.02], ("N s/m, s", None)),
+    "elastic_joint": Row([0.02, 20.0, 0.1], ("N s^2/m, N/m, -", None)),
+    "joint_backlash": Row([0.02, 20.0, 0.1, 0.01], ("N s^2/m, N/m, -, m", None)),
     "body_mass": Row([0.1], ("kg", "kg")),
     "center_of_mass": Row([0.05], (None, "m")),
     "body_inertia": Row([0.004], (None, "kg m^2")),
@@ -98,6 +95,9 @@ ROWS = {
 }
 ORDINARY = {name: row.values for name, row in ROWS.items()}
 FORMULAS = {name: row.formula for name, row in ROWS.items() if row.formula}
+at_joints = pytest.mark.parametrize(
+    ("plant_name", "active"), [c for c in CASES if c.values[1].effect.name in FORMULAS]
+)
 
 
 @cache
