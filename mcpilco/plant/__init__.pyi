@@ -21,7 +21,6 @@ from .arithmetic import (
     tanh,
 )
 from .corrected_mjcf import (
-    FAR,
     CorrectedModel,
     passive_forces,
     save_mjcf,
@@ -39,6 +38,7 @@ from .correction import (
     register_plant,
     write_correction,
 )
+from .edited_model import FAR
 from .effects import CATALOGUE
 from .effects.base import Effect, Probe, Scale, Symbol, sizes
 from .effects.joint import TURN, CoulombFriction, DryFriction, JointForce, Spring, ViscousFriction
@@ -59,7 +59,8 @@ from .equations.step import (
 )
 from .mjcf import chain_of, load_mjcf, plant_of
 from .mjcf_inertials import Inertials
-from .plant import Base, EffectInstance, Parameter, Plant
+from .mujoco.plant import MujocoPlant
+from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
 
@@ -86,6 +87,7 @@ __all__ = [
     "Addition",
     "Axis",
     "Base",
+    "ChainPlant",
     "CorrectedModel",
     "Correction",
     "CoulombFriction",
@@ -96,6 +98,7 @@ __all__ = [
     "JointForce",
     "Layout",
     "LearnedForce",
+    "MujocoPlant",
     "Own",
     "Parameter",
     "Plant",
