@@ -23,6 +23,7 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from envs.swing_up_env import SwingUpEnv
+    from mcpilco.plant import Physics
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
@@ -234,6 +235,8 @@ def rod(
     )
 
 
+MODELS = (".xml", ".urdf")
+"""ends of names of files that MuJoCo loads"""
 PLANTS: dict[str, Callable[[], Plant]] = {}
 """nominal plants by name: the ids of their envs, where they have one"""
 
@@ -266,23 +269,30 @@ def register(
         register_env(name, env, steps=steps)
 
 
-def plant_named(option: str, name: str, *, simulated: bool = False) -> ChainPlant:
-    """The plant that a user names: registered, or an MJCF file; of `module:Id` that of the id.
+def plant_named(
+    option: str,
+    name: str,
+    *,
+    simulated: bool = False,
+    physics: Physics = "auto",
+    keyframe: str = "",
+) -> Plant:
+    """The plant that a user names: registered, or of a model file; of `module:Id` that of the id.
 
     `option` is where the user named it, for the error; where it must be `simulated`, an env does
-    so, which none does with an MJCF file.
+    so, which none does with a file. The others are those of `mcpilco.plant.read_plant`.
 
     Raises:
         InputError: there is no such plant, as its module was not imported, or no env simulates it.
     """
-    if name.endswith(".xml") and not simulated:
-        from mcpilco.plant import plant_of  # loads MuJoCo
+    if name.endswith(MODELS) and not simulated:
+        from mcpilco.plant import read_plant  # loads MuJoCo
 
-        return plant_of(name)
+        return read_plant(name, physics, keyframe)
     last = name.rpartition(":")[2]
     fitting = [known for known in PLANTS if not simulated or known in gymnasium.registry]
     if last not in fitting:
-        more = "" if simulated else "an MJCF file, "
+        more = "" if simulated else "an MJCF or URDF file, "
         raise InputError(
             f"{option} must be one of {', '.join(fitting)}, {more}or module:Id of a module that "
             f"registers its own with envs.register, got {name!r}."

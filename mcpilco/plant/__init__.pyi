@@ -59,7 +59,9 @@ from .equations.step import (
 )
 from .mjcf import chain_of, load_mjcf, plant_of
 from .mjcf_inertials import Inertials
+from .mujoco.callbacks import install_correction
 from .mujoco.plant import MujocoPlant
+from .mujoco.read import Physics, mujoco_plant, read_plant
 from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
@@ -101,6 +103,7 @@ __all__ = [
     "MujocoPlant",
     "Own",
     "Parameter",
+    "Physics",
     "Plant",
     "PlantStep",
     "PolynomialForces",
@@ -123,9 +126,11 @@ __all__ = [
     "features_of",
     "free_parameters",
     "friction_features",
+    "install_correction",
     "larger",
     "load_mjcf",
     "mass_matrix",
+    "mujoco_plant",
     "numbers_of",
     "order_of",
     "own_effects",
@@ -135,6 +140,7 @@ __all__ = [
     "plant_for",
     "plant_of",
     "read_correction",
+    "read_plant",
     "register_plant",
     "save_mjcf",
     "simulate",

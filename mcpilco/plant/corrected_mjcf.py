@@ -13,10 +13,13 @@ import numpy as np
 
 from mcpilco.files import write_bytes
 from mcpilco.plant.correction import Addition, Correction, corrected
-from mcpilco.plant.edited_model import FAR, RIGID, SUDDEN, EditedModel, put
+from mcpilco.plant.edited_model import FAR, RIGID, SUDDEN, EditedModel, is_limited, put
 from mcpilco.plant.effects.base import OUTSIDE
 from mcpilco.plant.effects.learned import LearnedForce
-from mcpilco.plant.mjcf import plant_of
+from mcpilco.plant.mujoco.callbacks import write_callbacks
+from mcpilco.plant.mujoco.plant import MujocoPlant
+from mcpilco.plant.mujoco.read import read_plant
+from mcpilco.plant.plant import Plant
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
@@ -24,11 +27,20 @@ LEARNED = "let mcpilco.plant.passive_forces add it in MuJoCo's callback of passi
 """what to do about a learned force"""
 
 
-def write_corrected_mjcf(source: str | Path, correction: Correction, path: str | Path) -> list[str]:
+def write_corrected_mjcf(
+    source: str | Path, correction: Correction, path: str | Path, plant: Plant | None = None
+) -> list[str]:
     """Writes the model with its correction; plain MuJoCo loads it.
 
     MuJoCo's own writer saves it: with what the file included, without its comments, numbers to six
-    digits.
+    digits. Of a plant that MuJoCo simulates what MJCF cannot say is written beside it, as a Python
+    module whose `install(model)` lets MuJoCo's callback add it.
+
+    Args:
+        source: the file of the model.
+        correction: of its plant.
+        path: where the corrected model goes.
+        plant: the nominal one; None: as `read_plant` reads the file.
 
     Returns:
         A sentence for each effect and learned force that MJCF cannot say, with what to do instead.
@@ -38,16 +50,20 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
         RunFolderError: the file cannot be written.
     """
     source, path = Path(source), Path(path)
-    plant = plant_of(source)
-    corrected(plant, correction)
-    model = CorrectedModel(mujoco.MjSpec.from_file(str(source)), plant.layout)
+    plant = plant or read_plant(source)
+    whole = corrected(plant, correction)
+    spec = mujoco.MjSpec.from_file(str(source))
+    simulated = isinstance(whole, MujocoPlant)
+    model = _FilteredModel(spec, plant.layout) if simulated else CorrectedModel(spec, plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
-    left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
-    left += [f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned]
+    told = [(effect, model.add(effect)) for effect in correction.effects]
     model.finish()
     save_mjcf(model.spec, source, path)
-    return left
+    if isinstance(whole, MujocoPlant):
+        return write_callbacks(path.with_suffix(".py"), whole)
+    left = [sentence for _, sentence in told if sentence]
+    return [*left, *(f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned)]
 
 
 def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
@@ -146,7 +162,7 @@ class CorrectedModel(EditedModel):
             gain = abs(self.gain(name))
             largest = self._limits[name] / gain if gain else math.inf
             low, high = actuator.ctrlrange
-            if not _limited(actuator):
+            if not is_limited(actuator, "ctrl"):
                 low, high = -math.inf, math.inf
             if largest < max(abs(low), abs(high)):
                 actuator.ctrlrange = (max(low, -largest), min(high, largest))
@@ -180,10 +196,10 @@ class CorrectedModel(EditedModel):
         return None
 
 
-def _limited(actuator: Any) -> bool:
-    low, high = actuator.ctrlrange
-    auto = actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_AUTO
-    return bool(low < high if auto else actuator.ctrllimited)
+class _FilteredModel(CorrectedModel):
+    """That of a plant which MuJoCo simulates: commands are filtered before they reach it."""
+
+    limit, lag, delay = EditedModel.limit, EditedModel.lag, EditedModel.delay
 
 
 def passive_forces(

@@ -27,6 +27,8 @@ RIGID = (0.999, 0.9999, 0.001, 0.5, 2.0)
 SUDDEN = (1e-4, 1.0)
 """its solreffriction: MuJoCo's own lets go of a joint over 10 ms as it stops; two timesteps are the
 least that MuJoCo takes [s, -]"""
+FILTERED = "the command is filtered before it reaches the model"
+"""why a model that MuJoCo simulates takes no lag and no delay"""
 
 
 class EditedModel(ABC):
@@ -35,11 +37,8 @@ class EditedModel(ABC):
     def __init__(self, model: mujoco.MjModel, layout: Layout) -> None:
         self._layout, self._model = layout, model
         self.inertials = Inertials(model)
-        self._springs = {
-            name: _spring(model, int(model.dof_jntid[layout.joints.index(name)]))
-            for name in layout.guided
-        }
-        self._untouched = dict(self._springs)
+        self._springs: dict[str, Polynomial] = {}
+        """of the joints whose spring is changed"""
         self._strength = float(np.linalg.norm(model.opt.gravity))
 
     @abstractmethod
@@ -71,17 +70,24 @@ class EditedModel(ABC):
     def rests_at(self, joint: str, rest: float) -> None:
         """Lets the spring of a joint be without force at a position [m or rad]."""
 
-    @abstractmethod
     def limit(self, actuator: str, largest: float) -> str | None:
         """Lets an actuator give no more than a force [N or N m], or says why it cannot."""
+        element = self.actuator(actuator)
+        most = largest / max(abs(float(element.gear[0])), 1e-12)
+        if math.isfinite(most):
+            free = (-math.inf, math.inf)
+            low, high = element.forcerange if is_limited(element, "force") else free
+            element.forcerange = np.array([max(low, -most), min(high, most)])
+            element.forcelimited = 1
+        return None
 
-    @abstractmethod
     def lag(self, actuator: str, lag: float) -> str | None:
         """Lets an actuator lag behind its command by a time constant [s], or says why not."""
+        return FILTERED
 
-    @abstractmethod
     def delay(self, actuator: str, delay: float) -> str | None:
         """Delays the command of an actuator [s], or says why it cannot."""
+        return FILTERED
 
     def set(self, name: str, value: float) -> None:
         """Gives a parameter of the plant another value."""
@@ -101,11 +107,10 @@ class EditedModel(ABC):
     def finish(self) -> None:
         """Writes what several effects share."""
         for name, force in self._springs.items():
-            if force is not self._untouched[name]:
-                rest, stiffness = _about_rest(force)
-                for power, value in enumerate(stiffness):
-                    put(self.joint(name), "stiffness", power, value)
-                self.rests_at(name, rest)
+            rest, stiffness = _about_rest(force)
+            for power, value in enumerate(stiffness):
+                put(self.joint(name), "stiffness", power, value)
+            self.rests_at(name, rest)
 
     def add_force(self, joint: str, force: Callable[[Any, Any], Any]) -> bool:
         """Adds a force of position and velocity to a joint; False if MJCF has no such force.
@@ -129,7 +134,9 @@ class EditedModel(ABC):
                 return False
         element = self.joint(joint)
         if springs.coef.any():
-            self._springs[joint] = self._springs[joint] + springs
+            number = int(self._model.dof_jntid[self._layout.joints.index(joint)])
+            before = self._springs.get(joint, _spring(self._model, number))
+            self._springs[joint] = before + springs
         if dry and element.frictionloss == 0.0:
             element.solimp_friction, element.solref_friction = RIGID, SUDDEN
         element.frictionloss += dry
@@ -183,6 +190,14 @@ class EditedModel(ABC):
 def geom_body(geom: Any) -> int:
     """The number of the body of a geom."""
     return int(np.ravel(geom.bodyid)[0]) if hasattr(geom, "bodyid") else int(geom.parent.id)
+
+
+def is_limited(actuator: Any, what: str) -> bool:
+    """Whether the `ctrl` or the `force` of an actuator has a range."""
+    low, high = getattr(actuator, f"{what}range")
+    kind = int(np.ravel(getattr(actuator, f"{what}limited"))[0])
+    auto = kind == int(mujoco.mjtLimited.mjLIMITED_AUTO)
+    return bool(low < high if auto else kind)
 
 
 def put(element: Any, attribute: str, index: int, value: float) -> None:

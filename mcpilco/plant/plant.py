@@ -263,6 +263,11 @@ class Plant(ABC):
     def mass_and_length(self, target: str) -> tuple[float, float]:
         """Mass of the body at a target [kg], and its center's distance from its joint [m]."""
 
+    @property
+    @abstractmethod
+    def simulated_by(self) -> str:
+        """Who simulates it, for reports."""
+
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
     ) -> Float[np.ndarray, "N J"] | None:
@@ -367,6 +372,10 @@ class ChainPlant(Plant):
         every: int = 1,
     ) -> Float[np.ndarray, "B X T"]:
         return simulate(tables, system, start, window, commands, lead, dt, taken, every=every)
+
+    @property
+    def simulated_by(self) -> str:
+        return "its equations of motion, without contacts and limits of joints"
 
     def mass_matrix(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
         return mass_matrix(self.chain, q)

@@ -34,7 +34,10 @@ class Coordinates:
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Coordinates:
         """Those of a model."""
-        dofs, places, turned, quaternions = [], [], [], []
+        dofs: list[int] = []
+        places: list[int] = []
+        turned: list[int] = []
+        quaternions: list[int] = []
         for kind, q, v in zip(model.jnt_type, model.jnt_qposadr, model.jnt_dofadr, strict=True):
             if kind == _BALL:
                 turned.append(v)

@@ -11,10 +11,11 @@ import math
 import numpy as np
 from numba import njit
 
+from mcpilco.bodies import INLINED
 from mcpilco.compiling import digest
 from mcpilco.plant.effects.learned import learned_force
-from mcpilco.plant.simulation.laws import joint_force
-from mcpilco.plant.simulation.layout import LATENCY, OFFSET, SCALE
+from mcpilco.plant.simulation.laws import joint_force, shaped
+from mcpilco.plant.simulation.layout import GAIN, LATENCY, OFFSET, SCALE
 from mcpilco.plant.simulation.motion import (
     SOURCES,
     drive,
@@ -26,13 +27,29 @@ from mcpilco.plant.simulation.motion import (
     switch,
 )
 
-_OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+@njit(**INLINED)
+def mean_forces(tables, s, forces, k, begun, end, dt, actuated, y):
+    """Fills y (U,) with the means from `begun` to `end` [s], after the command k of shaped ones."""
+    now = begun
+    for u in range(len(y)):
+        y[u] = 0.0
+    while now < end:
+        switch(tables, s, forces, k, now, dt, actuated)
+        event = min(next_event(tables, s, now, dt, actuated), end)
+        rest = event - now
+        for u in range(len(y)):  # Simpson's rule
+            ends = drive(tables, s, u, actuated, 0.0) + drive(tables, s, u, actuated, rest)
+            middle = drive(tables, s, u, actuated, 0.5 * rest)
+            y[u] += rest / (end - begun) * (ends + 4.0 * middle) / 6.0
+        settle(tables, s, rest, actuated)
+        now = event
 
 
 def _compiled(source: str):
     """The loops; where `source`, the digest of the source code, changes, numba compiles anew."""
 
-    @njit(**_OPTIONS)
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def actuate(tables, system, window, commands, lead, dt, steps, y):
         """Fills y (B, n, U) with the mean force of each actuator over each timestep.
 
@@ -54,22 +71,28 @@ def _compiled(source: str):
             prepare(tables, s, commands, window[b], lead, dt, forces, actuated)
             for i in range(y.shape[1]):
                 k, begun = lead + i // steps, (i % steps) * h
-                now, end = begun, dt if i % steps == steps - 1 else begun + h
-                y[b, i] = 0.0
-                while now < end:
-                    switch(tables, s, forces, k, now, dt, actuated)
-                    event = min(next_event(tables, s, now, dt, actuated), end)
-                    rest = event - now
-                    for u in range(U):  # Simpson's rule
-                        ends = drive(tables, s, u, actuated, 0.0) + drive(
-                            tables, s, u, actuated, rest
-                        )
-                        middle = drive(tables, s, u, actuated, 0.5 * rest)
-                        y[b, i, u] += rest / (end - begun) * (ends + 4.0 * middle) / 6.0
-                    settle(tables, s, rest, actuated)
-                    now = event
+                end = dt if i % steps == steps - 1 else begun + h
+                mean_forces(tables, s, forces, k, begun, end, dt, actuated, y[b, i])
 
-    @njit(**_OPTIONS)
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+    def step_force(tables, command, h, forces, actuated, first, y):
+        """Fills y (U,) with the mean force over a timestep of length h [s], of system 0.
+
+        forces (past, U) and actuated (U, 2) are what is remembered; `first` begins anew.
+        """
+        source  # noqa: B018
+        newest, U = len(forces) - 1, len(command)
+        for i in range(newest):
+            forces[i] = forces[i + 1]
+        for u in range(U):
+            last = tables.actuators[0, u, GAIN] * command[u] if first else forces[newest, u]
+            forces[newest, u] = shaped(tables.actuators[0, u], command[u], last)
+            if first:
+                forces[:, u] = forces[newest, u]
+                actuated[u] = forces[newest, u]
+        mean_forces(tables, 0, forces, newest, 0.0, h, h, actuated, y)
+
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def push(tables, system, q, v, load, actuated, y):
         """Fills y (B, J) with the forces in the joints, at positions q and velocities v (B, J).
 
@@ -91,7 +114,7 @@ def _compiled(source: str):
                 x1 = grid_place(tables, s, k, 1, q[b], v[b], at, 0.0)
                 y[b, tables.learned.joint[k]] += learned_force(tables.learned, s, k, x0, x1)
 
-    @njit(**_OPTIONS)
+    @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def observe(tables, system, q, v, steps, dt, every, y):
         """Fills y (B, X, T) with what the sensors see of motions q, v (B, n + 1, J).
 
@@ -135,7 +158,7 @@ def _compiled(source: str):
                             event = later
                     now = event
 
-    return actuate, push, observe
+    return actuate, step_force, push, observe
 
 
-actuate, push, observe = _compiled(digest(*SOURCES, "plant/mujoco"))
+actuate, step_force, push, observe = _compiled(digest(*SOURCES, "plant/mujoco"))

@@ -9,18 +9,10 @@ import mujoco
 import numpy as np
 
 from mcpilco.plant.edited_model import EditedModel
-from mcpilco.plant.simulation.layout import Layout
-
-FILTERED = "the command is filtered instead"
-"""why a compiled model takes no lag and no delay"""
 
 
 class EditedNumbers(EditedModel):
     """A compiled model; its names are those of its plant's layout."""
-
-    def __init__(self, model: mujoco.MjModel, layout: Layout) -> None:
-        super().__init__(model, layout)
-        self._changed = False
 
     @property
     def option(self) -> Any:
@@ -44,23 +36,6 @@ class EditedNumbers(EditedModel):
     def rests_at(self, joint: str, rest: float) -> None:
         number = self._model.dof_jntid[self._layout.joints.index(joint)]
         self._model.qpos_spring[self._model.jnt_qposadr[number]] = rest
-
-    def limit(self, actuator: str, largest: float) -> str | None:
-        u = self._layout.actuators.index(actuator)
-        most = largest / max(abs(float(self._model.actuator_gear[u, 0])), 1e-12)
-        if np.isfinite(most):
-            low, high = self._model.actuator_forcerange[u]
-            if not self._model.actuator_forcelimited[u]:
-                low, high = -np.inf, np.inf
-            self._model.actuator_forcerange[u] = max(low, -most), min(high, most)
-            self._model.actuator_forcelimited[u] = True
-        return None
-
-    def lag(self, actuator: str, lag: float) -> str | None:
-        return FILTERED
-
-    def delay(self, actuator: str, delay: float) -> str | None:
-        return FILTERED
 
     def finish(self) -> None:
         super().finish()

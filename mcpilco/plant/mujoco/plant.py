@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import mujoco
@@ -26,7 +26,8 @@ from mcpilco.plant.simulation.motion import RUNAWAY
 MOTIONS = 512
 """simulated at a time, so that what is kept of them fits into memory"""
 COST = 0.03
-"""of a timestep of a model of J degrees of freedom, over J^2, in integrator steps of an equation"""
+"""of a timestep of a model of J degrees of freedom, for each of its integrator's stages and over
+J^2, in integrator steps of an equation: a third of what it takes, as these models are worth it"""
 _DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 
 _TIME = int(mujoco.mjtState.mjSTATE_TIME)
@@ -51,8 +52,17 @@ class MujocoPlant(Plant):
     """the state in which it is where nothing is known of it"""
 
     @property
+    def simulated_by(self) -> str:
+        return f"MuJoCo itself, in timesteps of {1e3 * self.model.opt.timestep:g} ms at most"
+
+    @property
     def rest(self) -> Float[np.ndarray, " X"]:
         return self.start
+
+    @property
+    def nominal_plant(self) -> MujocoPlant:
+        """The same as it was compiled, without effects."""
+        return replace(self.where(**self.built), added=(), learned=())
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -83,7 +93,7 @@ class MujocoPlant(Plant):
     def _body_names(self) -> set[str]:
         return {self.model.body(b).name for b in range(self.model.nbody)}
 
-    def _says(self, active: EffectInstance) -> bool:
+    def says(self, active: EffectInstance) -> bool:
         """Whether the model itself can say an effect."""
         effect = active.effect
         if isinstance(effect, JointForce):
@@ -106,7 +116,7 @@ class MujocoPlant(Plant):
     ) -> Tables:
         S, names = len(parameters), [parameter.name for parameter in self.parameters]
         everything = [a for a, _ in self.added] + [*actives]
-        said = [self._says(active) for active in everything]
+        said = [self.says(active) for active in everything]
         forces = [
             (active.effect, active.target)
             for active, by_model in zip(everything, said, strict=True)
@@ -161,7 +171,8 @@ class MujocoPlant(Plant):
             y[some] = how.measured(start[some], T, every)
         if taken is not None:
             n = len(start) * (T - 1) * every * steps
-            taken[0] += max(1, round(COST * self.model.nv**2 * n))
+            stages = 4 if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1
+            taken[0] += max(1, round(COST * stages * self.model.nv**2 * n))
         return y
 
     def beside(

@@ -139,11 +139,24 @@ def _layout(model: mujoco.MjModel) -> Layout:
         inputs=inputs,
         drives=drives,
         carriers=tuple(int(model.body_dofadr[b] + model.body_dofnum[b] - 1) for b in moved),
-        floating=tuple(floating),
+        floating=(*floating, *_planar_base(model, drives)),
         orientations=tuple(orientations),
         targets=tuple(units),
         contacts=("ground",) if _touches(model) else (),
     )
+
+
+def _planar_base(model: mujoco.MjModel, drives: tuple[int, ...]) -> Iterator[int]:
+    """Degrees of freedom of bodies that stand on nothing: bearings that no machine has."""
+    for b in range(1, model.nbody):
+        first, count = model.body_dofadr[b], model.body_dofnum[b]
+        own = range(first, first + count)
+        held = (
+            model.dof_damping[own].any() or model.dof_frictionloss[own].any() or {*own} & {*drives}
+        )
+        springs = model.jnt_stiffness[model.body_jntadr[b] :][: model.body_jntnum[b]].any()
+        if model.body_parentid[b] == 0 and model.body_jntnum[b] > 1 and not (held or springs):
+            yield from own
 
 
 def _drives(model: mujoco.MjModel) -> tuple[int, ...]:
