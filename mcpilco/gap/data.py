@@ -306,6 +306,11 @@ class GapProblem:
         return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
 
     @property
+    def searched(self) -> int:
+        """Windows that a search looks at, for its cost."""
+        return DATA.costly_windows if self.plant.costly else DATA.searched_windows
+
+    @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Of the recordings to fit, and of those that are held out; none where all are fitted."""
         every = [recording.name for recording in self.recordings]

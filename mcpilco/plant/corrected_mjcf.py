@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -19,7 +20,7 @@ from mcpilco.plant.effects.learned import LearnedForce
 from mcpilco.plant.mujoco.callbacks import write_callbacks
 from mcpilco.plant.mujoco.plant import MujocoPlant
 from mcpilco.plant.mujoco.read import read_plant
-from mcpilco.plant.plant import Plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
@@ -32,8 +33,7 @@ def write_corrected_mjcf(
 ) -> list[str]:
     """Writes the model with its correction; plain MuJoCo loads it.
 
-    MuJoCo's own writer saves it: with what the file included, without its comments, numbers to six
-    digits. Of a plant that MuJoCo simulates what MJCF cannot say is written beside it, as a Python
+    MuJoCo's own writer saves it: with what the file included, without its comments. Of a plant that MuJoCo simulates what MJCF cannot say is written beside it, as a Python
     module whose `install(model)` lets MuJoCo's callback add it.
 
     Args:
@@ -57,12 +57,17 @@ def write_corrected_mjcf(
     model = _FilteredModel(spec, plant.layout) if simulated else CorrectedModel(spec, plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
-    told = [(effect, model.add(effect)) for effect in correction.effects]
+    said = [
+        effect
+        for effect in correction.effects
+        if not isinstance(whole, MujocoPlant)
+        or whole.says(EffectInstance(effect.effect, effect.target))
+    ]
+    left = [sentence for effect in said if (sentence := model.add(effect))]
     model.finish()
     save_mjcf(model.spec, source, path)
     if isinstance(whole, MujocoPlant):
-        return write_callbacks(path.with_suffix(".py"), whole)
-    left = [sentence for _, sentence in told if sentence]
+        return [*left, *write_callbacks(path.with_suffix(".py"), whole)]
     return [*left, *(f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned)]
 
 
@@ -82,7 +87,43 @@ def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
         spec.compile()
     except ValueError as error:
         raise InputError(f"{source} cannot be changed so that MuJoCo loads it: {error}") from None
-    write_bytes(path, spec.to_xml().encode())
+    write_bytes(path, _sharpened(spec.to_xml(), spec))
+
+
+def _sharpened(xml: str, spec: mujoco.MjSpec) -> bytes:
+    """A model as MuJoCo writes it, with the numbers whose six digits it writes.
+
+    Elements stand in the file in the order of their numbers.
+    """
+    root = ElementTree.fromstring(xml)
+    world = root.find("worldbody")
+    for tag, elements, names in (
+        ("body", spec.bodies, {"pos": "pos"}),
+        ("geom", spec.geoms, {name: name for name in ("pos", "friction", "solref")}),
+        (
+            "joint",
+            spec.joints,
+            {name: name for name in ("damping", "stiffness", "armature", "frictionloss")},
+        ),
+    ):
+        nodes = [] if world is None else [n for n in world.iter() if n.tag in (tag, f"free{tag}")]
+        ordered = sorted(elements, key=lambda element: element.id)[tag == "body" :]
+        for node, element in zip(nodes, ordered, strict=True) if len(nodes) == len(ordered) else ():
+            _sharpen(node, element, names)
+            inertial = node.find("inertial")
+            if tag == "body" and inertial is not None:
+                own = {"mass": "mass", "pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}
+                _sharpen(inertial, element, own)
+    return ElementTree.tostring(root)
+
+
+def _sharpen(node: ElementTree.Element, element: Any, names: Mapping[str, str]) -> None:
+    for name, own in names.items():
+        written = np.array(node.get(name, "").split(), dtype=float)
+        numbers = np.ravel(getattr(element, own))[: len(written)]
+        if len(written) == len(numbers) and np.allclose(written, numbers, rtol=2e-5, atol=1e-12):
+            if len(written):
+                node.set(name, " ".join(map(repr, map(float, numbers))))
 
 
 def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> None:

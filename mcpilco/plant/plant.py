@@ -268,6 +268,11 @@ class Plant(ABC):
     def simulated_by(self) -> str:
         """Who simulates it, for reports."""
 
+    @property
+    def costly(self) -> bool:
+        """Whether a second of it takes far longer to simulate than one of a chain."""
+        return False
+
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
     ) -> Float[np.ndarray, "N J"] | None:

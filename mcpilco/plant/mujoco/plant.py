@@ -25,9 +25,10 @@ from mcpilco.plant.simulation.motion import RUNAWAY
 
 MOTIONS = 512
 """simulated at a time, so that what is kept of them fits into memory"""
-COST = 0.03
+COST = 0.05
 """of a timestep of a model of J degrees of freedom, for each of its integrator's stages and over
-J^2, in integrator steps of an equation: a third of what it takes, as these models are worth it"""
+J^2, in integrator steps of an equation: less than it takes, as these models are
+worth it"""
 _DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 
 _TIME = int(mujoco.mjtState.mjSTATE_TIME)
@@ -54,6 +55,10 @@ class MujocoPlant(Plant):
     @property
     def simulated_by(self) -> str:
         return f"MuJoCo itself, in timesteps of {1e3 * self.model.opt.timestep:g} ms at most"
+
+    @property
+    def costly(self) -> bool:
+        return True
 
     @property
     def rest(self) -> Float[np.ndarray, " X"]:
@@ -273,12 +278,12 @@ class _Motions:
             return self._pushed(batch, ctrl, pulses, given)
         both = np.concatenate([ctrl, pulses], axis=2)
         seen = batch.rollout(n, both, _DRIVEN, ["qpos", "qvel", _TIME])
-        return seen["qpos"], seen["qvel"], self._late(seen[_TIME])
+        return seen["qpos"], seen["qvel"], self._late(seen[_TIME][..., 0])
 
     def _late(self, time: Float[np.ndarray, "B n"]) -> Bool[np.ndarray, "B n"]:
         """Where a simulation was stopped or begun anew, for its clock does not go on."""
         due = (np.arange(time.shape[1]) + 0.5) * self.dt / self.steps
-        return time.reshape(len(time), -1) < due
+        return time < due
 
     def _pushed(self, batch, ctrl, pulses, given):
         """The same with forces in joints that depend on the motion."""

@@ -44,10 +44,8 @@ def read_plant(path: str | Path, physics: Physics = "auto", keyframe: str = "") 
     """
     path = Path(path)
     model = load_mjcf(path, "--plant must be the id of an env, an MJCF or a URDF file")
-    beyond = {name: count for name, count in faults_of(model).items() if count}
-    if physics == "equations" or (
-        physics == "auto" and not (beyond or keyframe or _grounded(model))
-    ):
+    sayable = model.nu and not any(faults_of(model).values()) and not _grounded(model)
+    if physics == "equations" or (physics == "auto" and sayable and not keyframe):
         return plant_of_model(model, path)
     return mujoco_plant(model, path.stem, keyframe)
 
