@@ -303,7 +303,35 @@ class GapProblem:
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
         budget = ComputeBudget.at(recordings[0].dt / _holds(recordings))
-        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+        found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+        return replace(found, std=np.hypot(std, found.timestep_error()))
+
+    def timestep_error(self) -> Float[np.ndarray, " X"]:
+        """What the simulation's timestep alone does to each state over a window, in its unit.
+
+        So much is no effect of the machine, and counts as noise. It is 0 of equations, whose
+        integrator keeps its error small by itself.
+        """
+        if self.plant.finer is None:
+            return np.zeros(len(self.std))
+        windows = self.windows()
+        each, dt = np.arange(len(windows)), windows.held_s
+        coarse, fine = (
+            plant.run(
+                plant.tables(plant.nominal[None]),
+                np.zeros(len(each), dtype=np.int64),
+                windows.guess,
+                each,
+                windows.commands,
+                windows.lead,
+                dt,
+                every=windows.every,
+            )
+            for plant in (self.plant, self.plant.finer)
+        )
+        apart = self.plant.beside(coarse, fine) - fine
+        apart[~(windows.measured & np.isfinite(apart))] = 0.0
+        return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
 
     @property
     def searched(self) -> int:

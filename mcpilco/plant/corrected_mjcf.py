@@ -33,8 +33,9 @@ def write_corrected_mjcf(
 ) -> list[str]:
     """Writes the model with its correction; plain MuJoCo loads it.
 
-    MuJoCo's own writer saves it: with what the file included, without its comments. Of a plant that MuJoCo simulates what MJCF cannot say is written beside it, as a Python
-    module whose `install(model)` lets MuJoCo's callback add it.
+    MuJoCo's own writer saves it: with what the file included, without its comments. What MJCF
+    cannot say of a plant that MuJoCo simulates is written beside it, as a Python module whose
+    `install(model)` lets MuJoCo's callback add it.
 
     Args:
         source: the file of the model.
@@ -121,9 +122,9 @@ def _sharpen(node: ElementTree.Element, element: Any, names: Mapping[str, str]) 
     for name, own in names.items():
         written = np.array(node.get(name, "").split(), dtype=float)
         numbers = np.ravel(getattr(element, own))[: len(written)]
-        if len(written) == len(numbers) and np.allclose(written, numbers, rtol=2e-5, atol=1e-12):
-            if len(written):
-                node.set(name, " ".join(map(repr, map(float, numbers))))
+        same = 0 < len(written) == len(numbers)
+        if same and np.allclose(written, numbers, rtol=2e-5, atol=1e-12):
+            node.set(name, " ".join(map(repr, map(float, numbers))))
 
 
 def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> None:

@@ -269,6 +269,11 @@ class Plant(ABC):
         """Who simulates it, for reports."""
 
     @property
+    def finer(self) -> Self | None:
+        """The same in shorter timesteps, which tells what they do; None where they do nothing."""
+        return None
+
+    @property
     def costly(self) -> bool:
         """Whether a second of it takes far longer to simulate than one of a chain."""
         return False
@@ -276,7 +281,7 @@ class Plant(ABC):
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
     ) -> Float[np.ndarray, "N J"] | None:
-        """What actuators give to the joints [N or N m]; None where it is gain times command."""
+        """What actuators and contacts give to the joints [N or N m]; None: gain times command."""
         return None
 
     def beside(

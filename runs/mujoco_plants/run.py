@@ -285,13 +285,20 @@ def _models(results: Sequence[dict[str, Any]]) -> list[str]:
     if not results:
         return []
     rows = [
-        (each["package"], f"`{name}`", "yes" if m["loads"] else f"no: {m['why']}")
-        + ((m["kind"], str(m["dofs"]), "yes" if m["equal"] else "no") if m["loads"] else ("",) * 3)
+        (
+            each["package"],
+            f"`{name}`",
+            *(
+                (m["kind"], str(m["dofs"]), _yes(m["equal"]))
+                if m["loads"]
+                else ("nothing: it has no joints", "", "")
+            ),
+        )
         for each in results
         for name, m in each["models"].items()
     ]
     moving = [m for each in results for m in each["models"].values() if m["loads"]]
-    head = ("package", "model", "loads", "simulated by", "degrees of freedom", "1 s equals mj_step")
+    head = ("package", "model", "simulated by", "degrees of freedom", "1 s equals mj_step")
     return [
         "### Models\n\n"
         f"{len(moving)} models load; 1 s of random inputs equals a plain loop of `mj_step` to the "
@@ -299,26 +306,29 @@ def _models(results: Sequence[dict[str, Any]]) -> list[str]:
     ]
 
 
+def _yes(true: bool) -> str:
+    return "yes" if true else "no"
+
+
 def _speeds(results: Sequence[dict[str, Any]]) -> list[str]:
     if not results:
         return []
+    numbers = "loop_wall", "loop_cpu", "rollout_wall", "rollout_cpu"
     rows = [
-        (f"`{name}`", f"{s['us_a_step']:.1f}")
-        + tuple(f"{s[k]:.2f}" for k in ("loop_wall", "loop_cpu", "rollout_wall", "rollout_cpu"))
+        (f"`{name}`", f"{s['us_a_step']:.1f}", *(f"{s[k]:.2f}" for k in numbers))
         for each in results
         for name, s in each["models"].items()
     ]
     head = (
         "model",
         "CPU a timestep [us]",
-        "loop / plant, wall",
-        "CPU",
-        "rollout / plant, wall",
-        "CPU",
+        "loop, wall",
+        "loop, CPU",
+        "rollout, wall",
+        "rollout, CPU",
     )
-    return [
-        f"### Throughput\n\n{markdown(head, rows)}\nTimes of the others over the plant's; best of 3."
-    ]
+    told = "Times of a plain loop and of mujoco.rollout, over that of the plant; best of 3."
+    return [f"### Throughput\n\n{markdown(head, rows)}\n{told}"]
 
 
 def _cases(results: Sequence[dict[str, Any]]) -> list[str]:
