@@ -242,6 +242,9 @@ def tried(case: Case) -> dict[str, Any]:
         "truth": [case.effect, case.target, list(case.values)],
         "verdict": gap.verdict,
         "found": found,
+        "closest": [str(e.name) + f" ({e.target})" for e in gap.closest.effects]
+        if gap.closest
+        else [],
         "closed": gap.comparison.closed.value if gap.comparison else None,
         "wall_s": time.perf_counter() - begun[0],
         "cpu_s": time.process_time() - begun[1],

@@ -25,10 +25,9 @@ from mcpilco.plant.simulation.motion import RUNAWAY
 
 MOTIONS = 512
 """simulated at a time, so that what is kept of them fits into memory"""
-COST = 0.12
-"""of a timestep of a model of J degrees of freedom, for each of its integrator's stages and over
-J^2, in integrator steps of an equation: less than it takes, as these models are
-worth it"""
+STEP, PAIR = 2.0, 0.1
+"""what a timestep costs of itself, and for each pair of degrees of freedom, in integrator steps of
+an equation, each about a microsecond; each of the stages of an integrator costs as much"""
 FINER = 4
 """times as short a timestep, beside which the error of the model's own is seen"""
 _DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
@@ -185,7 +184,7 @@ class MujocoPlant(Plant):
         if taken is not None:
             n = len(start) * (T - 1) * every * steps
             stages = 4 if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1
-            taken[0] += max(1, round(COST * stages * self.model.nv**2 * n))
+            taken[0] += round((STEP + PAIR * self.model.nv**2) * stages * n)
         return y
 
     def beside(
