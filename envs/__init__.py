@@ -16,11 +16,12 @@ from envs.cartpole import CartPoleSwingUpEnv
 from envs.double_pendulum import AcrobotEnv, PendubotEnv
 from envs.judge import UprightJudge
 from envs.pendulum import PendulumEnv
-from envs.plants import PLANTS, plant_named, register, rod
+from envs.plants import MODELS, PLANTS, plant_named, register, rod
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv, SwingUpEnv, SwingUpVectorEnv
 
 __all__ = [
+    "MODELS",
     "PLANTS",
     "AcrobotEnv",
     "CartPoleSwingUpEnv",

@@ -14,7 +14,7 @@ from envs.checks import read_array, require_positive
 from envs.plants import cart_pole
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
-from mcpilco.plant import Plant
+from mcpilco.plant import ChainPlant
 from mcpilco.policies import cart_pole_cost
 from mcpilco.show import Pose, Scene, Shape
 from mcpilco.typing import Cost, InputError
@@ -164,7 +164,7 @@ class CartPoleSwingUpEnv(PlantEnv):
         )
 
     @staticmethod
-    def scene_of(plant: Plant) -> Scene:
+    def scene_of(plant: ChainPlant) -> Scene:
         """The cart-pole in the x-z plane, the hinge at z = 0; the marker is the pole's tip."""
         length = plant.values["pole_length"]
         radius = drawing.POLE_RADIUS * length
@@ -190,7 +190,7 @@ class CartPoleSwingUpEnv(PlantEnv):
 
     @staticmethod
     def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+        plant: ChainPlant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
     ) -> UInt8[np.ndarray, "H W 3"]:
         """The cart-pole from the side, with its rail, the target of the tip and the force."""
         length = plant.values["pole_length"]

@@ -13,7 +13,7 @@ from envs import drawing
 from envs.plants import acrobot, pendubot
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
-from mcpilco.plant import Plant
+from mcpilco.plant import ChainPlant
 from mcpilco.policies import SaturatingCost
 from mcpilco.show import Pose, Scene, Shape
 
@@ -42,7 +42,7 @@ class DoublePendulumEnv(PlantEnv):
     """The look that pendubot and acrobot share."""
 
     @staticmethod
-    def scene_of(plant: Plant) -> Scene:
+    def scene_of(plant: ChainPlant) -> Scene:
         """The links in 3D: in the x-z plane, the shoulder at the origin; the marker is the tip."""
         upper_length, lower_length = plant.values["upper_length"], plant.values["lower_length"]
         reach = upper_length + lower_length
@@ -76,7 +76,7 @@ class DoublePendulumEnv(PlantEnv):
 
     @staticmethod
     def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
+        plant: ChainPlant, scene: Scene, state: Float[np.ndarray, " 4"], push: float
     ) -> UInt8[np.ndarray, "H W 3"]:
         """The links from the side, with the target of their tip and the torque at its joint."""
         shoulder = (0.0, 0.0)
@@ -124,8 +124,8 @@ class PendubotEnv(DoublePendulumEnv):
     An episode has 2.5 s. A swing takes about a second, and the last second must be spent upright.
 
     The id is `mcpilco/Pendubot-v0`, known after `import envs`; `gymnasium.make_vec` makes a
-    `SwingUpVectorEnv` of it. `mcpilco/BoardPendubot-v0` has the exact numbers of the leaderboard, no
-    friction and no noise, for 10 s.
+    `SwingUpVectorEnv` of it. `mcpilco/BoardPendubot-v0` has the exact numbers of the leaderboard,
+    no friction and no noise, for 10 s.
 
     ## Action Space
 

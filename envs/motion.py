@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from mcpilco.plant import Plant
+from mcpilco.plant import ChainPlant
 from mcpilco.typing import EnvError
 
 
@@ -15,10 +15,10 @@ class Motion:
     Actuators and sensors have a memory.
     """
 
-    def __init__(self, plant: Plant, dt: float, samples: int, batch: tuple[int, ...]) -> None:
+    def __init__(self, plant: ChainPlant, dt: float, samples: int, batch: tuple[int, ...]) -> None:
         """Motions in the state 0.
 
-        Arguments are those of `mcpilco.plant.Plant.stepper`.
+        Arguments are those of `mcpilco.plant.ChainPlant.stepper`.
         """
         self._batch = batch
         self._stepper = plant.stepper(dt, int(np.prod(batch, dtype=int)), samples)

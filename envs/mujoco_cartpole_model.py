@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mcpilco.plant import Plant, load_mjcf
+from mcpilco.plant import ChainPlant, load_mjcf
 from mcpilco.typing import InputError
 
 BUILT_IN = Path(__file__).parent / "assets" / "cartpole.xml"
@@ -22,7 +22,7 @@ ACTUATOR = "force"
 """name of the actuator that a model must have"""
 
 
-def build_model(plant: Plant) -> mujoco.MjModel:
+def build_model(plant: ChainPlant) -> mujoco.MjModel:
     """The built-in model with the constants of a cart-pole's plant."""
     spec = mujoco.MjSpec.from_file(str(BUILT_IN))
     cart_mass, pole_mass, length, friction, gravity = (plant.values[name] for name in CONSTANTS)

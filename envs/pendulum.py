@@ -12,7 +12,7 @@ from envs import drawing
 from envs.plants import pendulum
 from envs.swing_up import SwingUp
 from envs.swing_up_env import PlantEnv
-from mcpilco.plant import Plant
+from mcpilco.plant import ChainPlant
 from mcpilco.policies import SaturatingCost
 from mcpilco.show import Pose, Scene, Shape
 
@@ -126,7 +126,7 @@ class PendulumEnv(PlantEnv):
     nominal = SWING_UP
 
     @staticmethod
-    def scene_of(plant: Plant) -> Scene:
+    def scene_of(plant: ChainPlant) -> Scene:
         """The pendulum in 3D: in the x-z plane, the hinge at the origin; the marker is the mass."""
         length = plant.values["length"]
         radius = drawing.POLE_RADIUS * length
@@ -146,7 +146,7 @@ class PendulumEnv(PlantEnv):
 
     @staticmethod
     def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
+        plant: ChainPlant, scene: Scene, state: Float[np.ndarray, " 2"], push: float
     ) -> UInt8[np.ndarray, "H W 3"]:
         """The pendulum from the side, with the target of its mass and the torque."""
         x, _, z = (scene.marker(state) / plant.values["length"]).tolist()

@@ -9,11 +9,21 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain
-from mcpilco.plant import CATALOGUE, Base, EffectInstance, Layout, Parameter, Plant, register_plant
+from mcpilco.plant import (
+    CATALOGUE,
+    Base,
+    ChainPlant,
+    EffectInstance,
+    Layout,
+    Parameter,
+    Plant,
+    register_plant,
+)
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from envs.swing_up_env import SwingUpEnv
+    from mcpilco.plant import Physics
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
@@ -22,7 +32,7 @@ MIDDLE, UNIFORM = 0.5, 1.0 / 12.0
 VISCOUS, GAIN = CATALOGUE["viscous_friction"], CATALOGUE["actuator_gain"]
 
 
-def cart_pole() -> Plant:
+def cart_pole() -> ChainPlant:
     """A cart on a rail, a uniform pole hinged to it, and a horizontal force on the cart.
 
     Reference: Deisenroth, Efficient Reinforcement Learning using Gaussian Processes (2010),
@@ -42,7 +52,7 @@ def cart_pole() -> Plant:
         inputs=("force",),
         drives=(0,),
     )
-    return Plant(
+    return ChainPlant(
         name="mcpilco/CartPoleSwingUp-v0",
         layout=layout,
         parameters=(
@@ -63,7 +73,7 @@ def cart_pole() -> Plant:
     )
 
 
-def pendulum() -> Plant:
+def pendulum() -> ChainPlant:
     """A mass on a rod without weight, and a motor in its hinge."""
 
     def build(p: Mapping[str, float]) -> Chain:
@@ -85,7 +95,7 @@ def pendulum() -> Plant:
         inputs=("torque",),
         drives=(0,),
     )
-    return Plant(
+    return ChainPlant(
         name="mcpilco/Pendulum-v0",
         layout=layout,
         parameters=(
@@ -105,7 +115,7 @@ def pendulum() -> Plant:
     )
 
 
-def double_pendulum() -> Plant:
+def double_pendulum() -> ChainPlant:
     """Two rods, a motor in each hinge; the second angle is relative to the first rod.
 
     They are uniform, unless their centers of mass and inertias are set: `upper_center` is relative
@@ -115,7 +125,7 @@ def double_pendulum() -> Plant:
     return _two_rods("mcpilco/DoublePendulum-v0", ("shoulder_torque", "elbow_torque"), gains)
 
 
-def pendubot() -> Plant:
+def pendubot() -> ChainPlant:
     """A double pendulum with a motor in its shoulder; the elbow is free.
 
     Reference: Spong and Block, The Pendubot, CDC 1995.
@@ -123,12 +133,12 @@ def pendubot() -> Plant:
     return _with_one_motor("mcpilco/Pendubot-v0", "shoulder_torque")
 
 
-def acrobot() -> Plant:
+def acrobot() -> ChainPlant:
     """A double pendulum with a motor in its elbow; the shoulder is free."""
     return _with_one_motor("mcpilco/Acrobot-v0", "elbow_torque")
 
 
-def _with_one_motor(name: str, torque: str) -> Plant:
+def _with_one_motor(name: str, torque: str) -> ChainPlant:
     """The DFKI's double pendulum, design C.1, with the numbers of its authors, rounded.
 
     The elbow's motor sits at the end of the upper link.
@@ -150,7 +160,7 @@ def _with_one_motor(name: str, torque: str) -> Plant:
     )
 
 
-def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> Plant:
+def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> ChainPlant:
     """Two rods behind their actuators, each with the parameter that is its gain."""
     motors = {"shoulder_torque": 0, "elbow_torque": 1}
 
@@ -172,7 +182,7 @@ def _two_rods(name: str, inputs: tuple[str, ...], gains: Mapping[str, str]) -> P
         inputs=inputs,
         drives=tuple(motors[torque] for torque in inputs),
     )
-    return Plant(
+    return ChainPlant(
         name=name,
         layout=layout,
         parameters=(
@@ -225,6 +235,8 @@ def rod(
     )
 
 
+MODELS = (".xml", ".urdf")
+"""ends of names of files that MuJoCo loads"""
 PLANTS: dict[str, Callable[[], Plant]] = {}
 """nominal plants by name: the ids of their envs, where they have one"""
 
@@ -257,23 +269,30 @@ def register(
         register_env(name, env, steps=steps)
 
 
-def plant_named(option: str, name: str, *, simulated: bool = False) -> Plant:
-    """The plant that a user names: registered, or an MJCF file; of `module:Id` that of the id.
+def plant_named(
+    option: str,
+    name: str,
+    *,
+    simulated: bool = False,
+    physics: Physics = "auto",
+    keyframe: str = "",
+) -> Plant:
+    """The plant that a user names: registered, or of a model file; of `module:Id` that of the id.
 
     `option` is where the user named it, for the error; where it must be `simulated`, an env does
-    so, which none does with an MJCF file.
+    so, which none does with a file. The others are those of `mcpilco.plant.read_plant`.
 
     Raises:
         InputError: there is no such plant, as its module was not imported, or no env simulates it.
     """
-    if name.endswith(".xml") and not simulated:
-        from mcpilco.plant import plant_of  # loads MuJoCo
+    if name.endswith(MODELS) and not simulated:
+        from mcpilco.plant import read_plant  # loads MuJoCo
 
-        return plant_of(name)
+        return read_plant(name, physics, keyframe)
     last = name.rpartition(":")[2]
     fitting = [known for known in PLANTS if not simulated or known in gymnasium.registry]
     if last not in fitting:
-        more = "" if simulated else "an MJCF file, "
+        more = "" if simulated else "an MJCF or URDF file, "
         raise InputError(
             f"{option} must be one of {', '.join(fitting)}, {more}or module:Id of a module that "
             f"registers its own with envs.register, got {name!r}."

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from envs.checks import read_array, read_stds, require_positive
 from envs.judge import UprightJudge, looks
 from envs.motion import Motion
-from mcpilco.plant import Correction, Plant, corrected, correction_from, read_correction
+from mcpilco.plant import ChainPlant, Correction, corrected, correction_from, read_correction
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, InputError
 
@@ -32,7 +32,7 @@ OWN = "dt", "start_std", "noise_std", "cost", "measured"
 class SwingUp:
     """A plant and a task for it: what the single and the vector env of a system share."""
 
-    plant: Plant
+    plant: ChainPlant
     """what moves, with the effects that it has; its state is [q1, q1', q2, q2', ...]"""
     input_limit: float
     """largest input in either direction, in its unit"""

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from envs.drawing import side_view
 from envs.swing_up import Effects, SwingUp, read_start
-from mcpilco.plant import Plant
+from mcpilco.plant import ChainPlant
 from mcpilco.show import Scene, chain_scene
 from mcpilco.typing import InputError
 
@@ -139,13 +139,13 @@ class PlantEnv(SwingUpEnv):
         super().__init__(swing_up, scene, picture, render_mode)
 
     @staticmethod
-    def scene_of(plant: Plant) -> Scene:
+    def scene_of(plant: ChainPlant) -> Scene:
         """The plant in 3D: its joints and links, where a subclass draws nothing better."""
         return chain_scene(plant.chain)
 
     @staticmethod
     def picture_of(
-        plant: Plant, scene: Scene, state: Float[np.ndarray, " X"], push: float
+        plant: ChainPlant, scene: Scene, state: Float[np.ndarray, " X"], push: float
     ) -> UInt8[np.ndarray, "H W 3"]:
         """A state from the side: its scene, where a subclass draws nothing better.
 

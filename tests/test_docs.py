@@ -53,7 +53,14 @@ NAMES = "|".join(
     re.sub("(?<=[a-z])(?=[A-Z])", "-", kind.__name__).lower() for kind in mcpilco.cli.COMMANDS
 )
 """of all commands, as one pattern"""
-QUICK = {"CONTRIBUTING.md", "corrected-plants.md", "extend-kernel.md", "plants.md", "recordings.md"}
+QUICK = {
+    "CONTRIBUTING.md",
+    "corrected-plants.md",
+    "extend-kernel.md",
+    "mujoco-plants.md",
+    "plants.md",
+    "recordings.md",
+}
 """pages that take some seconds of one core; the others take up to some minutes"""
 NOTHING_TO_DO = {"map.md"}
 """pages without commands and without files and Python to run"""

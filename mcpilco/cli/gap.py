@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -23,11 +23,13 @@ if TYPE_CHECKING:
     from mcpilco.plant import Plant
 
 INTERRUPTED, STABILITY = "interrupted.json", "stability.json"
+CALLBACKS = "corrected.py"
 FILES = (
     "gap.json",
     STABILITY,
     "corrected.json",
     "corrected.xml",
+    CALLBACKS,
     "closest.json",
     "gap.rrd",
     "report.html",
@@ -46,8 +48,12 @@ class Gap(options.Command):
     """CSV, npz or parquet, with the columns `time`, the plant's states and inputs"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder for gap.json, corrected.json (of an MJCF corrected.xml), report.html and gap.rrd"""
-    plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")] = CART_POLE
-    """a registered plant, or an MJCF file; `module:Id` imports the module first"""
+    plant: Annotated[str, tyro.conf.arg(metavar="ID|FILE")] = CART_POLE
+    """a registered plant, or an MJCF or URDF file; `module:Id` imports the module first"""
+    physics: Literal["auto", "equations", "mujoco"] = "auto"
+    """who simulates a file: equations where they can say it, or MuJoCo, with contacts and servos"""
+    keyframe: Annotated[str, tyro.conf.arg(metavar="NAME")] = ""
+    """of the model: the pose of what was not recorded; by default that in which it is drawn"""
     columns: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[FILE:]NAME=COLUMN,...")] = ()
     """what files call time, states and inputs, where it differs, all or FILE; NAME= ignores one"""
     set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")] = ()
@@ -76,7 +82,7 @@ class Gap(options.Command):
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
         options.use_one_thread()
-        options.register("" if self.plant.endswith(".xml") else self.plant)
+        options.register("" if self._is_file else self.plant)
         stages = Stages()
         try:
             with stages.shown(self.quiet):
@@ -91,7 +97,10 @@ class Gap(options.Command):
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
-        plant = self._plant()
+        nominal = self._plant()
+        plant = nominal.where(**options.named_numbers("--set", self.set))
+        if self._is_file:
+            print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
         if not self.overwrite:
             options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
         recordings, notes = read_for_plant(
@@ -124,8 +133,8 @@ class Gap(options.Command):
             for name, correction in corrections.items():
                 write_correction(self.out / name, correction)
             written += corrections
-            if Path(self.plant).suffix == ".xml":
-                written += self._write_mjcf(gap)
+            if self._is_file:
+                written += self._write_mjcf(gap, nominal)
         if self.stability:
             stages.begin("repetitions")
             repeated = repetitions(gap, **how)
@@ -137,16 +146,16 @@ class Gap(options.Command):
             print(*repeated.summary(), sep="\n")
         return code
 
-    def _write_mjcf(self, gap: Investigated) -> list[str]:
+    def _write_mjcf(self, gap: Investigated, nominal: Plant) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
-        from mcpilco.plant import correction_of, plant_of, write_corrected_mjcf
+        from mcpilco.plant import correction_of, write_corrected_mjcf
 
         path = self.out / "corrected.xml"
-        correction = correction_of(gap.corrected, plant_of(self.plant))
         with options.without("corrected.xml"):
-            for sentence in write_corrected_mjcf(self.plant, correction, path):
+            correction = correction_of(gap.corrected, nominal)
+            for sentence in write_corrected_mjcf(self.plant, correction, path, nominal):
                 print(f"Not in corrected.xml: {sentence}")
-            return [path.name]
+            return [name for name in (path.name, CALLBACKS) if (self.out / name).exists()]
         return []
 
     def _kept(self, stages: Stages) -> str:
@@ -176,11 +185,16 @@ class Gap(options.Command):
             actions: Any = env.action_space
             return [float(high) for high in actions.high]
 
+    @property
+    def _is_file(self) -> bool:
+        from envs import MODELS
+
+        return self.plant.endswith(MODELS)
+
     def _plant(self) -> Plant:
         from envs import plant_named
 
-        plant = plant_named("--plant", self.plant)
-        return plant.where(**options.named_numbers("--set", self.set))
+        return plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
 
 
 def show_gap(

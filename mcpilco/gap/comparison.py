@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from mcpilco.bodies import mass_matrix
 from mcpilco.gap.data import Windows, cut
 from mcpilco.gap.fit import Fit, fit_initial_states, truncated
 from mcpilco.gap.plant_model import PlantModel, Theta
@@ -487,7 +486,7 @@ def missing_force(
     end = run(model, spans, theta[None], here[None])[0][:, :, steps]
     lacking = (there - end)[:, 1::2] / (steps * dt)
     q, v = (0.5 * (here + there)[:, part::2] for part in (0, 1))
-    force = np.einsum("nij,nj->ni", mass_matrix(model.plant.chain, q), lacking)
+    force = np.einsum("nij,nj->ni", model.plant.mass_matrix(q), lacking)
     u = spans.driven[:, :steps].mean(axis=1)
     sound = np.isfinite(force).all(axis=1)
     return MissingForce(q[sound], v[sound], u[sound], force[sound])

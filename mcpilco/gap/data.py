@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from mcpilco.bodies import generalised_forces, mass_matrix
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
 from mcpilco.gap.thresholds import DATA
-from mcpilco.plant import EffectInstance, Plant, Scale
+from mcpilco.plant import GAIN, EffectInstance, Plant, Scale
 from mcpilco.recordings import Recording, noise_std
 from mcpilco.typing import InputError
 
@@ -321,7 +320,40 @@ class GapProblem:
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
         budget = ComputeBudget.at(recordings[0].dt / _holds(recordings))
-        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+        found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
+        return replace(found, std=np.hypot(std, found.timestep_error()))
+
+    def timestep_error(self) -> Float[np.ndarray, " X"]:
+        """What the simulation's timestep alone does to each state over a window, in its unit.
+
+        So much is no effect of the machine, and counts as noise. It is 0 of equations, whose
+        integrator keeps its error small by itself.
+        """
+        if self.plant.finer is None:
+            return np.zeros(len(self.std))
+        windows = self.windows()
+        each, dt = np.arange(len(windows)), windows.held_s
+        coarse, fine = (
+            plant.run(
+                plant.tables(plant.nominal[None]),
+                np.zeros(len(each), dtype=np.int64),
+                windows.guess,
+                each,
+                windows.commands,
+                windows.lead,
+                dt,
+                every=windows.every,
+            )
+            for plant in (self.plant, self.plant.finer)
+        )
+        apart = self.plant.beside(coarse, fine) - fine
+        apart[~(windows.measured & np.isfinite(apart))] = 0.0
+        return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
+
+    @property
+    def searched(self) -> int:
+        """Windows that a search looks at, for its cost."""
+        return DATA.costly_windows if self.plant.costly else DATA.searched_windows
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -338,7 +370,9 @@ class GapProblem:
             how: as `cut` takes it.
         """
         chosen = self.recordings if numbers is None else [self.recordings[n] for n in numbers]
-        return cut(chosen, self.std, **how)
+        windows = cut(chosen, self.std, **how)
+        seen = np.repeat(windows.measured[:, 0::2].any(axis=(0, 2)), 2)
+        return replace(windows, guess=np.where(seen, windows.guess, self.plant.rest))
 
     def without(self, spans: Sequence[Event]) -> GapProblem:
         """The same with a gap in the recordings at each event."""
@@ -446,7 +480,6 @@ def _priors(
 def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
     """The usual motion and force at each target of a plant in some recordings."""
     layout = plant.layout
-    chain = plant.chain
     J = len(layout.joints)
     scales = {}
     y = windows.y.copy()
@@ -456,17 +489,21 @@ def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
     q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
     fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
     q, v = q[fine], v[fine]
-    inertias = mass_matrix(chain, q[:200]).mean(axis=0)
-    weights = generalised_forces(chain, q, np.zeros_like(q), np.zeros_like(q))
-    commands = np.abs(windows.commands).reshape(-1, windows.commands.shape[-1])
-    targets = {*layout.joints, *layout.bodies, *layout.actuators, *layout.states}
-    for target in targets:
+    inertias = plant.mass_matrix(q[:200]).mean(axis=0)
+    weights = plant.weights(q)
+    gains = plant.tables(plant.nominal[None]).actuators[0, :, GAIN]
+    commands = np.abs(gains * windows.commands).reshape(-1, windows.commands.shape[-1])
+    acting = plant.actuation(q, v, windows.driven.reshape(len(fine), -1)[fine])
+    names = (*layout.joints, *layout.bodies, *layout.actuators, *layout.states, *layout.contacts)
+    for target in dict.fromkeys(names):
         j = layout.joint_of(target)
-        body = chain.bodies[j]
+        mass, length = plant.mass_and_length(target)
         inputs = [u for u, joint in enumerate(layout.drives) if joint == j] or [0]
         u = layout.actuators.index(target) if target in layout.actuators else inputs[0]
         gain = commands[:, u].std() + commands[:, u].mean()
         driven = gain if j in layout.drives else 0.0
+        if acting is not None:
+            driven = np.abs(acting[:, j]).mean() + acting[:, j].std()
         velocity = np.sqrt(np.mean(v[:, j] ** 2))
         signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
         inertia = float(inertias[j, j])
@@ -478,8 +515,8 @@ def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
             command=float(commands[:, u].max()) + 1e-12,
             signal=float(np.sqrt(np.nanmean(signal**2))) + 1e-9,
             inertia=inertia,
-            mass=body.mass,
-            length=float(np.linalg.norm(body.center)),
+            mass=mass,
+            length=length,
             dt=windows.dt,
         )
     return scales

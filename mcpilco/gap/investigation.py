@@ -240,16 +240,16 @@ def _corrected(best: Fit) -> Plant:
 def _windows(problem: GapProblem) -> Windows:
     """Windows of all recordings, side by side, or where they are few overlapping by half."""
     windows = problem.windows()
-    if len(windows) >= DATA.searched_windows:
+    if len(windows) >= problem.searched:
         return windows
     return problem.windows(every=0.5 * DATA.window_s)
 
 
-def _spread(windows: Windows) -> Windows:
+def _spread(windows: Windows, most: int) -> Windows:
     """Windows for the search, from all recordings alike."""
-    if len(windows) <= DATA.searched_windows:
+    if len(windows) <= most:
         return windows
-    return windows[np.linspace(0, len(windows) - 1, DATA.searched_windows).round().astype(int)]
+    return windows[np.linspace(0, len(windows) - 1, most).round().astype(int)]
 
 
 def _held_out(problem: GapProblem) -> tuple[Windows, Windows]:
@@ -304,7 +304,7 @@ def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Expl
     windows = everything[everything.of(problem.train)]
     candidates = problem.candidates(windows)
     _tell("search for effects")
-    result = search(problem.model(everything), _spread(windows), candidates)
+    result = search(problem.model(everything), _spread(windows, problem.searched), candidates)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 

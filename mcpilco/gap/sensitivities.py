@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.plant import GAIN, IDEAL_ACTUATOR, Tables, design, simulate
+from mcpilco.plant import GAIN, IDEAL_ACTUATOR, Tables, design
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
@@ -32,7 +32,7 @@ def run(
     """Simulated measurements of S parameter vectors, each on all windows."""
     S, W = x0.shape[:2]
     system, window = np.repeat(np.arange(S), W), np.tile(np.arange(W), S)
-    y = simulate(
+    y = model.plant.run(
         model.tables(theta),
         system,
         np.ascontiguousarray(x0.reshape(S * W, -1)),
@@ -43,7 +43,7 @@ def run(
         model.budget.used,
         every=windows.every,
     )
-    return y.reshape(S, W, *y.shape[1:])
+    return model.plant.beside(y.reshape(S, W, *y.shape[1:]), windows.y)
 
 
 def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
@@ -222,7 +222,7 @@ def impulse_responses(
         for k, start in enumerate(windows.lead + first * windows.every):
             pulse = slice(start, start + hold * windows.every)
             commands[2 * k, pulse, U], commands[2 * k + 1, pulse, U] = size, -size
-        y = simulate(
+        y = model.plant.run(
             tables,
             each,
             np.tile(x0[w], (2 * K, 1)),

@@ -38,6 +38,8 @@ class DataThresholds:
     searched_windows: int = 28
     """windows that a search looks at, of all recordings alike, for its cost; the last fit sees all
     of them"""
+    costly_windows: int = 14
+    """the same where MuJoCo simulates: a second of contacts costs as much as ten of a chain"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3

@@ -4,7 +4,8 @@ A `Plant` has named states, inputs and parameters with units, and `simulate`. An
 with one formula (`effects/joint.py` first); `Plant.having` adds it, and `Correction` keeps effects
 and parameters in a JSON file. The formula is Python of numbers of any kind (`arithmetic`), which is
 compiled into simulations (`simulation/`), made the mean of a model (`equations/`) and written into
-MJCF (`corrected_mjcf`). `mjcf` makes a plant of a MuJoCo model.
+MJCF (`corrected_mjcf`). `mjcf` makes a plant of equations of a MuJoCo model; where equations cannot
+say it, MuJoCo simulates it itself (`mujoco/`, `read_plant`).
 
 Read `plant`, `effects/base`, `effects/joint`, `simulation/motion`, `correction`, `equations/step`.
 """

@@ -21,7 +21,6 @@ from .arithmetic import (
     tanh,
 )
 from .corrected_mjcf import (
-    FAR,
     CorrectedModel,
     passive_forces,
     save_mjcf,
@@ -39,6 +38,7 @@ from .correction import (
     register_plant,
     write_correction,
 )
+from .edited_model import FAR
 from .effects import CATALOGUE
 from .effects.base import Effect, Probe, Scale, Symbol, sizes
 from .effects.joint import TURN, CoulombFriction, DryFriction, JointForce, Spring, ViscousFriction
@@ -59,7 +59,10 @@ from .equations.step import (
 )
 from .mjcf import chain_of, load_mjcf, plant_of
 from .mjcf_inertials import Inertials
-from .plant import Base, EffectInstance, Parameter, Plant
+from .mujoco.callbacks import install_correction
+from .mujoco.plant import MujocoPlant
+from .mujoco.read import Physics, mujoco_plant, read_plant
+from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
 from .simulation.layout import GAIN, IDEAL_ACTUATOR, OFFSET, SCALE, Layout, Tables
 from .simulation.motion import simulate
 from .spread import (
@@ -96,6 +99,7 @@ __all__ = [
     "Addition",
     "Axis",
     "Base",
+    "ChainPlant",
     "CorrectedModel",
     "Correction",
     "CoulombFriction",
@@ -107,8 +111,10 @@ __all__ = [
     "Layout",
     "LearnedForce",
     "Member",
+    "MujocoPlant",
     "Own",
     "Parameter",
+    "Physics",
     "Plant",
     "PlantStep",
     "PolynomialForces",
@@ -132,12 +138,14 @@ __all__ = [
     "features_of",
     "free_parameters",
     "friction_features",
+    "install_correction",
     "instance_in",
     "larger",
     "load_mjcf",
     "mass_matrix",
     "members_of",
     "moved",
+    "mujoco_plant",
     "name_of",
     "numbers_of",
     "opened",
@@ -149,6 +157,7 @@ __all__ = [
     "plant_for",
     "plant_of",
     "read_correction",
+    "read_plant",
     "recipe_of",
     "register_plant",
     "save_mjcf",

@@ -4,41 +4,44 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
-from numpy.polynomial import Polynomial
 
 from mcpilco.files import write_bytes
 from mcpilco.plant.correction import Addition, Correction, corrected
+from mcpilco.plant.edited_model import FAR, RIGID, SUDDEN, EditedModel, is_limited, put
 from mcpilco.plant.effects.base import OUTSIDE
-from mcpilco.plant.effects.joint import FASTEST
 from mcpilco.plant.effects.learned import LearnedForce
-from mcpilco.plant.mjcf import plant_of
-from mcpilco.plant.mjcf_inertials import Inertials
+from mcpilco.plant.mujoco.callbacks import write_callbacks
+from mcpilco.plant.mujoco.plant import MujocoPlant
+from mcpilco.plant.mujoco.read import read_plant
+from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
-FAR = 1e6
-"""where a spring rests that pulls with a constant force [m or rad]"""
-RIGID = (0.999, 0.9999, 0.001, 0.5, 2.0)
-"""solimpfriction of a joint that gets dry friction: MuJoCo's own lets it creep far more [-]"""
-SUDDEN = (1e-4, 1.0)
-"""its solreffriction: MuJoCo's own lets go of a joint over 10 ms as it stops; two timesteps are the
-least that MuJoCo takes [s, -]"""
 LEARNED = "let mcpilco.plant.passive_forces add it in MuJoCo's callback of passive forces"
 """what to do about a learned force"""
 
 
-def write_corrected_mjcf(source: str | Path, correction: Correction, path: str | Path) -> list[str]:
+def write_corrected_mjcf(
+    source: str | Path, correction: Correction, path: str | Path, plant: Plant | None = None
+) -> list[str]:
     """Writes the model with its correction; plain MuJoCo loads it.
 
-    MuJoCo's own writer saves it: with what the file included, without its comments, numbers to six
-    digits.
+    MuJoCo's own writer saves it: with what the file included, without its comments. What MJCF
+    cannot say of a plant that MuJoCo simulates is written beside it, as a Python module whose
+    `install(model)` lets MuJoCo's callback add it.
+
+    Args:
+        source: the file of the model.
+        correction: of its plant.
+        path: where the corrected model goes.
+        plant: the nominal one; None: as `read_plant` reads the file.
 
     Returns:
         A sentence for each effect and learned force that MJCF cannot say, with what to do instead.
@@ -48,16 +51,25 @@ def write_corrected_mjcf(source: str | Path, correction: Correction, path: str |
         RunFolderError: the file cannot be written.
     """
     source, path = Path(source), Path(path)
-    plant = plant_of(source)
-    corrected(plant, correction)
-    model = CorrectedModel(mujoco.MjSpec.from_file(str(source)), plant.layout)
+    plant = plant or read_plant(source)
+    whole = corrected(plant, correction)
+    spec = mujoco.MjSpec.from_file(str(source))
+    simulated = isinstance(whole, MujocoPlant)
+    model = _FilteredModel(spec, plant.layout) if simulated else CorrectedModel(spec, plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
-    left = [sentence for effect in correction.effects if (sentence := model.add(effect))]
-    left += [f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned]
+    said = [
+        effect
+        for effect in correction.effects
+        if not isinstance(whole, MujocoPlant)
+        or whole.says(EffectInstance(effect.effect, effect.target))
+    ]
+    left = [sentence for effect in said if (sentence := model.add(effect))]
     model.finish()
     save_mjcf(model.spec, source, path)
-    return left
+    if isinstance(whole, MujocoPlant):
+        return [*left, *write_callbacks(path.with_suffix(".py"), whole)]
+    return [*left, *(f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned)]
 
 
 def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
@@ -76,7 +88,43 @@ def save_mjcf(spec: mujoco.MjSpec, source: Path, path: Path) -> None:
         spec.compile()
     except ValueError as error:
         raise InputError(f"{source} cannot be changed so that MuJoCo loads it: {error}") from None
-    write_bytes(path, spec.to_xml().encode())
+    write_bytes(path, _sharpened(spec.to_xml(), spec))
+
+
+def _sharpened(xml: str, spec: mujoco.MjSpec) -> bytes:
+    """A model as MuJoCo writes it, with the numbers whose six digits it writes.
+
+    Elements stand in the file in the order of their numbers.
+    """
+    root = ElementTree.fromstring(xml)
+    world = root.find("worldbody")
+    for tag, elements, names in (
+        ("body", spec.bodies, {"pos": "pos"}),
+        ("geom", spec.geoms, {name: name for name in ("pos", "friction", "solref")}),
+        (
+            "joint",
+            spec.joints,
+            {name: name for name in ("damping", "stiffness", "armature", "frictionloss")},
+        ),
+    ):
+        nodes = [] if world is None else [n for n in world.iter() if n.tag in (tag, f"free{tag}")]
+        ordered = sorted(elements, key=lambda element: element.id)[tag == "body" :]
+        for node, element in zip(nodes, ordered, strict=True) if len(nodes) == len(ordered) else ():
+            _sharpen(node, element, names)
+            inertial = node.find("inertial")
+            if tag == "body" and inertial is not None:
+                own = {"mass": "mass", "pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}
+                _sharpen(inertial, element, own)
+    return ElementTree.tostring(root)
+
+
+def _sharpen(node: ElementTree.Element, element: Any, names: Mapping[str, str]) -> None:
+    for name, own in names.items():
+        written = np.array(node.get(name, "").split(), dtype=float)
+        numbers = np.ravel(getattr(element, own))[: len(written)]
+        same = 0 < len(written) == len(numbers)
+        if same and np.allclose(written, numbers, rtol=2e-5, atol=1e-12):
+            node.set(name, " ".join(map(repr, map(float, numbers))))
 
 
 def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> None:
@@ -103,39 +151,43 @@ def write_joint_terms(joint: Any, terms: Mapping[str, float], degrees: bool) -> 
         joint.springref = -offset / k / unit if k else 0.0
 
 
-class CorrectedModel:
-    """A model that effects are written into, one after another, by `Effect.write_mjcf`."""
+class CorrectedModel(EditedModel):
+    """A model's specification, which is written to a file."""
 
     def __init__(self, spec: mujoco.MjSpec, layout: Layout) -> None:
         spec.compiler.fusestatic = False
         self.spec = spec
-        self._layout = layout
-        compiled = spec.compile()
-        self.inertials = Inertials(spec, compiled)
+        super().__init__(spec.compile(), layout)
         self._joints = {j.id: j for j in spec.joints}
-        self._actuators = {a.id: a for a in spec.actuators}
-        self._springs = {
-            name: _spring(compiled, number) for number, name in enumerate(layout.joints)
-        }
-        self._untouched = dict(self._springs)
+        by_number = sorted(spec.actuators, key=lambda actuator: actuator.id)
+        self._actuators = dict(zip(layout.actuators, by_number, strict=True))
+        self._bodies = {b.id: b for b in spec.bodies}
         self._has_stages = spec.option.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        self._gravity = float(np.linalg.norm(spec.option.gravity))
         self._limits = dict.fromkeys(self._actuators, math.inf)
 
-    def set(self, name: str, value: float) -> None:
-        """Gives a parameter of the plant another value."""
-        owner, _, what = name.rpartition("_")
-        if name == "gravity":
-            self.spec.option.gravity = np.asarray(self.spec.option.gravity) * value / self._gravity
-        elif what == "mass":
-            self.inertials.scale_to(owner, value)
-        elif what == "damping":
-            put(self.joint(owner), "damping", 0, value)
-        elif what == "friction":
-            self.joint(owner).frictionloss = value
-        else:
-            u = self._layout.inputs.index(owner)
-            self._multiply(u, value / self._gain(u))
+    @property
+    def option(self) -> Any:
+        return self.spec.option
+
+    def joint(self, name: str) -> Any:
+        return self._joints[self._model.dof_jntid[self._layout.joints.index(name)]]
+
+    def actuator(self, name: str) -> Any:
+        return self._actuators[name]
+
+    def body(self, number: int) -> Any:
+        return self._bodies[number]
+
+    def geoms(self) -> Iterable[Any]:
+        return self.spec.geoms
+
+    def pairs(self) -> Iterable[Any]:
+        return self.spec.pairs
+
+    def rests_at(self, joint: str, rest: float) -> None:
+        element = self.joint(joint)
+        hinge = element.type == mujoco.mjtJoint.mjJNT_HINGE
+        element.springref = math.degrees(rest) if hinge and self.spec.compiler.degree else rest
 
     def add(self, addition: Addition) -> str | None:
         """Writes an effect, or returns a sentence on why MJCF cannot say it."""
@@ -147,76 +199,33 @@ class CorrectedModel:
         return f"{named}: {fault}" if fault else None
 
     def finish(self) -> None:
-        """Writes what several effects share."""
-        for name, force in self._springs.items():
-            if force is not self._untouched[name]:
-                self._write_spring(name, force)
-        for u, actuator in self._actuators.items():
-            largest = self._limits[u] / abs(self._gain(u)) if self._gain(u) else math.inf
+        super().finish()
+        for name, actuator in self._actuators.items():
+            gain = abs(self.gain(name))
+            largest = self._limits[name] / gain if gain else math.inf
             low, high = actuator.ctrlrange
-            if not _limited(actuator):
+            if not is_limited(actuator, "ctrl"):
                 low, high = -math.inf, math.inf
             if largest < max(abs(low), abs(high)):
                 actuator.ctrlrange = (max(low, -largest), min(high, largest))
                 actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        self.inertials.write()
+        self.inertials.write(self.spec)
 
-    def joint(self, name: str) -> Any:
-        """The specification of a joint."""
-        return self._joints[self._layout.joints.index(name)]
+    def limit(self, actuator: str, largest: float) -> str | None:
+        self._limits[actuator] = min(self._limits[actuator], largest)
+        return None
 
-    def add_force(self, joint: str, force: Callable[[Any, Any], Any]) -> bool:
-        """Adds a force of position and velocity to a joint; False if MJCF has no such force.
-
-        MJCF has a polynomial of the position to the third power, one of the speed against the
-        motion, and dry friction.
-        """
-        try:
-            terms = (force(_Terms({(1, 0, 0): 1.0}), _Terms({(0, 1, 1): 1.0})) + _Terms({})).terms
-        except TypeError:
-            return False
-        springs, dampers, dry = Polynomial([0.0]), np.zeros(3), 0.0
-        for (power, speeds, sign), size in terms.items():
-            if power <= 3 and speeds == 0 and not sign:
-                springs = springs + size * Polynomial([0.0, 1.0]) ** power
-            elif power == 0 and 1 <= speeds <= 3 and sign:
-                dampers[speeds - 1] -= size
-            elif power == 0 and speeds == 0 and sign and size <= 0.0:
-                dry -= size
-            elif size:
-                return False
-        spec = self.joint(joint)
-        if springs.coef.any():
-            self._springs[joint] = self._springs[joint] + springs
-        if dry and spec.frictionloss == 0.0:
-            spec.solimp_friction, spec.solref_friction = RIGID, SUDDEN
-        spec.frictionloss += dry
-        for index, more in enumerate(dampers):
-            if more:
-                put(spec, "damping", index, spec.damping[index] + more)
-        return True
-
-    def multiply_gain(self, actuator: str, factor: float) -> None:
-        """Multiplies the force of an actuator, whose range stays what it is."""
-        self._multiply(self._layout.actuators.index(actuator), factor)
-
-    def limit(self, actuator: str, largest: float) -> None:
-        """Lets an actuator give no more than a force [N or N m], in either direction."""
-        u = self._layout.actuators.index(actuator)
-        self._limits[u] = min(self._limits[u], largest)
-
-    def lag(self, actuator: str, lag: float) -> None:
-        """Lets an actuator lag behind its command by a time constant [s]."""
-        spec = self._actuators[self._layout.actuators.index(actuator)]
+    def lag(self, actuator: str, lag: float) -> str | None:
+        spec = self._actuators[actuator]
         if lag > 0.0:
             # its four stages follow the lag by themselves; other integrators hold it for a timestep
             exact, plain = mujoco.mjtDyn.mjDYN_FILTEREXACT, mujoco.mjtDyn.mjDYN_FILTER
             spec.dyntype = plain if self._has_stages else exact
             spec.dynprm[0] = lag
+        return None
 
     def delay(self, actuator: str, delay: float) -> str | None:
-        """Delays the command of an actuator [s], or returns why MuJoCo cannot."""
-        spec = self._actuators[self._layout.actuators.index(actuator)]
+        spec = self._actuators[actuator]
         step = self.spec.option.timestep
         if delay > 0.0:
             # interpolated linearly, a jump takes the timestep before it: its mean is right where
@@ -228,112 +237,11 @@ class CorrectedModel:
             return f"MuJoCo delays by a timestep of {step:g} s at least; choose a shorter one."
         return None
 
-    def _gain(self, u: int) -> float:
-        return float(self._actuators[u].gear[0] * self._actuators[u].gainprm[0])
 
-    def _multiply(self, u: int, factor: float) -> None:
-        self._actuators[u].gainprm[0] *= factor  # a range of its force stays what it is
+class _FilteredModel(CorrectedModel):
+    """That of a plant which MuJoCo simulates: commands are filtered before they reach it."""
 
-    def _write_spring(self, name: str, force: Polynomial) -> None:
-        """Says a joint's force, a polynomial of its position, as a spring about where it is 0."""
-        joint = self.joint(name)
-        rest, stiffness = _about_rest(force)
-        for power, value in enumerate(stiffness):
-            put(joint, "stiffness", power, value)
-        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
-        joint.springref = math.degrees(rest) if hinge and self.spec.compiler.degree else rest
-
-
-class _Terms:
-    """A force as a sum of terms q^p |v|^n sign(v)^s, as far as it is one: a number for formulas.
-
-    What is no such sum raises TypeError, as an operation that a number lacks does.
-    """
-
-    def __init__(self, terms: Mapping[tuple[int, int, int], float]) -> None:
-        """The sum of the terms (p, n, s), s being 0 or 1, each with its factor."""
-        self.terms = dict(terms)
-
-    def __add__(self, other: Any) -> _Terms:
-        total = dict(self.terms)
-        for key, size in _terms_of(other).items():
-            total[key] = total.get(key, 0.0) + size
-        return _Terms(total)
-
-    def __mul__(self, other: Any) -> _Terms:
-        total = _Terms({})
-        for (p, n, s), size in self.terms.items():
-            for (k, m, r), factor in _terms_of(other).items():
-                total = total + _Terms({(p + k, n + m, (s + r) % 2): size * factor})
-        return total
-
-    __radd__, __rmul__ = __add__, __mul__
-
-    def __neg__(self) -> _Terms:
-        return self * -1.0
-
-    def __sub__(self, other: Any) -> _Terms:
-        return self + other * -1.0
-
-    def __rsub__(self, other: Any) -> _Terms:
-        return -self + other
-
-    def __truediv__(self, other: float) -> _Terms:
-        return self * (1.0 / other)
-
-    def __pow__(self, power: int) -> _Terms:
-        if not isinstance(power, int) or power < 1:
-            raise TypeError("only whole powers are terms of MJCF")
-        return self if power == 1 else self * self ** (power - 1)
-
-    def __abs__(self) -> _Terms:
-        ((p, n, _), size), *more = self.terms.items()
-        if more or p % 2:
-            raise TypeError("|q| and the absolute value of a sum are no terms of MJCF")
-        return _Terms({(p, n, 0): abs(size)})
-
-    def tanh(self) -> _Terms:
-        """sign(v), of v / v_r with a small v_r: MuJoCo's dry friction turns over as it can."""
-        ((key, size), *more) = self.terms.items()
-        if more or key != (0, 1, 1) or abs(size) < 1.0 / FASTEST:
-            raise TypeError("a tanh that is no dry friction is no term of MJCF")
-        return _Terms({(0, 0, 1): math.copysign(1.0, size)})
-
-
-def _terms_of(x: Any) -> dict[tuple[int, int, int], float]:
-    return x.terms if isinstance(x, _Terms) else {(0, 0, 0): float(x)}
-
-
-def _spring(model: mujoco.MjModel, joint: int) -> Polynomial:
-    """The force of a joint's spring, a polynomial of its position."""
-    rest = float(model.qpos_spring[model.jnt_qposadr[joint]])
-    return -float(model.jnt_stiffness[joint]) * Polynomial([-rest, 1.0])
-
-
-def _about_rest(force: Polynomial) -> tuple[float, Float[np.ndarray, " 3"]]:
-    """Where a force is 0, and its stiffness there: of (q - rest), its square and its cube."""
-    force = force.trim()
-    if force.degree() == 0:
-        push = float(force.coef[0])
-        return math.copysign(FAR, push) if push else 0.0, np.array([abs(push) / FAR, 0.0, 0.0])
-    roots = force.roots()
-    real = roots[np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots))].real
-    rest = float(real[np.abs(real).argmin()])
-    about = force(Polynomial([rest, 1.0])).coef
-    return rest, -np.pad(about, (0, 4 - len(about)))[1:]
-
-
-def put(element: Any, attribute: str, index: int, value: float) -> None:
-    """Sets one number of an attribute that is an array."""
-    numbers = np.array(getattr(element, attribute))
-    numbers[index] = value
-    setattr(element, attribute, numbers)
-
-
-def _limited(actuator: Any) -> bool:
-    low, high = actuator.ctrlrange
-    auto = actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_AUTO
-    return bool(low < high if auto else actuator.ctrllimited)
+    limit, lag, delay = EditedModel.limit, EditedModel.lag, EditedModel.delay
 
 
 def passive_forces(

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from mcpilco.files import write_bytes
 from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
@@ -18,6 +18,7 @@ from mcpilco.plant.spread import Member, members_of
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
 
+P = TypeVar("P", bound=Plant)
 FORMAT = 1
 """of the file"""
 
@@ -102,7 +103,7 @@ def correction_of(plant: Plant, nominal: Plant | None = None) -> Correction:
     return Correction(plant.name, changed, tuple(effects), plant.learned)
 
 
-def corrected(plant: Plant, correction: Correction) -> Plant:
+def corrected(plant: P, correction: Correction) -> P:
     """The plant with its correction.
 
     Raises:
@@ -124,6 +125,12 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
+    content = to_json(correction)
+    return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
+
+
+def to_json(correction: Correction) -> dict[str, Any]:
+    """A correction as its file holds it; None stands for an infinite value."""
     content: dict[str, Any] = {
         "format": FORMAT,
         "plant": correction.plant,
@@ -145,7 +152,7 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
         content["learned"] = [_grid(force) for force in correction.learned]
     if correction.spread:
         content["spread"] = [asdict(member) for member in correction.spread]
-    return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
+    return content
 
 
 def read_correction(path: str | Path, effects: Own | Iterable[Own] = ()) -> Correction:

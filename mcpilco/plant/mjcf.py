@@ -22,7 +22,7 @@ from mcpilco.config import TURN_OVER
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import CommandRange
 from mcpilco.plant.mjcf_inertials import matrix_of
-from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
+from mcpilco.plant.plant import Base, ChainPlant, EffectInstance, Parameter
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
@@ -121,7 +121,7 @@ def _require_finite(path: str | Path, model: mujoco.MjModel, said: Sequence[str]
         raise InputError(f"{path} cannot be simulated: {' '.join(wrong)} Mend the number.")
 
 
-def plant_of(path: str | Path) -> Plant:
+def plant_of(path: str | Path) -> ChainPlant:
     """The plant of an MJCF file: an open chain of hinges and slides that motors move.
 
     Columns of its recordings are `<joint>_position`, `<joint>_velocity` and `<actuator>`. Its
@@ -135,12 +135,22 @@ def plant_of(path: str | Path) -> Plant:
     """
     path = Path(path)
     model = load_mjcf(path, "--plant must be the id of an env or an MJCF file")
-    _require(str(path), _faults(model) | _faults_of_actuators(model))
+    return plant_of_model(model, path)
+
+
+def faults_of(model: mujoco.MjModel) -> dict[str, int]:
+    """How often a model has what the equations of a plant have not."""
+    return _faults(model) | _faults_of_actuators(model)
+
+
+def plant_of_model(model: mujoco.MjModel, path: Path) -> ChainPlant:
+    """The plant of a model that was loaded already, see `plant_of`."""
+    _require(str(path), faults_of(model))
     if model.nv == 0 or model.nu == 0:
         raise InputError(f"{path} must have joints and motors, got {model.nv} and {model.nu}.")
     chain = _chain(model)
     layout = _layout(model, chain)
-    _require_names(layout, path)
+    require_names(layout, path)
     parameters, base = _nominal(model, layout)
     masses = {body.name: body.mass for body in chain.bodies}
 
@@ -156,7 +166,7 @@ def plant_of(path: str | Path) -> Plant:
         gravity = p["gravity"] * down / size if size > 0.0 else down
         return Chain(tuple(bodies), _vector(gravity))
 
-    return Plant(
+    return ChainPlant(
         name=path.stem,
         layout=layout,
         parameters=parameters,
@@ -315,12 +325,12 @@ def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
     )
 
 
-def _require_names(layout: Layout, path: Path) -> None:
+def require_names(layout: Layout, path: str | Path) -> None:
     """Raises InputError where a name stands for things at several joints, or for two columns."""
     joints = range(len(layout.joints))
     owners = [
         *zip(layout.joints, joints, strict=True),
-        *zip(layout.bodies, joints, strict=True),
+        *(() if layout.carriers else zip(layout.bodies, joints, strict=True)),
         *zip(layout.actuators, layout.drives, strict=True),
         *((state, x // 2) for x, state in enumerate(layout.states)),
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -16,8 +18,8 @@ class Inertials:
     Names are those of the plant's bodies: of the MJCF body that holds the joint.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-        self._spec, self._model = spec, model
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = model
         self._mass = model.body_mass.copy()
         self._center = model.body_ipos.copy()
         R = np.array([matrix_of(quaternion) for quaternion in model.body_iquat])
@@ -57,10 +59,7 @@ class Inertials:
 
     def move_center(self, body: str, further: float) -> None:
         """Moves a body's center of mass away from its joint [m]."""
-        members = self._members[body]
-        masses = self._mass[list(members)]
-        centers = [self._origins[b] + R @ self._center[b] for b, R in members.items()]
-        arm = masses @ np.array(centers) / masses.sum() - self._model.jnt_pos[self._joints[body]]
+        members, (_, arm) = self._members[body], self.mass_and_arm(body)
         shift = further * arm / np.linalg.norm(arm)
         for b, R in members.items():
             self._center[b] += R.T @ shift
@@ -81,6 +80,15 @@ class Inertials:
         self._mass[b], self._inertia[b] = mass, inertia
         self._center[b] = self._model.jnt_pos[self._joints[body]] + center
         self._mass[welded], self._inertia[welded] = 0.0, 0.0
+
+    def mass_and_arm(self, body: str) -> tuple[float, Float[np.ndarray, " 3"]]:
+        """A body's mass [kg], and where its center of mass is from its joint [m]."""
+        members = self._members[body]
+        masses = self._mass[list(members)]
+        centers = [self._origins[b] + R @ self._center[b] for b, R in members.items()]
+        total = float(masses.sum())
+        arm = masses @ np.array(centers) / max(total, 1e-300)
+        return total, arm - self._model.jnt_pos[self._joints[body]]
 
     def add_inertia(self, body: str, more: float) -> str | None:
         """Adds to a body's inertia about its joint's axis [kg m^2], or says why it cannot.
@@ -107,14 +115,48 @@ class Inertials:
         axes = data.xaxis[self._model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)]
         return bool(np.allclose(np.abs(axes @ axes[0]), 1.0, atol=1e-6))
 
-    def write(self) -> None:
-        """Writes what was changed into the model."""
+    def shifts(self, body: str, more: float) -> Iterator[tuple[int, Float[np.ndarray, " 3"]]]:
+        """The bodies that a body carries, and how each moves in its parent if it is longer [m]."""
+        model, members = self._model, self._members[body]
+        for child in range(1, model.nbody):
+            parent = int(model.body_parentid[child])
+            if model.body_jntnum[child] and parent in members:
+                hinge = model.jnt_pos[model.body_jntadr[child]]
+                at = model.body_pos[child] + matrix_of(model.body_quat[child]) @ hinge
+                R = members[parent]
+                arm = self._origins[parent] + R @ at - model.jnt_pos[self._joints[body]]
+                if np.linalg.norm(arm) > 0.0:
+                    yield child, R.T @ (more * arm / np.linalg.norm(arm))
+
+    @property
+    def _changed(self) -> list[bool]:
         now = (self._mass, self._center, self._inertia)
-        changed = [
+        return [
             any(not np.array_equal(a[b], c[b]) for a, c in zip(now, self._before, strict=True))
             for b in range(self._model.nbody)
         ]
-        compiler = self._spec.compiler
+
+    def write_into(self, model: mujoco.MjModel) -> None:
+        """Writes what was changed into a compiled model, whose constants are then to be set."""
+        for b in np.flatnonzero(self._changed):
+            mass, center, inertia = (part[b] for part in self._before)
+            model.body_mass[b], factor = self._mass[b], self._mass[b] / max(mass, 1e-300)
+            scaled = np.allclose(self._inertia[b], factor * inertia, rtol=1e-12, atol=0.0)
+            if scaled and np.array_equal(center, self._center[b]):
+                model.body_inertia[b] *= factor
+                continue
+            moments, R = np.linalg.eigh(self._inertia[b])
+            if np.linalg.det(R) < 0.0:
+                R[:, 0] *= -1.0
+            mujoco.mju_mat2Quat(model.body_iquat[b], R.ravel())
+            model.body_inertia[b], model.body_ipos[b] = moments, self._center[b]
+            model.body_sameframe[b] = 0  # what was at the center of mass stays where it is
+            model.geom_sameframe[model.geom_bodyid == b] = 0
+            model.site_sameframe[model.site_bodyid == b] = 0
+
+    def write(self, spec: mujoco.MjSpec) -> None:
+        """Writes what was changed into the model's specification."""
+        changed, compiler = self._changed, spec.compiler
         if not any(changed):
             return
         if compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
@@ -123,7 +165,7 @@ class Inertials:
         if compiler.settotalmass > 0.0:
             compiler.settotalmass = -1.0
             changed = [True] * self._model.nbody
-        for body in self._spec.bodies:
+        for body in spec.bodies:
             if body.id > 0 and changed[body.id]:
                 if self._mass[body.id] > 0.0:
                     self._write(body)

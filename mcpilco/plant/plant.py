@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from mcpilco.bodies import Chain, stack
+from mcpilco.bodies import Chain, generalised_forces, mass_matrix, stack
 from mcpilco.plant.effects import CATALOGUE, Effect
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
@@ -69,8 +71,12 @@ class Base:
 
 
 @dataclass(frozen=True)
-class Plant:
-    """Bodies on joints, behind actuators and in front of sensors, with what is known of them."""
+class Plant(ABC):
+    """Bodies on joints, behind actuators and in front of sensors, with what is known of them.
+
+    There are two kinds: equations of an open chain (`ChainPlant`), and MuJoCo itself
+    (`mcpilco.plant.MujocoPlant`). Who compares, fits or simulates a plant knows this face only.
+    """
 
     name: str
     """as reports call it"""
@@ -78,8 +84,7 @@ class Plant:
     """names of what moves"""
     parameters: tuple[Parameter, ...]
     """physical parameters"""
-    build: Callable[[Mapping[str, float]], Chain]
-    """the bodies, of values of the parameters"""
+    _: KW_ONLY
     base: tuple[Base, ...] = ()
     """effects of the nominal plant"""
     added: tuple[tuple[EffectInstance, tuple[float, ...]], ...] = ()
@@ -93,7 +98,7 @@ class Plant:
     own: tuple[Effect, ...] = ()
     """a user's own effects, beside those of the catalogue"""
 
-    def where(self, **values: float) -> Plant:
+    def where(self, **values: float) -> Self:
         """This plant with other values of some parameters.
 
         Raises:
@@ -108,7 +113,7 @@ class Plant:
         changed = (replace(p, value=values.get(p.name, p.value)) for p in self.parameters)
         return replace(self, parameters=tuple(changed))
 
-    def having(self, effects: Sequence[tuple[EffectInstance, Sequence[float]]]) -> Plant:
+    def having(self, effects: Sequence[tuple[EffectInstance, Sequence[float]]]) -> Self:
         """This plant with some effects more, each with a value for each of its symbols.
 
         Raises:
@@ -119,8 +124,10 @@ class Plant:
             if active.target not in targets:
                 raise InputError(
                     f"{active.effect.name} cannot act at {active.target!r} of {self.name}; "
-                    f"its targets are {', '.join(targets)}."
+                    f"its targets are {', '.join(targets) or 'none: this kind of plant has none'}."
                 )
+            if reason := self.refusal(active):
+                raise InputError(f"{active} cannot be in {self.name}: {reason}.")
             if len(numbers) != len(symbols):
                 raise InputError(
                     f"{active} must have values for {', '.join(s.name for s in symbols)}, "
@@ -129,7 +136,7 @@ class Plant:
         more = tuple((active, tuple(map(float, values))) for active, values in effects)
         return replace(self, added=self.added + more)
 
-    def weakened(self, share: float) -> Plant:
+    def weakened(self, share: float) -> Self:
         """This plant with the effects that were added on their way from nothing to what they are.
 
         The share is 0 where they change nothing, and 1 for this plant.
@@ -137,7 +144,7 @@ class Plant:
         added = tuple((a, a.effect.part(values, share)) for a, values in self.added)
         return replace(self, added=added)
 
-    def knowing(self, effects: Sequence[Effect]) -> Plant:
+    def knowing(self, effects: Sequence[Effect]) -> Self:
         """This plant with a user's own effects in its catalogue, see `own_effects`."""
         return replace(self, own=(*self.own, *effects))
 
@@ -146,7 +153,7 @@ class Plant:
         """The effects that it may lack, by name: the catalogue and a user's own."""
         return CATALOGUE | {effect.name: effect for effect in self.own}
 
-    def with_learned(self, forces: Sequence[LearnedForce]) -> Plant:
+    def with_learned(self, forces: Sequence[LearnedForce]) -> Self:
         """This plant with some learned forces more.
 
         Raises:
@@ -166,11 +173,6 @@ class Plant:
         """Values of the parameters, each in its unit."""
         return np.array([parameter.value for parameter in self.parameters])
 
-    @property
-    def chain(self) -> Chain:
-        """The bodies, with the nominal values."""
-        return self.build(self.values)
-
     def parameter_of(self, active: EffectInstance) -> str | None:
         """The parameter that an effect comes down to: a body's mass, a friction, a gain."""
         if active.effect.name == "body_mass":
@@ -185,8 +187,14 @@ class Plant:
             EffectInstance(effect, target)
             for effect in self.catalogue.values()
             for target in effect.targets(self.layout)
+            if not self.refusal(EffectInstance(effect, target))
         ]
 
+    def refusal(self, instance: EffectInstance) -> str:
+        """Why an effect cannot be at its target; empty where it can."""
+        return ""
+
+    @abstractmethod
     def tables(
         self,
         parameters: Float[np.ndarray, "S P"],
@@ -199,12 +207,19 @@ class Plant:
 
         Values and weights are those of the further effects and learned forces in each system.
         """
-        S, layout = len(parameters), self.layout
-        names = [parameter.name for parameter in self.parameters]
-        everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
-        forces = [(a.effect, a.target) for a in everything if isinstance(a.effect, JointForce)]
-        tables = Tables(
-            chains=stack([self.build(dict(zip(names, row, strict=True))) for row in parameters]),
+
+    def _blank(
+        self,
+        chains: Any,
+        forces: Sequence[tuple[JointForce, str]],
+        S: int,
+        grids: Sequence[tuple[str, tuple[Axis, ...]]],
+        weights: Sequence[Float[np.ndarray, "S _"]],
+    ) -> Tables:
+        """S systems with ideal actuators and sensors, their joint forces to be filled in."""
+        layout = self.layout
+        return Tables(
+            chains=chains,
             law=np.array([code_of(effect) for effect, _ in forces], dtype=np.int64),
             joint=np.array([layout.joints.index(target) for _, target in forces], dtype=np.int64),
             constants=np.zeros((S, len(forces), CONSTANTS)),
@@ -219,24 +234,68 @@ class Plant:
                 S,
             ),
         )
-        rows = iter(range(len(forces)))
-        places = [self._at(active, rows) for active in everything]
-        for s, row in enumerate(parameters):
-            known = dict(zip(names, row, strict=True))
-            each: list[Sequence[float]] = [
-                [known[v] if isinstance(v, str) else v for v in base.values] for base in self.base
-            ]
-            each += [added for _, added in self.added] + [value[s] for value in values]
-            for active, at, numbers in zip(everything, places, each, strict=True):
-                active.effect.install(tables, s, at, numbers)
-        return tables
 
-    def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
-        """Where an effect writes: its row among the forces, or the number of its target."""
-        if isinstance(active.effect, JointForce):
-            return next(rows)
-        places = {"joint": "joints", "body": "bodies", "actuator": "actuators", "sensor": "states"}
-        return getattr(self.layout, places[active.effect.place]).index(active.target)
+    @abstractmethod
+    def run(
+        self,
+        tables: Tables,
+        system: Int[np.ndarray, " B"],
+        start: Float[np.ndarray, "B X"],
+        window: Int[np.ndarray, " B"],
+        commands: Float[np.ndarray, "W T_all U"],
+        lead: int,
+        dt: float,
+        taken: Int[np.ndarray, " 1"] | None = None,
+        every: int = 1,
+    ) -> Float[np.ndarray, "B X T"]:
+        """The measured states of B motions, at T samples; NaN from where a motion runs away.
+
+        Arguments are those of `mcpilco.plant.simulate`.
+        """
+
+    @abstractmethod
+    def mass_matrix(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
+        """The inertia of the joints at some positions [kg, kg m or kg m^2]."""
+
+    @abstractmethod
+    def weights(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J"]:
+        """The forces that hold it at rest at some positions, springs aside [N or N m]."""
+
+    @abstractmethod
+    def mass_and_length(self, target: str) -> tuple[float, float]:
+        """Mass of the body at a target [kg], and its center's distance from its joint [m]."""
+
+    @property
+    @abstractmethod
+    def simulated_by(self) -> str:
+        """Who simulates it, for reports."""
+
+    @property
+    def finer(self) -> Self | None:
+        """The same in shorter timesteps, which tells what they do; None where they do nothing."""
+        return None
+
+    @property
+    def costly(self) -> bool:
+        """Whether a second of it takes far longer to simulate than one of a chain."""
+        return False
+
+    def actuation(
+        self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
+    ) -> Float[np.ndarray, "N J"] | None:
+        """What actuators and contacts give to the joints [N or N m]; None: gain times command."""
+        return None
+
+    def beside(
+        self, y: Float[np.ndarray, "... X T"], measured: Float[np.ndarray, "... X T"]
+    ) -> Float[np.ndarray, "... X T"]:
+        """Simulated states, angles counted so that their distance from measured ones is short."""
+        return y
+
+    @property
+    def rest(self) -> Float[np.ndarray, " X"]:
+        """The state in which it is where nothing is known of it."""
+        return np.zeros(len(self.layout.states))
 
     def simulate(
         self,
@@ -258,8 +317,87 @@ class Plant:
             rows[:, self._column(name)] = values
         each = np.arange(len(start))
         commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
-        y = simulate(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
+        y = self.run(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
+
+    def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
+        """Where an effect writes: its row among the forces, or the number of its target."""
+        if isinstance(active.effect, JointForce):
+            return next(rows)
+        places = {"joint": "joints", "body": "bodies", "actuator": "actuators", "sensor": "states"}
+        return getattr(self.layout, places[active.effect.place]).index(active.target)
+
+    def _column(self, name: str) -> int:
+        names = [parameter.name for parameter in self.parameters]
+        if name not in names:
+            raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")
+        return names.index(name)
+
+
+@dataclass(frozen=True)
+class ChainPlant(Plant):
+    """A plant by its equations: an open chain of hinges and slides, compiled, with derivatives."""
+
+    build: Callable[[Mapping[str, float]], Chain]
+    """the bodies, of values of the parameters"""
+
+    @property
+    def chain(self) -> Chain:
+        """The bodies, with the nominal values."""
+        return self.build(self.values)
+
+    def tables(
+        self,
+        parameters: Float[np.ndarray, "S P"],
+        actives: Sequence[EffectInstance] = (),
+        values: Sequence[Float[np.ndarray, "S _"]] = (),
+        grids: Sequence[tuple[str, tuple[Axis, ...]]] = (),
+        weights: Sequence[Float[np.ndarray, "S _"]] = (),
+    ) -> Tables:
+        S, names = len(parameters), [parameter.name for parameter in self.parameters]
+        everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
+        forces = [(a.effect, a.target) for a in everything if isinstance(a.effect, JointForce)]
+        chains = stack([self.build(dict(zip(names, row, strict=True))) for row in parameters])
+        tables = self._blank(chains, forces, S, grids, weights)
+        rows = iter(range(len(forces)))
+        places = [self._at(active, rows) for active in everything]
+        for s, row in enumerate(parameters):
+            known = dict(zip(names, row, strict=True))
+            each: list[Sequence[float]] = [
+                [known[v] if isinstance(v, str) else v for v in base.values] for base in self.base
+            ]
+            each += [added for _, added in self.added] + [value[s] for value in values]
+            for active, at, numbers in zip(everything, places, each, strict=True):
+                active.effect.install(tables, s, at, numbers)
+        return tables
+
+    def run(
+        self,
+        tables: Tables,
+        system: Int[np.ndarray, " B"],
+        start: Float[np.ndarray, "B X"],
+        window: Int[np.ndarray, " B"],
+        commands: Float[np.ndarray, "W T_all U"],
+        lead: int,
+        dt: float,
+        taken: Int[np.ndarray, " 1"] | None = None,
+        every: int = 1,
+    ) -> Float[np.ndarray, "B X T"]:
+        return simulate(tables, system, start, window, commands, lead, dt, taken, every=every)
+
+    @property
+    def simulated_by(self) -> str:
+        return "its equations of motion, without contacts and limits of joints"
+
+    def mass_matrix(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
+        return mass_matrix(self.chain, q)
+
+    def weights(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J"]:
+        return generalised_forces(self.chain, q, np.zeros_like(q), np.zeros_like(q))
+
+    def mass_and_length(self, target: str) -> tuple[float, float]:
+        body = self.chain.bodies[self.layout.joint_of(target)]
+        return body.mass, float(np.linalg.norm(body.center))
 
     def stepper(self, dt: float, batch: int, samples: int = 1) -> Stepper:
         """As many motions, all in the state 0, to be moved by one command after another.
@@ -267,9 +405,3 @@ class Plant:
         A command is held for dt [s]; `samples` states are returned of one step.
         """
         return Stepper(self.tables(self.nominal[None]), dt, batch, samples)
-
-    def _column(self, name: str) -> int:
-        names = [parameter.name for parameter in self.parameters]
-        if name not in names:
-            raise InputError(f"{self.name} has no parameter {name!r}; it has {', '.join(names)}.")
-        return names.index(name)

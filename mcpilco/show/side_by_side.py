@@ -19,8 +19,9 @@ from mcpilco.gap import Comparison, Gap, scaled_errors, squares_at_end, three_di
 from mcpilco.recordings import bridged
 from mcpilco.show.blueprint import INPUTS, STATES, WORLD, build_side_by_side, entity
 from mcpilco.show.entities import RGB, Colors, Track, log_dots, log_line, log_scene, log_tails
+from mcpilco.show.model_scene import scene_of
 from mcpilco.show.recording import log_note, new_recording
-from mcpilco.show.scene import Scene, chain_scene
+from mcpilco.show.scene import Scene
 from mcpilco.typing import InputError
 
 MEASURED = "measured"
@@ -136,14 +137,13 @@ def write_gap_film(gap: Gap, path: Path) -> Path:
     }
     order = sorted(_apart(found), key=lambda w: -errors[names[0]][w])
     clips = [_window_clip(gap, found, w, names, errors) for w in order[:CLIPS]]
-    chain = gap.plant.chain
     layout = gap.plant.layout
     naming = Naming(
         states=dict(zip(layout.states, layout.units, strict=True)),
         inputs={n: layout.unit_of(layout.actuator(u))[1] for u, n in enumerate(layout.inputs)},
     )
     name = gap.plant.name
-    return write_side_by_side(path, clips, found.windows.dt, naming, chain_scene(chain), name)
+    return write_side_by_side(path, clips, found.windows.dt, naming, scene_of(gap.plant), name)
 
 
 def _window_clip(

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from envs.plants import double_pendulum
 from mcpilco.bodies import INERTIAL, Chain
 from mcpilco.identification import RigidBody, inertia_of
-from mcpilco.plant import CATALOGUE, Base, EffectInstance, Plant
+from mcpilco.plant import CATALOGUE, Base, ChainPlant, EffectInstance, Plant
 
 HORIZON_S, EVERY_S = 0.5, 0.1
 """length of a prediction, and from the start of one to the next [s]"""
@@ -87,7 +87,7 @@ def missed(plant: Plant, unseen: Motion) -> Float[np.ndarray, "W 2"]:
     return unseen.q[first + steps] - found[:, -1, 0::2]
 
 
-def plant(robot: RigidBody, theta: Float[np.ndarray, " D"], turn: float) -> Plant:
+def plant(robot: RigidBody, theta: Float[np.ndarray, " D"], turn: float) -> ChainPlant:
     """A plant with these parameters."""
     blocks = theta.reshape(-1, robot.width)
     bodies = []
@@ -108,4 +108,6 @@ def plant(robot: RigidBody, theta: Float[np.ndarray, " D"], turn: float) -> Plan
             Base(EffectInstance(CATALOGUE["coulomb_friction"], joint), (block[11], turn))
         )
     layout = double_pendulum().layout
-    return Plant("double_pendulum", layout, (), lambda _: chain, tuple(friction), angles=(0, 2))
+    return ChainPlant(
+        "double_pendulum", layout, (), lambda _: chain, base=tuple(friction), angles=(0, 2)
+    )

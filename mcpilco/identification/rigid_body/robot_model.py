@@ -51,13 +51,13 @@ def write_identified_mjcf(
     source, path = Path(source), Path(path)
     spec = mujoco.MjSpec.from_file(str(source))
     spec.compiler.fusestatic = False
-    inertials = Inertials(spec, spec.compile())
+    inertials = Inertials(spec.compile())
     joints = {joint.name: joint for joint in spec.joints}
     for link, block in zip(body.chain.bodies, theta.reshape(-1, body.width), strict=True):
         inertials.replace(link.name, *about_center(block[: len(INERTIAL)]))
         terms = dict(zip(body.terms, block[len(INERTIAL) :], strict=True))
         write_joint_terms(joints[link.joint], terms, bool(spec.compiler.degree))
-    inertials.write()
+    inertials.write(spec)
     save_mjcf(spec, source, path)
 
 

@@ -1,11 +1,11 @@
 """The catalogue of named physical effects.
 
-    command -> [actuator] -> input -> [joint, inertial] -> state -> [sensor] -> measurement
+    command -> [actuator] -> input -> [joint, inertial, contact] -> state -> [sensor] -> measurement
 
 An effect is one class with one formula; its name is public vocabulary.
 """
 
-from mcpilco.plant.effects import actuator, inertial, joint, memory, sensor
+from mcpilco.plant.effects import actuator, contact, inertial, joint, memory, sensor
 from mcpilco.plant.effects.base import Effect, Place, Probe, Scale, Symbol, sizes
 
 CATALOGUE: dict[str, Effect] = {
@@ -45,6 +45,10 @@ CATALOGUE: dict[str, Effect] = {
         sensor.SensorLag(),
         sensor.EccentricEncoder(),
         inertial.GravityTilt(),
+        contact.ContactFriction(),
+        contact.ContactStiffness(),
+        contact.ContactDamping(),
+        contact.GroundHeight(),
     )
 }
 """all effects, by name"""

@@ -24,7 +24,7 @@ from mcpilco.plant.simulation.layout import (
 )
 
 if TYPE_CHECKING:
-    from mcpilco.plant.corrected_mjcf import CorrectedModel
+    from mcpilco.plant.edited_model import EditedModel
 
 
 class ActuatorEffect(Effect):
@@ -62,7 +62,7 @@ class ActuatorGain(ActuatorEffect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(1.02)]
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
         model.multiply_gain(target, values[0])
 
 
@@ -117,7 +117,7 @@ class ActuatorSaturation(ActuatorEffect):
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.95, 0.8, 0.6, 0.4, unit=scale.command)
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
         model.limit(target, values[0])
         return None
 
@@ -141,7 +141,7 @@ class ActuatorDelay(ActuatorEffect):
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.005, 0.02, 0.05)
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
         return model.delay(target, values[0])
 
 
@@ -160,7 +160,7 @@ class ActuatorLag(ActuatorEffect):
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.005, 0.02, 0.06)
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
         model.lag(target, values[0])
 
 

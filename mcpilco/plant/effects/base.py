@@ -16,9 +16,9 @@ from jaxtyping import Bool, Float
 from mcpilco.plant.simulation.layout import Layout, Tables
 
 if TYPE_CHECKING:
-    from mcpilco.plant.corrected_mjcf import CorrectedModel
+    from mcpilco.plant.edited_model import EditedModel
 
-Place = Literal["actuator", "joint", "body", "sensor"]
+Place = Literal["actuator", "joint", "body", "sensor", "contact"]
 
 MOST = 30.0
 """how many times the usual force or mass may be missing; beyond, a joint would be held fast [-]"""
@@ -27,6 +27,7 @@ OUTSIDE = {
     "joint": "add its force to qfrc_applied before each step",
     "body": "change the body's geometry instead",
     "sensor": "apply it to what is measured",
+    "contact": "change the geoms instead",
 }
 """the remedy for an effect that MJCF cannot say, by its place"""
 
@@ -136,7 +137,7 @@ class Effect(ABC):
         """Whether the equations of motion that a model takes as its mean can say it."""
         return True
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
         """Writes itself into an MJCF model; where it cannot, returns what to do instead, or why.
 
         The target is a joint, body, actuator or state; there is a value for each of its symbols.

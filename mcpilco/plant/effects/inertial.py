@@ -13,7 +13,7 @@ from mcpilco.plant.effects.base import MOST, Effect, Place, Probe, Scale, Symbol
 from mcpilco.plant.simulation.layout import Layout, Tables
 
 if TYPE_CHECKING:
-    from mcpilco.plant.corrected_mjcf import CorrectedModel
+    from mcpilco.plant.edited_model import EditedModel
 
 LONGER = 3.0
 """how many times a length may be missing: nobody misreads a ruler by more [-]"""
@@ -29,8 +29,7 @@ class InertialEffect(Effect):
     """how many times this magnitude may be missing [-]"""
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
-        pairs = zip(layout.bodies, layout.slides, strict=True)
-        return tuple(body for body, slides in pairs if not slides)
+        return layout.turning
 
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         usual = getattr(scale, self.relative_to)
@@ -62,7 +61,7 @@ class BodyMass(InertialEffect):
         chains.mass[system, at] *= factor
         chains.inertia[system, at] *= factor
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
         model.inertials.add_mass(target, values[0])
 
 
@@ -80,7 +79,7 @@ class CenterOfMass(InertialEffect):
         if length > 0.0:
             center *= 1.0 + values[0] / length
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
         model.inertials.move_center(target, values[0])
 
 
@@ -95,7 +94,7 @@ class BodyInertia(InertialEffect):
         axis = tables.chains.axis[at]
         tables.chains.inertia[system, at] += values[0] * np.outer(axis, axis)
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
         return model.inertials.add_inertia(target, values[0])
 
 
@@ -108,12 +107,12 @@ class Armature(InertialEffect):
     symbols = (Symbol("I_a", "{f} s^2/{q}", low=0.0),)
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
-        return layout.joints
+        return layout.guided
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.chains.armature[system, at] += values[0]
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
         model.joint(target).armature += values[0]
 
 
@@ -135,7 +134,8 @@ class BodyLength(InertialEffect):
             if length > 0.0:
                 origin *= 1.0 + values[0] / length
 
-    write_mjcf = Effect.write_mjcf
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
+        return model.lengthen(target, values[0])
 
 
 class GravityTilt(Effect):
@@ -154,8 +154,8 @@ class GravityTilt(Effect):
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(0.01)]
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> None:
-        model.spec.option.gravity = _turned(np.array(model.spec.option.gravity), values[0])
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> None:
+        model.option.gravity = _turned(np.array(model.option.gravity), values[0])
 
 
 def _turned(g: Float[np.ndarray, " 3"], angle: float) -> Float[np.ndarray, " 3"]:

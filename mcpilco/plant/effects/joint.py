@@ -19,7 +19,7 @@ from mcpilco.plant.simulation.layout import CONSTANTS, Layout, Tables
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.plant.corrected_mjcf import CorrectedModel
+    from mcpilco.plant.edited_model import EditedModel
 
 SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
@@ -53,7 +53,7 @@ class JointForce(Effect):
         raise NotImplementedError
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
-        return layout.driven if self.loaded else layout.joints
+        return layout.driven if self.loaded else layout.guided
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         if len(values) > CONSTANTS:
@@ -87,7 +87,7 @@ class JointForce(Effect):
             return False
         return True
 
-    def write_mjcf(self, model: CorrectedModel, target: str, values: Sequence[float]) -> str | None:
+    def write_mjcf(self, model: EditedModel, target: str, values: Sequence[float]) -> str | None:
         if model.add_force(target, lambda q, v: self.force(q, v, *values)):
             return None
         return super().write_mjcf(model, target, values)

@@ -100,8 +100,7 @@ class EccentricEncoder(SensorEffect):
     symbols = (Symbol("s", "rad"), Symbol("c", "rad"))
 
     def targets(self, layout: Layout) -> tuple[str, ...]:
-        pairs = zip(layout.states[::2], layout.slides, strict=True)
-        return tuple(angle for angle, slides in pairs if not slides)
+        return tuple(layout.states[2 * layout.joints.index(name)] for name in layout.hinges)
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         tables.sensors[system, at, [SINE, COSINE]] += values

@@ -114,7 +114,7 @@ def test_a_model_remembers_as_many_inputs_as_the_plants_equations_ask_for():
 
 
 def test_effects_left_out_of_the_mean_are_those_that_equations_cannot_have():
-    for effect in CATALOGUE.values():
+    for effect in (each for each in CATALOGUE.values() if each.place != "contact"):
         values = tuple(
             0.03 if np.isinf(s.neutral) else min(s.neutral + 0.03, s.high) for s in effect.symbols
         )

@@ -92,6 +92,10 @@ ROWS = {
     "sensor_lag": Row([0.03], ("s", "s")),
     "eccentric_encoder": Row([0.1, -0.05], (None, "rad, rad")),
     "gravity_tilt": Row([0.05], ("rad", None)),
+    "contact_friction": Row([0.5], (None, None)),
+    "contact_stiffness": Row([0.5], (None, None)),
+    "contact_damping": Row([0.5], (None, None)),
+    "ground_height": Row([0.02], (None, None)),
 }
 ORDINARY = {name: row.values for name, row in ROWS.items()}
 FORMULAS = {name: row.formula for name, row in ROWS.items() if row.formula}
