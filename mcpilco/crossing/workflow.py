@@ -91,6 +91,8 @@ class CrossingSettings:
     """policies to learn in each simulation; None: `TRIALS`, or those of the preset"""
     episodes: int = 100
     """fresh ones, by which a policy is judged in simulation and on the system"""
+    attempts: int | None = None
+    """of each policy on the system; None: as many as `episodes`"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
 
@@ -237,6 +239,7 @@ class Workflow:
                 horizon=next(iter(agents.values())).horizon,
                 seed=told.seed,
                 episodes=told.episodes,
+                attempts=told.attempts,
             )
         write_crossing(path, found)
         return found

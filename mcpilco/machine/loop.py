@@ -25,8 +25,17 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from mcpilco.machine.link import Link, open_link
-from mcpilco.machine.protocol import NONCE, Frame, Inbox, Kind, Mode, RefusedError, Status
-from mcpilco.machine.protocol import decode, encode
+from mcpilco.machine.protocol import (
+    NONCE,
+    Frame,
+    Inbox,
+    Kind,
+    Mode,
+    RefusedError,
+    Status,
+    decode,
+    encode,
+)
 from mcpilco.typing import McPilcoError
 
 STOP_KEY = b" "
@@ -59,6 +68,21 @@ class Loop:
         """our clock less the machine's [s]"""
         self.log: TextIO | None = None
         self.rows = 0
+        self.sample: list[float] | None = None
+        """the newest measurement that is credible, and its `stamp` by the machine's clock [s]"""
+        self.stamp, self.answered = 0.0, 0
+        self.status: int = Status.SAFE
+        self.episode: float | None = None
+        """when the episode began; `step` of it began at `due` [s]"""
+        self.homing: float | None = None
+        """when the machine must be back at its start [s]"""
+        self.unanswered: float | None = None
+        """since when a command is waited for [s]"""
+        self.asked: int | None = None
+        """command whose answer the step waits for"""
+        self.began: float | None = None
+        self.ready, self.worst = False, 0.0
+        self.path: list[list[float]] = []
         self._over()
 
     # The link -------------------------------------------------------------------------------------
@@ -91,7 +115,7 @@ class Loop:
         self.inbox.open(frame.session)
         self.counter, self.offset = 0, time.monotonic() - 1e-6 * frame.time_us
         self.heard = self.trusted = time.monotonic()
-        self.sample: list[float] | None = None
+        self.sample = None
 
     def _packets(self, until: float) -> list[bytes]:
         """Those of the link, once there are some; learner and keys are served too."""
@@ -214,20 +238,15 @@ class Loop:
         """No episode: the safe command, and a learner that learns is not urgent."""
         urge(self.told["thread"], 0)
         self.mode, self.command = Mode.SAFE, list(self.told["safe"])
-        self.episode: float | None = None
-        self.homing: float | None = None
-        self.unanswered: float | None = None
-        self.asked: int | None = None
-        self.ready = False
-        self.path: list[list[float]] = []
-        self.worst, self.began = 0.0, None
+        self.episode = self.homing = self.unanswered = self.asked = self.began = None
+        self.ready, self.worst, self.path = False, 0.0, []
         if self.log is not None:
             self.log.close()
             self.log = None
 
     def _open_log(self) -> None:
         if self.wanted is not None:
-            self.log = Path(self.wanted).open("x", encoding="utf-8")
+            self.log = Path(self.wanted).open("x", encoding="utf-8")  # noqa: SIM115  an episode long
             self.log.write(",".join(("time", *self.told["states"], *self.told["names"])) + "\n")
 
     def end(self, why: str, kind: str) -> None:
@@ -266,8 +285,8 @@ class Loop:
         """Until the learner is gone."""
         self.tick = time.monotonic()
         """when the next command goes out"""
-        self.answered, self.status, self.stamp = 0, int(Status.SAFE), 0.0
-        while not self.gone:
+        parent = os.getppid()
+        while not self.gone and os.getppid() == parent:
             until = min(self.tick, *self._alarms())
             for packet in self._packets(until):
                 self._measured(packet)

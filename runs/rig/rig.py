@@ -10,6 +10,7 @@ its standard input change its faults while it runs: `loss 0.3`, `jitter 0.02`, `
 """
 
 import argparse
+import contextlib
 import hashlib
 import heapq
 import json
@@ -262,7 +263,7 @@ class Rig:
             self.tick(now)
             if sys.stdin in ready:
                 line = os.read(0, 4096).decode()
-                if not line or not all([self.told(one) for one in line.splitlines()]):
+                if not line or not all(map(self.told, line.splitlines())):
                     break
             for _ in range(100 if self.socket in ready else 0):
                 try:
@@ -288,10 +289,8 @@ def main():
     parser.add_argument("--spikes", type=float, default=0.0, help="share of false angles")
     parser.add_argument("--control", action="store_true", help="read faults from standard input")
     options = parser.parse_args()
-    try:  # a microcontroller is disturbed by no other program
+    with contextlib.suppress(OSError):  # a microcontroller is disturbed by no other program
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(3))
-    except OSError:
-        pass
     rig = Rig(options)
     where = "{}:{}".format(*rig.socket.getsockname())
     print(f"A cart-pole at udp://{where}; Ctrl-C ends it.", flush=True)
