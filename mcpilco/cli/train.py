@@ -91,7 +91,8 @@ class Train(options.Learning, options.OnMachine):
     def _go_on(self) -> int:
         from mcpilco.agent import changed_versions, reopened
 
-        beside = "resume task trials trust quiet tensorboard live machine machine_key".split()
+        beside = ["resume", "task", "trials", "trust", "quiet", "tensorboard", "live"]
+        beside += ["machine", "machine_key"]
         usual: dict[str, Any] = {name: getattr(Train, name) for name in beside}
         if dataclasses.replace(self, **usual) != Train():
             raise InputError(

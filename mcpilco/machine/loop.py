@@ -71,7 +71,7 @@ class Loop:
         self.sample: list[float] | None = None
         """the newest measurement that is credible, and its `stamp` by the machine's clock [s]"""
         self.stamp, self.answered = 0.0, 0
-        self.status: int = Status.SAFE
+        self.status = int(Status.SAFE)
         self.episode: float | None = None
         """when the episode began; `step` of it began at `due` [s]"""
         self.homing: float | None = None
@@ -140,7 +140,7 @@ class Loop:
     def stop(self, *_: object) -> None:
         """Emergency stop: the machine is safe until the learner comes back with a new process."""
         self.stopped = True
-        for _ in range(3):
+        for _again in range(3):
             self.send()
 
     # Measurements ---------------------------------------------------------------------------------
@@ -151,7 +151,8 @@ class Loop:
             return
         now, stamp = time.monotonic(), 1e-6 * frame.time_us
         self.counts["lost"] += frame.counter - last - 1
-        elapsed, self.heard, self.status = now - self.heard, now, frame.mode
+        elapsed, self.heard = now - self.heard, now
+        self.status = frame.mode
         self.offset = min(self.offset + DRIFT * elapsed, now - stamp)
         if now - stamp - self.offset > self.h:
             self.counts["late"] += 1

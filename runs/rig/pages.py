@@ -58,7 +58,7 @@ def crossings(found):
     attempts = found[0]["corrected"]["happened"][1]
     said = (
         f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts, zero-shot: "
-        f"{solved('corrected')} by the corrected simulation, {solved('nominal')} by the nominal one."
+        f"{solved('corrected')} after the corrected simulation, {solved('nominal')} after the nominal."
     )
     head = ["seed", "hidden (SI)", "named", "nominal [%]", "promised [%]", "corrected [%]"]
     return ["### Crossings", "", said, "", *table([*head, "minutes", "load"], rows)]
@@ -88,14 +88,14 @@ def timing(found):
 def faults(found):
     one = found[0]
     rows = [[name, *counts] for name, counts in one["kinds"].items()]
-    head = ["fault", "tried", "told", "went on", "rows lost"]
+    head = ["fault", "tried", "told", "went on", "files lost"]
     return ["### Faults", "", f"Load {one['load']}.", "", *table(head, rows)]
 
 
 def fuzz(found):
     one = found[0]
     rows = [[name, one["sent"].get(name, 0), one["refused"].get(name, 0)] for name in one["names"]]
-    said = f"{one['total']} packets; the state of the inbox or of the rig changed {one['changed']} times."
+    said = f"{one['total']} packets; they changed the inbox {one['changed']} times."
     return ["### Fuzzed packets", "", said, "", *table(["packets", "sent", "counted"], rows)]
 
 

@@ -6,7 +6,7 @@
 
 It shares no code with the learner: the protocol is written down in docs/machine.md. Commands on
 its standard input change its faults while it runs: `loss 0.3`, `jitter 0.02`, `spikes 0.2`,
-`jump 1.5`, `mute 0.4`, `freeze 0.1`, `quit`.
+`jump 1.5`, `mute 0.4`, `freeze 0.1`, `counts`, `state`, `quit`.
 """
 
 import argparse
@@ -242,6 +242,8 @@ class Rig:
             time.sleep(number)
         elif word == "counts":
             print(json.dumps(self.counts), flush=True)
+        elif word == "state":
+            print(json.dumps({"mode": self.mode, "force": self.force}), flush=True)
         return word != "quit"
 
     def tick(self, now):
