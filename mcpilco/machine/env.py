@@ -70,7 +70,9 @@ class MachineSettings:
 
 
 @dataclass
-class _Meeting:
+class Meeting:
+    """The address that a user typed, and the process that drives the machine there."""
+
     address: str
     log: Path | None
     key: bytes
@@ -148,7 +150,7 @@ class _Meeting:
                 return str(path.absolute())
 
 
-_met: _Meeting | None = None
+_met: Meeting | None = None
 
 
 @contextlib.contextmanager
@@ -174,7 +176,7 @@ def meeting(
         raise InputError(f"Cannot read the key {key}: {error.strerror}.") from None
     if len(secret) > 32:
         raise InputError(f"A key must have at most 32 bytes, got {len(secret)} in {key}.")
-    before, _met = _met, _Meeting(address, None if log is None else Path(log), secret)
+    before, _met = _met, Meeting(address, None if log is None else Path(log), secret)
     try:
         yield
     finally:

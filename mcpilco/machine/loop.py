@@ -46,8 +46,6 @@ GRACE = 0.25
 """share of a period for which a step waits for a measurement of its own"""
 DRIFT = 2e-4
 """rate at which the two clocks may drift apart [-]"""
-FLUSHED = 50
-"""rows of a log between two that are surely on disk"""
 
 
 class Loop:
@@ -67,7 +65,6 @@ class Loop:
         self.offset = 0.0
         """our clock less the machine's [s]"""
         self.log: TextIO | None = None
-        self.rows = 0
         self.sample: list[float] | None = None
         """the newest measurement that is credible, and its `stamp` by the machine's clock [s]"""
         self.stamp, self.answered = 0.0, 0
@@ -191,9 +188,6 @@ class Loop:
             self.began = stamp if self.began is None else self.began
             cells = (stamp - self.began, *values)
             self.log.write(",".join(f"{cell:.7g}" for cell in cells) + "\n")
-            self.rows += 1
-            if self.rows % FLUSHED == 0:
-                self.log.flush()
 
     # Episodes -------------------------------------------------------------------------------------
 
@@ -247,7 +241,8 @@ class Loop:
 
     def _open_log(self) -> None:
         if self.wanted is not None:
-            self.log = Path(self.wanted).open("x", encoding="utf-8")  # noqa: SIM115  an episode long
+            # a line at a time, so that who kills this process loses none
+            self.log = Path(self.wanted).open("x", 1, encoding="utf-8")  # noqa: SIM115
             self.log.write(",".join(("time", *self.told["states"], *self.told["names"])) + "\n")
 
     def end(self, why: str, kind: str) -> None:

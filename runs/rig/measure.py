@@ -11,7 +11,6 @@ import os
 import random
 import signal
 import socket
-import struct
 import subprocess
 import sys
 import time
@@ -27,7 +26,7 @@ sys.path[:0] = [str(HERE), str(ROOT)]
 
 import pages  # noqa: E402
 
-import envs  # noqa: E402, F401
+import envs  # noqa: E402
 from mcpilco.agent import MCPILCO  # noqa: E402
 from mcpilco.machine import MACHINE, Frame, Kind, Mode, decode, encode, meeting  # noqa: E402
 from mcpilco.machine import env as machine_env  # noqa: E402

@@ -57,8 +57,8 @@ def crossings(found):
     ]
     attempts = found[0]["corrected"]["happened"][1]
     said = (
-        f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts, zero-shot: "
-        f"{solved('corrected')} after the corrected simulation, {solved('nominal')} after the nominal."
+        f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts: policies "
+        f"{solved('corrected')} of the corrected simulation, {solved('nominal')} of the nominal one."
     )
     head = ["seed", "hidden (SI)", "named", "nominal [%]", "promised [%]", "corrected [%]"]
     return ["### Crossings", "", said, "", *table([*head, "minutes", "load"], rows)]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,41 +19,11 @@ from mcpilco.machine import MACHINE, MachineSettings, machine_of, meeting
 from mcpilco.machine import env as machine_env
 from mcpilco.recordings import read_for_plant
 from mcpilco.typing import EnvError, InputError
+from tests.mcpilco.rigs import Rig, rig
 
-RIG = Path(__file__).parents[3] / "runs" / "rig" / "rig.py"
 CART_POLE = "mcpilco/CartPoleSwingUp-v0"
 PATIENT = {"watchdog": 2.0, "silence": 2.0}
 """on a machine that others use too"""
-
-
-class Rig:
-    """The rig as a process of its own, at a port that was free."""
-
-    def __init__(self, *options: str, port: int = 0) -> None:
-        command = [sys.executable, str(RIG), "--port", str(port), "--control", *options]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        self.address = self.process.stdout.readline().split()[3].rstrip(";")
-
-    def tell(self, fault: str) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write(fault + "\n")
-        self.process.stdin.flush()
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-
-
-@contextlib.contextmanager
-def rig(*options: str, port: int = 0) -> Iterator[Rig]:
-    made = Rig(*options, port=port)
-    try:
-        yield made
-    finally:
-        made.kill()
 
 
 @pytest.fixture(scope="module")
