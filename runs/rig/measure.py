@@ -29,7 +29,6 @@ import pages  # noqa: E402
 import envs  # noqa: E402
 from mcpilco.agent import MCPILCO  # noqa: E402
 from mcpilco.machine import MACHINE, Frame, Kind, Mode, decode, encode, meeting  # noqa: E402
-from mcpilco.machine import env as machine_env  # noqa: E402
 from mcpilco.recordings import read_for_plant  # noqa: E402
 from mcpilco.typing import EnvError  # noqa: E402
 from tests.mcpilco.machine.test_protocol import FRAME, fuzzed, inbox  # noqa: E402
@@ -184,7 +183,7 @@ def fault(kind, rig, folder):
                     rig.kill()
                     rig.communicate()
                 if k == 5 and kind == "kill loop":
-                    machine_env._met.process.kill()
+                    env.unwrapped._met.process.kill()
                 env.step(np.array([0.5]))
             return False, rig
         except EnvError:

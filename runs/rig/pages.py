@@ -56,9 +56,10 @@ def crossings(found):
         for one in found
     ]
     attempts = found[0]["corrected"]["happened"][1]
+    good = {name: solved(name) for name in ("corrected", "nominal")}
     said = (
-        f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts: policies "
-        f"{solved('corrected')} of the corrected simulation, {solved('nominal')} of the nominal one."
+        f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts: "
+        f"{good['corrected']} after the corrected simulation, {good['nominal']} after the nominal."
     )
     head = ["seed", "hidden (SI)", "named", "nominal [%]", "promised [%]", "corrected [%]"]
     return ["### Crossings", "", said, "", *table([*head, "minutes", "load"], rows)]
