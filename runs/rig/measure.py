@@ -83,37 +83,34 @@ def episode(env, act, steps):
 def timing(seconds=60.0):
     torch.set_num_threads(1)
     command = [sys.executable, "-m", "mcpilco.cli", "train", "--quiet", "--trials", "40", "--out"]
-    for training in (True, False):
-        beside = [
-            subprocess.Popen(
-                [*command, OUT / f"beside-{time.time_ns()}", "--seed", str(k)], cwd=ROOT
-            )
-            for k in range(2 if training else 0)
-        ]
-        time.sleep(20.0 if training else 0.0)
-        for rate in (100, 250):
-            rig, begin = started(), controller(rate)
-            steps, worst, watchdogs, load = 3 * rate, [], 0, os.getloadavg()[0]
-            with meeting(ADDRESS):
-                env = gym.make(MACHINE, simulation=SIMULATION, dt=1.0 / rate, rate=float(rate))
-                for _ in range(round(seconds / 3.0)):
-                    try:
-                        about = episode(env, begin(), steps)
-                    except EnvError as error:
-                        print(error)
-                        watchdogs += 1
-                        continue
-                    worst.append(about["latency_s"])
-                env.close()
-            ended(rig)
-            found = {"rate": rate, "training": training, "steps": steps * len(worst)}
-            found |= {"missed": about.get("missed", 0), "stale": about.get("stale", 0)}
-            found |= {"latency_p50": float(np.median(worst)), "latency_max": max(worst)}
-            found |= {"watchdog": env.unwrapped.settings.watchdog, "watchdogs": watchdogs}
-            keep(f"timing-{rate}-{'beside' if training else 'alone'}", {**found, "load": load})
-        for process in beside:
-            process.send_signal(signal.SIGINT)
-            process.wait()
+    beside = [
+        subprocess.Popen([*command, OUT / f"beside-{time.time_ns()}", "--seed", str(k)], cwd=ROOT)
+        for k in range(2)
+    ]
+    time.sleep(20.0)
+    for rate in (100, 250):
+        rig, begin = started(), controller(rate)
+        steps, worst, watchdogs, load = 3 * rate, [], 0, os.getloadavg()[0]
+        with meeting(ADDRESS):
+            env = gym.make(MACHINE, simulation=SIMULATION, dt=1.0 / rate, rate=float(rate))
+            for _ in range(round(seconds / 3.0)):
+                try:
+                    about = episode(env, begin(), steps)
+                except EnvError as error:
+                    print(error)
+                    watchdogs += 1
+                    continue
+                worst.append(about["latency_s"])
+            env.close()
+        ended(rig)
+        found = {"rate": rate, "steps": steps * len(worst)}
+        found |= {"missed": about.get("missed", 0), "stale": about.get("stale", 0)}
+        found |= {"latency_p50": float(np.median(worst)), "latency_max": max(worst)}
+        found |= {"watchdog": env.unwrapped.settings.watchdog, "watchdogs": watchdogs}
+        keep(f"timing-{rate}", {**found, "load": load})
+    for process in beside:
+        process.send_signal(signal.SIGINT)
+        process.wait()
 
 
 # Faults -------------------------------------------------------------------------------------------

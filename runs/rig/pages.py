@@ -76,13 +76,12 @@ def timing(found):
             f"{1e3 * one['watchdog']:.0f}",
             one["stale"],
             one["watchdogs"],
-            "yes" if one["training"] else "no",
-            one["load"],
+            f"{one['load']:.1f}",
         ]
         for one in found
     ]
     head = ["rate [Hz]", "steps", "missed [%]", "latest step of an episode, median [ms]"]
-    head += ["of all [ms]", "watchdog [ms]", "stale", "watchdogs", "training beside it", "load"]
+    head += ["of all [ms]", "watchdog [ms]", "stale", "watchdogs", "load"]
     return ["### Timing", "", *table(head, rows)]
 
 
@@ -90,13 +89,15 @@ def faults(found):
     one = found[0]
     rows = [[name, *counts] for name, counts in one["kinds"].items()]
     head = ["fault", "tried", "told", "went on", "files lost"]
-    return ["### Faults", "", f"Load {one['load']}.", "", *table(head, rows)]
+    return ["### Faults", "", f"Load {one['load']:.1f}.", "", *table(head, rows)]
 
 
 def fuzz(found):
     one = found[0]
     rows = [[name, one["sent"].get(name, 0), one["refused"].get(name, 0)] for name in one["names"]]
-    said = f"{one['total']} packets; they changed the inbox {one['changed']} times."
+    said = f"{one['total']} packets; they changed the inbox {one['changed']} times. The tag tells a changed byte only "
+    said += "where the layout does not tell it first: such packets count as malformed. On the rig, "
+    said += f"{one['rig']['in all']} of {one['rig']['sent']} were counted, and the session went on."
     return ["### Fuzzed packets", "", said, "", *table(["packets", "sent", "counted"], rows)]
 
 
