@@ -62,6 +62,8 @@ QUICKER = {
 
 NOT_RUN = {
     r"^(git|cd|source|pip) |^make (test|check|format|docs)": "needs a clone, or PyPI",
+    r"--machine ": "needs a machine",
+    r"^mcpilco gap crossing/machine": "needs its recordings",
     r"(^|/)python runs/": "measures for minutes or hours, in a clone",
     r"^chromium |^python -c .*PIL": "needs a browser, and reduces its pictures",
     r"^mcpilco view |--live": "needs a screen or a graphics driver",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Cross(options.Command):
+class Cross(options.OnMachine):
     """Record a system, correct its simulation, train in both, and try both policies on it.
 
     Each stage is kept in the folder; the same command goes on where it was stopped.
@@ -58,6 +58,8 @@ class Cross(options.Command):
     """fresh ones, that a policy is judged by in simulation and on the system"""
     spread: bool = True
     """learn for all plants that the recordings allow; without, for the likeliest alone"""
+    attempts: Annotated[int | None, options.optional("INT", "episodes, on a machine 10")] = None
+    """of each policy on the system"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     accept: bool = False
@@ -67,8 +69,12 @@ class Cross(options.Command):
 
     def __call__(self) -> int:
         options.register(self.env, self.sim, self.algo)
-        self._check()
         options.use_one_thread()
+        with self.met(self.out / "machine"):
+            self._check()
+            return self._cross()
+
+    def _cross(self) -> int:
         from mcpilco.crossing import LEGS
 
         work = self._workflow()
@@ -133,7 +139,9 @@ class Cross(options.Command):
         from mcpilco.show import write_crossing_film
         from mcpilco.show.report import write_crossing_report
 
-        about = f"{self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
+        about = (
+            f"{self.machine or self.env}, {self.seconds:g} s of recordings, simulated by {self.sim}"
+        )
         with contextlib.closing(make_env(self.sim)) as env:
             scene = getattr(env.unwrapped, "scene", None)
         with options.without("all pictures"):
@@ -153,7 +161,7 @@ class Cross(options.Command):
         sim_kwargs = options.keywords("--sim-kwargs", self.sim_kwargs)
         nominal = [e for e in self.sim_kwargs if e.partition("=")[0] in plant.values]
         settings = CrossingSettings(
-            system=Place(self.env, options.keywords("--env-kwargs", self.env_kwargs)),
+            system=Place(*self._system()),
             simulation=Place(self.sim, sim_kwargs),
             seconds=self.seconds,
             rollouts=self.rollouts,
@@ -165,6 +173,7 @@ class Cross(options.Command):
             trials=self.trials,
             episodes=self.episodes,
             spread=self.spread,
+            attempts=10 if self.machine and self.attempts is None else self.attempts,
             seed=self.seed,
         )
         return Workflow(
@@ -173,7 +182,9 @@ class Cross(options.Command):
 
     def _typed(self) -> dict[str, Any]:
         """The settings as they are kept in the folder."""
-        settings = {k: v for k, v in asdict(self).items() if k not in ("out", "accept", "quiet")}
+        beside = ("out", "accept", "quiet", "machine_key")
+        settings = {k: v for k, v in asdict(self).items() if k not in beside}
+        settings["machine"] = self.machine is not None  # not where: that is typed each time
         settings["env_kwargs"] = options.keywords("--env-kwargs", self.env_kwargs)
         return settings
 
@@ -183,14 +194,26 @@ class Cross(options.Command):
 
         plant_named("--sim", self.sim, simulated=True)
         options.require_at_least(
-            1, trials=self.trials, episodes=self.episodes, rollouts=self.rollouts
+            1,
+            trials=self.trials,
+            episodes=self.episodes,
+            rollouts=self.rollouts,
+            attempts=self.attempts,
         )
         given = options.keywords("--sim-kwargs", self.sim_kwargs)
         if "effects" in given:
             raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
         make_env(self.sim, **{**given, "effects": None}).close()
         if not (self.out / "cross.json").exists():
-            make_env(self.env, **options.keywords("--env-kwargs", self.env_kwargs)).close()
+            name, keywords = self._system()
+            make_env(name, **keywords).close()
+
+    def _system(self) -> tuple[str, dict[str, Any]]:
+        """Id and keywords of the system's env; a machine is of the kind that --sim simulates."""
+        kwargs = options.keywords("--env-kwargs", self.env_kwargs)
+        if self.machine is not None and self.env not in (CART_POLE, self.sim):
+            raise InputError("--machine takes the place of --env; leave --env out.")
+        return self.place(self.env if self.machine is None else self.sim, kwargs)
 
 
 def _in_words(outcome: Outcome) -> str:

@@ -21,7 +21,7 @@ _STATISTICS = ("mean", "std", "min", "max")
 
 
 @dataclass(frozen=True)
-class Evaluate(options.Command):
+class Evaluate(options.OnMachine):
     """Judge the policy of a run on fresh rollouts."""
 
     run: options.RunPath
@@ -45,13 +45,16 @@ class Evaluate(options.Command):
         options.use_one_thread()
         options.register(trusted=self.trust)
 
-        from mcpilco.agent import agent_of, finished_trial, open_run_env
+        from mcpilco.agent import agent_of, finished_trial, make_env
         from mcpilco.logbook import RunFolder
 
         run = RunFolder.open(self.run)
         trial = finished_trial(run, self.trial)
-        env = open_run_env(run, self._keywords(run.config["env_kwargs"]))
-        with contextlib.closing(env):
+        place = self.place(run.config["env"], self._keywords(run.config["env_kwargs"]))
+        with (
+            self.met(run.path / "machine"),
+            contextlib.closing(make_env(place[0], **place[1])) as env,
+        ):
             agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
         report = {

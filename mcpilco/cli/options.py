@@ -9,7 +9,7 @@ import contextlib
 import json
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -59,6 +59,7 @@ def register(*names: str, trusted: Iterable[str] = ()) -> None:
     import baselines  # noqa: F401  registers its algorithms
     import envs  # noqa: F401  registers its ids
     from mcpilco.agent import import_named
+    from mcpilco.machine import MACHINE  # noqa: F401  registers it
 
     import_named(*names, *(f"{module}:" for module in trusted))
 
@@ -200,6 +201,40 @@ def _value(option: str, text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
+
+
+# Machines -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnMachine(Command):
+    """Options of every command that can drive a machine in the place of an env."""
+
+    machine: Annotated[str | None, optional("URL", "none")] = None
+    """udp://HOST:PORT or serial:///dev/NAME of a machine, which takes the place of the env"""
+    machine_kwargs: EnvKeywords = ()
+    """how it is watched: rate, watchdog, limits, and others; of a JSON file the content"""
+    machine_key: Annotated[Path | None, optional("FILE", "none")] = None
+    """file of the key that signs the packets; the machine has the same"""
+
+    def met(self, log: Path) -> contextlib.AbstractContextManager[None]:
+        """Within it envs of a machine can be made; their episodes are logged in the folder."""
+        if self.machine is None:
+            return contextlib.nullcontext()
+        from mcpilco.machine import meeting
+
+        return meeting(self.machine, log, self.machine_key)
+
+    def place(self, env: str, kwargs: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Id and keywords of an env, or of the machine in its place."""
+        if self.machine is None:
+            return env, dict(kwargs)
+        from mcpilco.machine import MACHINE, machine_of
+
+        settings = keywords("--machine-kwargs", self.machine_kwargs)
+        return (
+            (env, {**kwargs, **settings}) if env == MACHINE else machine_of(env, kwargs, settings)
+        )
 
 
 # Trainings ----------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ MOST_FILES = 100_000
 
 
 @dataclass(frozen=True)
-class Record(options.Command):
+class Record(options.OnMachine):
     """Record an env's sensors and inputs: a CSV a rollout, with the columns of its task."""
 
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
@@ -67,7 +67,7 @@ class Record(options.Command):
         kind = "policy" if run is not None else self.policy
         paths = [self.out / f"{kind}-seed{self.seed}-{k:02d}.csv" for k in range(self.rollouts)]
         done = 0
-        with contextlib.closing(self._env(run)) as env:
+        with self.met(self.out / "machine"), contextlib.closing(self._env(run)) as env:
             policy: Any = self.policy if run is None else agent_of(run, finished_trial(run))
             names = [path.stem for path in paths]
             recordings = record_rollouts(env, policy, self.seconds, names, self.seed)
@@ -99,15 +99,18 @@ class Record(options.Command):
 
     def _env(self, run: RunFolder | None) -> gym.Env:
         """The env, without its time limit; that of the run where no other is named."""
-        from mcpilco.agent import make_env, open_run_env
+        from mcpilco.agent import make_env
 
         kwargs = options.keywords("--env-kwargs", self.env_kwargs)
         if self.dt is not None:
             kwargs["dt"] = self.dt
         kwargs["max_episode_steps"] = -1
         if run is not None and self.env in (None, run.config["env"]):
-            return open_run_env(run, {**run.config["env_kwargs"], **kwargs})
-        return make_env(self.env or CART_POLE, **kwargs)
+            env, kwargs = run.config["env"], {**run.config["env_kwargs"], **kwargs}
+        else:
+            env = self.env or CART_POLE
+        env, kwargs = self.place(env, kwargs)
+        return make_env(env, **kwargs)
 
 
 def _run(policy: str) -> RunFolder:

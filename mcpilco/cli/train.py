@@ -29,7 +29,7 @@ _OUT = "runs/out"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(options.Learning):
+class Train(options.Learning, options.OnMachine):
     """Learn a policy from scratch and write a run folder."""
 
     seed: int = 0
@@ -68,8 +68,9 @@ class Train(options.Learning):
 
         from mcpilco.agent import begin_run, make_env
 
-        config, env_kwargs = self.numbers()
-        with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
+        (config, env_kwargs), path = self.numbers(), self.folder()
+        name, env_kwargs = self.place(self.env, env_kwargs)
+        with self.met(path / "machine"), contextlib.closing(make_env(name, **env_kwargs)) as env:
             agent = self.agent(env, config, self.seed)
             source = None
             if self.warm_start is not None:
@@ -79,8 +80,8 @@ class Train(options.Learning):
             trials = agent.usual_trials(config) if self.trials is None else self.trials
             files = {"task": self.task, "warm_start": self.warm_start}
             more = {name: str(path) for name, path in files.items() if path is not None}
-            numbers = self.env, env_kwargs, self.chosen_preset, trials
-            run = begin_run(self.folder(), agent, self.algo, *numbers, more)
+            numbers = name, env_kwargs, self.chosen_preset, trials
+            run = begin_run(path, agent, self.algo, *numbers, more)
             with run.writing():
                 if source is not None and not self.quiet:
                     print(f"warm start: training in the model of {self.warm_start}", flush=True)
@@ -90,16 +91,18 @@ class Train(options.Learning):
     def _go_on(self) -> int:
         from mcpilco.agent import changed_versions, reopened
 
-        beside = ("resume", "task", "trials", "trust", "quiet", "tensorboard", "live")
+        beside = ["resume", "task", "trials", "trust", "quiet", "tensorboard", "live"]
+        beside += ["machine", "machine_key"]
         usual: dict[str, Any] = {name: getattr(Train, name) for name in beside}
         if dataclasses.replace(self, **usual) != Train():
             raise InputError(
                 "--resume takes env, its keywords, algo, preset, seed, horizon and folder from the "
-                "run; beside it stand only --task, --trials, --trust, --quiet, --tensorboard and "
-                "--live."
+                "run; beside it stand only --task, --trials, --trust, --quiet, --tensorboard, "
+                "--live, --machine and --machine-key."
             )
         assert self.resume is not None
-        with reopened(self.resume, self.trials, self.task, _warm_start) as (run, agent):
+        resumed = reopened(self.resume, self.trials, self.task, _warm_start)
+        with self.met(self.resume / "machine"), resumed as (run, agent):
             if changed := changed_versions(run):
                 options.warn(
                     f"note: {', '.join(changed)} since the run began; its numbers may differ from "

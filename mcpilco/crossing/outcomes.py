@@ -76,11 +76,14 @@ def cross(
     horizon: int,
     seed: int,
     episodes: int,
+    attempts: int | None = None,
 ) -> Crossing:
     """Choose the best policy of a run by its own simulation, and try it on the system.
 
     The system is met once: no policy is chosen by how it did there. What is promised is of other
     episodes than those that chose it.
+
+    Of the episodes there are `attempts` on the system, None: as many as in the simulation.
 
     `controllers` are what makes a policy act, by trial of the training in the simulation; where
     there are several of these, each sees a part of the episodes.
@@ -95,7 +98,7 @@ def cross(
     return Crossing(
         trial,
         promised=judged(begin, simulation, horizon, (seed, trial, 1), episodes),
-        happened=judged(begin, system, horizon, (seed, trial, 2), episodes),
+        happened=judged(begin, system, horizon, (seed, trial, 2), attempts or episodes),
         states=tuple(zip(task.state_names, task.state_units, strict=True)),
         inputs=tuple(zip(task.input_names, task.input_units, strict=True)),
         dt=task.dt,

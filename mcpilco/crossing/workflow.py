@@ -105,6 +105,8 @@ class CrossingSettings:
     """fresh ones, by which a policy is judged in simulation and on the system"""
     spread: bool = True
     """whether a policy must hold for all plants that the recordings allow, or for the likeliest"""
+    attempts: int | None = None
+    """of each policy on the system; None: as many as `episodes`"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
 
@@ -250,6 +252,7 @@ class Workflow:
                 horizon=next(iter(agents.values())).horizon,
                 seed=told.seed,
                 episodes=told.episodes,
+                attempts=told.attempts,
             )
         write_crossing(path, found)
         return found

@@ -16,6 +16,7 @@ from mcpilco.gap import require_plausible
 from mcpilco.logbook import RunFolder
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent
+from tests.mcpilco.rigs import rig
 
 HINDERED = {
     "format": 1,
@@ -183,3 +184,19 @@ def test_wrong_arguments_are_refused_before_a_folder_is_made(
 ) -> None:
     assert sentence in refused(capsys, "cross", "--out", "new", *arguments)
     assert not (hindered / "new").exists()
+
+
+@pytest.mark.slow
+def test_a_crossing_meets_a_machine_whose_address_stands_in_no_file(hindered, found) -> None:
+    few = ["--seconds", "1", "--rollouts", "1", "--attempts", "1", "--trials", "1", "--quiet"]
+    patient = ["--machine-kwargs", "watchdog=2", "silence=2", "--dt", "0.02"]
+    command = ["cross", "--out", "out", "--episodes", "2", *few, *patient, "--machine"]
+    with rig() as machine:
+        assert main([*command, machine.address]) == 0
+        assert main([*command, machine.address]) == 0
+    out = hindered / "out"
+    assert len(list((out / "machine").glob("*.csv"))) == 5
+    assert json.loads((out / "nominal.json").read_text())["happened"]["episodes"] == 1
+    written = "".join(path.read_text() for path in out.rglob("*.json"))
+    assert machine.address not in written
+    assert main([*command[:-1]]) == 2

@@ -170,6 +170,11 @@ HOSTILE: dict[str, Change] = {
     **{f"algorithm {name}": config(algo=name) for name in (*NAMES, "evil")},
     "algorithm of a crossing": in_json("cross/cross.json", algo="evilm:x", env="evilm:X-v0"),
     "no name": config(env=["evilm"], algo={"evilm": 1}),
+    "machine": config(
+        env="mcpilco/Machine-v0",
+        env_kwargs={"simulation": CART_POLE, "address": "udp://127.0.0.1:9", "machine": "evil"},
+    ),
+    "machine of evil": config(env="mcpilco/Machine-v0", env_kwargs={"simulation": "evilm:X-v0"}),
     "preset": config(preset="evilm:preset"),
     "task": config(task="run/evilm.py"),
     "task above": config(task="../sent/run/evilm.py"),
@@ -315,6 +320,20 @@ def require_harmless(
         assert code in (0, 1, 2), argv
         assert "Traceback" not in said, argv
         assert said.count("mcpilco: error: ") == (code == 2), (argv, said)
+
+
+@pytest.mark.parametrize("command", ["train --resume", "evaluate", "record --out logs --policy"])
+def test_a_machine_is_met_only_where_its_address_is_typed(
+    sent: Path, capsys: pytest.CaptureFixture[str], monkeypatch, command: str
+) -> None:
+    def opened(*_: Any) -> None:
+        raise AssertionError("a file has opened a machine")
+
+    monkeypatch.setattr("mcpilco.machine.env.Meeting.open", opened)
+    address = {"machine": "udp://127.0.0.1:9", "address": "udp://127.0.0.1:9"}
+    config(env="mcpilco/Machine-v0", env_kwargs={"simulation": CART_POLE}, **address)(sent)
+    assert main([*command.split(), "run"]) == 2
+    assert "met only at an address that you type" in capsys.readouterr().err
 
 
 def test_a_module_that_the_user_trusts_is_imported(sent: Path) -> None:

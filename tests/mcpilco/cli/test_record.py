@@ -16,6 +16,7 @@ from mcpilco.data import Rollout
 from mcpilco.recordings import from_rollout, read_recording
 from mcpilco.task import TaskSpec
 from tests.mcpilco.point import TINY
+from tests.mcpilco.rigs import rig
 
 STATES = ("cart_position", "cart_velocity", "pole_angle", "pole_velocity")
 SHORT = ["--seconds", "3", "--rollouts", "2", "--quiet"]
@@ -45,6 +46,20 @@ def test_a_file_a_rollout_is_written_and_can_be_read(tmp_path, policy) -> None:
         assert recording.time[-1] == pytest.approx(1.5)
         assert np.isfinite(recording.states).all()
         assert np.abs(recording.inputs).max() <= 10
+
+
+def test_a_machine_is_recorded_and_its_own_log_kept(tmp_path) -> None:
+    with rig() as machine:
+        patient = ["--machine-kwargs", "watchdog=2", "silence=2"]
+        typed = ["--machine", machine.address, *patient, "--dt", "0.02", "--seconds", "1"]
+        assert record(tmp_path, *typed, "--rollouts", "1") == 0
+    assert read(tmp_path / "excitation-seed0-00.csv").time[-1] == pytest.approx(1.0)
+    assert np.isfinite(read(tmp_path / "machine" / "episode-0000.csv").states).all()
+
+
+def test_an_address_that_is_none_is_refused(tmp_path, capsys) -> None:
+    out = str(tmp_path / "out")
+    assert "udp://HOST:PORT" in refused(capsys, "--out", out, "--machine", "127.0.0.1:9000")
 
 
 def test_rollouts_may_be_longer_than_the_envs_time_limit(tmp_path) -> None:
