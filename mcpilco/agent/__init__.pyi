@@ -16,6 +16,7 @@ from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
 from .numpy_policy import NumpyPolicy
+from .policy_code import write_c, write_onnx
 from .policy_file import write_policy
 from .rehearsal import rehearsed
 from .stored import (
@@ -73,5 +74,7 @@ __all__ = [
     "task_of",
     "with_model",
     "with_package",
+    "write_c",
+    "write_onnx",
     "write_policy",
 ]
