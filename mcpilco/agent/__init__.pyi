@@ -6,6 +6,7 @@ from .algorithms import (
     import_named,
     preset_numbers,
     suitable_preset,
+    with_limits,
     with_model,
     with_package,
 )
@@ -72,6 +73,7 @@ __all__ = [
     "run_episode",
     "suitable_preset",
     "task_of",
+    "with_limits",
     "with_model",
     "with_package",
     "write_c",

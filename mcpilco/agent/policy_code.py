@@ -106,7 +106,7 @@ def _written(
 
 
 def contract(arrays: Arrays) -> dict[str, Any]:
-    """The facts that connect an exported policy to a machine: names, units, order, rate and limits."""
+    """How to connect an exported policy to a machine: names, units, order, rate and limits."""
     from mcpilco import __version__
 
     named = zip(arrays["state_names"].tolist(), arrays["state_units"].tolist(), strict=True)
