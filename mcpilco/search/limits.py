@@ -24,9 +24,9 @@ from mcpilco.typing import InputError
 
 MARGIN = 0.2
 """how long before a limit its proxy begins, in parts of the way from the start [-]"""
-FIRST_WEIGHT, LEAST_WEIGHT = 1.0, 0.1
+FIRST_WEIGHT, LEAST_WEIGHT = 3.0, 1.0
 """of a step's proxy beside its cost, at first and at least [-]"""
-RATE = 1.0
+RATE = 20.0
 """by how much a weight grows in a step in which all particles are outside [-]"""
 EXPLORED = 0.5
 """exploration ends an episode behind this share of the way from the start to a limit [-]"""
@@ -100,7 +100,7 @@ class Multipliers:
     def penalty(self, states: Float[Tensor, "T P X"]) -> Tensor:
         """What the limits add to the cost [-]; the weights ascend."""
         beyond = self._limits.beyond(states)
-        proxy = torch.relu(1.0 + beyond / MARGIN).mean(1)
+        proxy = torch.relu(1.0 + beyond / MARGIN).square().mean(1)
         penalty = self._weights @ proxy
         outside = (beyond.detach() > 0).double().mean(1)
         ascent = RATE * (outside - (1.0 - self._limits.share))

@@ -157,9 +157,9 @@ class Starts:
 
     @property
     def best(self) -> Candidate:
-        """The candidate of lowest predicted cost."""
+        """The candidate of lowest predicted cost; where none is admissible, the nearest to it."""
         first = [] if self.unimproved is None else [self.unimproved]
-        return min(first + self.tried, key=lambda candidate: candidate.rank)
+        return min(first + self.tried, key=lambda found: (found.rank, -(found.kept or 0.0)))
 
     @property
     def steps(self) -> int:
