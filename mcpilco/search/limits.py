@@ -74,11 +74,9 @@ class Limits:
                     bounds.append((i, sign, task.start_mean[i], room))
         if not bounds:
             return None
-        components, signs, starts, rooms = zip(*bounds, strict=True)
-        signs, starts, rooms = (
-            torch.tensor(n, dtype=torch.float64) for n in (signs, starts, rooms)
-        )
-        return cls(components, signs, starts, rooms, share)
+        components, *numbers = zip(*bounds, strict=True)
+        signs, starts, rooms = torch.tensor(numbers, dtype=torch.float64)
+        return cls(tuple(components), signs, starts, rooms, share)
 
     def beyond(self, states: Float[Tensor, "*b X"]) -> Float[Tensor, "*b"]:
         """How far beyond the nearest limit: 0 at it, -1 at the start [-]."""
