@@ -35,8 +35,10 @@ METRICS: Mapping[str, Callable[[str], Any]] = {
 """columns of metrics.csv and how each is read; empty: not known, or not finite; success: 1 or 0.
 Behind `success` come the measures that the env reports, numbers named with their unit"""
 _measure = _optional(float)
-ADDED = ("failure", "limits_kept", "limits_crossed")
-"""columns that older run folders do not have"""
+NEWEST = ("limits_kept", "limits_crossed")
+"""columns, and entries of a result, that older run folders do not have"""
+ADDED = ("failure", *NEWEST)
+"""columns that the first run folders did not have"""
 
 
 def values_of(result: TrialResult) -> dict[str, Any]:
@@ -78,7 +80,7 @@ def check_values(path: Path, values: Mapping[str, Any]) -> None:
     for column in _columns(measures_in(values)):
         read = METRICS.get(column, _measure)
         try:
-            value = values.get(column) if column in ADDED else values[column]
+            value = values.get(column) if column in NEWEST else values[column]
             if read(_cell(value)) != value:
                 raise ValueError
         except (KeyError, ValueError, TypeError) as error:

@@ -153,7 +153,7 @@ def test_metrics_keep_measures_that_another_env_reports(run):
 
 
 def test_metrics_of_earlier_versions_with_empty_measures_are_read(run):
-    (run.path / "metrics.csv").write_text(COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,\n")
+    (run.path / "metrics.csv").write_text(COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,,,\n")
     (row,) = run.metrics()
     assert row["time_up_s"] is row["mean_abs_cart_m"] is None
 
