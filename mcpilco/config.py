@@ -237,6 +237,27 @@ class Phase(Checked):
 
 
 @dataclass(frozen=True)
+class Limit(Checked):
+    """Bounds within which a state must stay while the agent learns."""
+
+    state: str
+    """its name in the task"""
+    low: float | None = None
+    """in its unit; None: it has none"""
+    high: float | None = None
+    """likewise"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ends = [end for end in (self.low, self.high) if end is not None]
+        _require(
+            bool(ends) and ends[0] < (ends[-1] if len(ends) == 2 else math.inf),
+            f"A limit of {self.state} needs a bound, and low below high, got {self.low} to "
+            f"{self.high}.",
+        )
+
+
+@dataclass(frozen=True)
 class SearchConfig(Checked):
     """How the policy is improved in the model."""
 
@@ -277,11 +298,16 @@ class SearchConfig(Checked):
     correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)
     """correlation of a particle's noise in successive steps in trial 1, 2, ...; the last entry
     holds from there on; with 0 the model errs anew in each step [-]"""
+    limits: tuple[Limit, ...] = ()
+    """of states, which a policy must be predicted to keep before it is tried"""
+    kept: float = 0.99
+    """share of the particles that must keep all limits at every step [-]"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(particles=1, evaluation_particles=2, widening=1, continuation=0)
         self._at_most(particles=1_000_000, evaluation_particles=1_000_000)
+        _require(0 < self.kept < 1, f"kept must be in (0, 1), got {self.kept}.")
         _require(0 < self.screening <= 1, f"screening must be in (0, 1], got {self.screening}.")
         self._positive("clip_norm")
         for name in ("steps", "rates", "phases", "restarts", "correlations"):

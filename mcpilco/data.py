@@ -227,6 +227,10 @@ class TrialResult:
     be learned, and the last one was tried again"""
     failure: str | None = None
     """why no new policy could be learned, or why the rollout broke off; None where all went well"""
+    limits_kept: float | None = None
+    """share of the particles that keep all limits of the states [-]; None where there are none"""
+    limits_crossed: bool | None = None
+    """whether the rollout did cross one; None where there are none"""
 
     @property
     def outcome(self) -> Mapping[str, float]:

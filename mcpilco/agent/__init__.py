@@ -4,11 +4,12 @@
 the model, search a policy in it, try it on the system. `ModelBasedAgent` has the steps of a trial,
 and `MCPILCO` says which model, policy and search; `Model` turns recorded transitions into dynamics
 for the particles. On the system a policy acts through a `Controller`, behind the estimator that it
-was learned with; `write_policy` exports both, and `NumpyPolicy` acts from that file alone.
+was learned with; `write_policy` exports both, and `NumpyPolicy` acts from that file alone;
+`write_c` and `write_onnx` do so for machines without Python.
 
 Read `trial_agent`, `model_based`, `agent`, `model`, `controller`, `episode`; then `agent_file` and
-`policy_file`. `contract`, `guess`, `inspection` and `predictability` say what of a foreign env
-fits, `task_file` reads a user's task, and `algorithms` finds an agent by its name.
+`policy_file`, `policy_code`. `contract`, `guess`, `inspection` and `predictability` say what of a
+foreign env fits, `task_file` reads a user's task, and `algorithms` finds an agent by its name.
 """
 
 import lazy_loader

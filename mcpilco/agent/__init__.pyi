@@ -6,6 +6,7 @@ from .algorithms import (
     import_named,
     preset_numbers,
     suitable_preset,
+    with_limits,
     with_model,
     with_package,
 )
@@ -16,6 +17,7 @@ from .inspection import inspect_env
 from .model import Model
 from .model_based import ModelBasedAgent
 from .numpy_policy import NumpyPolicy
+from .policy_code import write_c, write_onnx
 from .policy_file import write_policy
 from .rehearsal import rehearsed
 from .stored import (
@@ -71,7 +73,10 @@ __all__ = [
     "run_episode",
     "suitable_preset",
     "task_of",
+    "with_limits",
     "with_model",
     "with_package",
+    "write_c",
+    "write_onnx",
     "write_policy",
 ]

@@ -17,7 +17,15 @@ from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
-from mcpilco.search import Candidate, PolicySearch, Problem, SearchResult, follow, rollout_of
+from mcpilco.search import (
+    Candidate,
+    Limits,
+    PolicySearch,
+    Problem,
+    SearchResult,
+    follow,
+    rollout_of,
+)
 from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
@@ -95,6 +103,11 @@ class MCPILCO(ModelBasedAgent):
             **unknown,
         )
 
+    def _set_up(self) -> None:
+        super()._set_up()
+        search = self.config.search
+        self.limits = Limits.of(search.limits, search.kept, self.task)
+
     def _new_model(self) -> Model:
         return Model(self.config.model, self.task, self.kernel)
 
@@ -142,6 +155,7 @@ class MCPILCO(ModelBasedAgent):
             correlation=self.config.search.correlation_of(trial),
             judged=len(self.task.state_names),
             easier=self._easier(dynamics, trial),
+            limits=self.limits,
         )
 
     def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:

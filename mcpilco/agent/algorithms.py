@@ -32,7 +32,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.config import KERNELS
+from mcpilco.config import KERNELS, Limit
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -184,6 +184,20 @@ def preset_numbers(
         return config, env_kwargs
     config = dataclasses.replace(config, horizon=horizon)
     return config, {**env_kwargs, "max_episode_steps": horizon}
+
+
+def with_limits(config: Any, limits: tuple[Limit, ...]) -> Any:
+    """The agent's numbers with limits of states.
+
+    Raises:
+        InputError: the algorithm keeps none.
+    """
+    if not limits:
+        return config
+    if not hasattr(getattr(config, "search", None), "limits"):
+        raise InputError("--limit is an option of the algorithm mcpilco.")
+    search = dataclasses.replace(config.search, limits=(*config.search.limits, *limits))
+    return dataclasses.replace(config, search=search)
 
 
 def with_model(

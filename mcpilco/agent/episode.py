@@ -118,13 +118,14 @@ def run_episode(
     seed: int | None = None,
     options: dict[str, Any] | None = None,
     width: int | None = None,
+    stop: Callable[[Float[np.ndarray, " X"]], bool] | None = None,
 ) -> Rollout:
     """Reset the env, act until the horizon or the end of the episode, and return the record.
 
     `act` makes of an observation an input in the env's unit, which is clipped to the action space;
     the horizon is the most steps. dt [s] is for the record, seed and options are passed to
     `env.reset`. The true states that the env may tell are X = `width` numbers; by default as many
-    as it observes.
+    as it observes. The episode ends early where an observation says `stop`.
 
     Raises:
         BrokenEpisodeError: the env raised, or returned a value that is not finite or of another
@@ -146,7 +147,7 @@ def run_episode(
             if step == 1:
                 raise
             raise BrokenEpisodeError(str(error), record.rollout(whole=False)) from error
-        if terminated or truncated:
+        if terminated or truncated or (stop is not None and stop(record.seen)):
             break
     return record.rollout()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from abc import abstractmethod
@@ -19,11 +20,13 @@ from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
 from mcpilco.policies import Bounds, RewardCost, held, with_cost
-from mcpilco.search import SearchResult
+from mcpilco.search import EXPLORED, Limits, SearchResult
 from mcpilco.sensing import PastInputs, Perception, chained
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
 
+BALANCED = (1, -1, -1, 1)
+"""signs of Thue and Morse: what they weigh leaves nothing in a sum, nor in a sum of sums"""
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
 
@@ -37,10 +40,15 @@ class ModelBasedAgent(TrialAgent):
     A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
     more, for its data; one whose env breaks off keeps the steps before. Either tells why in
     `TrialResult.failure`, and the next trial follows.
+
+    Where there are limits, an episode of random inputs ends half-way to one of them, and a trial
+    without a policy that is predicted to keep them is such an episode.
     """
 
     saved_type = SavedModelBased
     model: Model
+    limits: Limits | None = None
+    """of states, which a policy must be predicted to keep before it is tried"""
 
     def _set_up(self) -> None:
         self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
@@ -127,16 +135,37 @@ class ModelBasedAgent(TrialAgent):
         if not self._unexplored:
             return []
         inputs = self.streams.inputs(trial=0)
-        act = lambda _: inputs.uniform(self.low, self.high)  # noqa: E731
         records: list[Rollout] = []
         while (left := self._exploration_steps - sum(map(len, records))) > 0:
-            record, _ = self._run_episode(act, 0, left, len(records))
+            record, _ = self._random_episode(inputs, 0, left, len(records))
             records.append(_digested(record, self.perception))
         for record in records:
             self._take(record)
         self._learn_cost(records)
         self.policy = self._random_policy(self.streams.search(trial=0))
         return records
+
+    def _random_episode(
+        self, inputs: np.random.Generator, trial: int, steps: int, episode: int = 0
+    ) -> tuple[Rollout, str | None]:
+        """A rollout of uniform random inputs; towards a limit it ends half-way.
+
+        Where there are limits each random input comes four times, with signs that leave no speed
+        and no way of what integrates it once or twice.
+        """
+        draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
+        if self.limits is None:
+            return self._run_episode(lambda _: next(draws), trial, steps, episode)
+        middle = (self.low + self.high) / 2
+        around = (middle + sign * (u - middle) for u in draws for sign in BALANCED)
+        return self._run_episode(lambda _: next(around), trial, steps, episode, self._far)
+
+    def _far(self, measured: Float[np.ndarray, " Y"]) -> bool:
+        """Whether a random input might lead out of the limits, as far as they are measured."""
+        assert self.limits is not None
+        states = np.array(self.task.start_mean)
+        states[list(self.task.measured_states)] = measured
+        return bool(self.limits.beyond(torch.from_numpy(states)) > EXPLORED - 1.0)
 
     def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
         """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
@@ -165,8 +194,12 @@ class ModelBasedAgent(TrialAgent):
             policy = found.best.policy
             shown = found.best.prediction(SHOWN_PARTICLES)
             prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
-        act = remembering(Controller(policy, self._estimator(perception)).answer)
-        record, broken = self._run_episode(act, trial, self.horizon)
+        if self.limits is not None and no_policy is not None:
+            inputs = self.streams.inputs(trial)
+            record, broken = self._random_episode(inputs, trial, self.horizon)
+        else:
+            act = remembering(Controller(policy, self._estimator(perception)).answer)
+            record, broken = self._run_episode(act, trial, self.horizon)
         record = _digested(record, perception)
         self._take(record)
         self.policy, self.perception = policy, perception
@@ -178,6 +211,10 @@ class ModelBasedAgent(TrialAgent):
             learned |= {"policy_steps": found.steps, "starts": found.starts}
             learned["predicted_cost"] = found.best.cost
             learned["predicted_cost_std"] = found.best.cost_std
+        if self.limits is not None:
+            states = torch.from_numpy(record.shown_states)[:, None]
+            learned["limits_crossed"] = self.limits.kept(states) < 1.0
+            learned["limits_kept"] = None if found is None else found.best.kept
         failure = " ".join(failures) or None
         return self._result(trial, record, watch, experience, failure=failure, **learned)
 
@@ -202,9 +239,16 @@ class ModelBasedAgent(TrialAgent):
             self.fitted_rows = rows
             self.look_ahead()
             return None, self._failed(trial, f"No policy could be learned: {error}")
-        if math.isfinite(found.best.cost):
-            return found, None
-        return found, self._failed(trial, "The model predicted no finite cost for any policy.")
+        if not math.isfinite(found.best.cost):
+            return found, self._failed(trial, "The model predicted no finite cost for any policy.")
+        if self.limits is not None and not found.best.admissible:
+            return found, self._failed(
+                trial,
+                "No policy is predicted to keep the limits: of the best one's particles "
+                f"{found.best.kept:.1%} do, of at least {self.limits.share:.1%}. It is not tried; "
+                "random inputs are, which end half-way to a limit.",
+            )
+        return found, None
 
     def _take(self, record: Rollout) -> None:
         if isinstance(self.task.cost, RewardCost):

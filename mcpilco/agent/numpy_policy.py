@@ -11,6 +11,7 @@ This file imports nothing of mcpilco: copy it beside `policy.npz` to the machine
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,9 @@ Array = np.ndarray[Any, Any]
 class NumpyPolicy:
     """An exported policy, with the estimator that it needs, for one episode at a time."""
 
-    def __init__(self, path: str | Path) -> None:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+    def __init__(self, source: str | Path | Mapping[str, Array]) -> None:
+        """The policy of a file, or of what is in one, by name."""
+        arrays = dict(source if isinstance(source, Mapping) else _read(source))
         self._policy = arrays
         self._linear = _LinearEstimator(arrays) if "estimator.A" in arrays else None
         self._late = _LateActuator(arrays) if "delay.whole" in arrays else None
@@ -51,11 +52,20 @@ class NumpyPolicy:
             self._late.after(u)
         return u
 
+    def expected(self) -> Array | None:
+        """The state (X,) at the next measurement; None where there is no model to tell it."""
+        return None if self._late is None else self._late.expected()
+
     def _act(self, x: Array) -> Array:
         p = self._policy
         z = augmented(x, p["angles"])
         phi = np.exp(-np.square((z - p["centres"]) / p["lengthscales"]).sum(-1))
         return p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
+
+
+def _read(path: str | Path) -> dict[str, Array]:
+    with np.load(path, allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
 
 
 def augmented(states: Array, angles: Array) -> Array:
@@ -167,6 +177,11 @@ class _LateActuator:
     def after(self, inputs: Array) -> None:
         """Note a command."""
         self._past = np.concatenate([inputs[None], self._past])[: len(self._past)]
+
+    def expected(self) -> Array:
+        """The state at the end of the step whose command was noted."""
+        assert self._state is not None
+        return self._stepped(self._state[None], self._past[self._whole :])[0]
 
     def observe(self, measured: Array) -> Array:
         """The state in which the next command will act, from what is measured now."""

@@ -32,8 +32,8 @@ def write_policy(
     Args:
         path: of the `.npz` file: `angles` (which states are angles), `centres` (B, Z),
             `lengthscales` (Z), `weights` (B, U), `squash`, `middle` (U) and `half_range` (U);
-            `state_names`, `state_units`, `input_names`, `input_units`, and the time `dt` for which
-            an input is held [s].
+            `state_names`, `state_units`, which of them are `measured`, `input_names`,
+            `input_units`, and the time `dt` for which an input is held [s].
         policy: what is written.
         task: of the env in which it was learned.
         estimator: makes the states that the policy acts on; None: it acts on measured states.
@@ -51,6 +51,13 @@ def write_policy(
 
     Reference: thesis section 5.5.1.
     """
+    return write_arrays(Path(path), policy_arrays(policy, task, estimator))
+
+
+def policy_arrays(
+    policy: SumOfGaussians, task: TaskSpec, estimator: Estimator | None = None
+) -> dict[str, np.ndarray]:
+    """The arrays that `write_policy` writes of the same arguments, by name."""
     numbers = {
         "centres": policy.centres,
         "lengthscales": policy.lengthscale,
@@ -63,12 +70,13 @@ def write_policy(
         "squash": np.array(policy.squash.scale),
         "state_names": np.array(task.state_names),
         "state_units": np.array(task.state_units),
+        "measured": np.array(task.measured_states, dtype=np.int64),
         "input_names": np.array(task.input_names),
         "input_units": np.array(task.input_units),
         "dt": np.array(task.dt),
     }
     arrays = {name: value.detach().numpy() for name, value in numbers.items()}
-    return write_arrays(Path(path), arrays | _estimator_arrays(estimator) | about)
+    return arrays | _estimator_arrays(estimator) | about
 
 
 def _estimator_arrays(estimator: Estimator | None) -> dict[str, np.ndarray]:

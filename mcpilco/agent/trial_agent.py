@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -164,13 +164,22 @@ class TrialAgent(ABC):
         """Improve the policy from all data so far, and try it for an episode."""
 
     def _run_episode(
-        self, act: Act, trial: int, steps: int, episode: int = 0
+        self,
+        act: Act,
+        trial: int,
+        steps: int,
+        episode: int = 0,
+        stop: Callable[[np.ndarray], bool] | None = None,
     ) -> tuple[Rollout, str | None]:
-        """A rollout of at most so many steps, and why it broke off if it did."""
+        """A rollout of at most so many steps, and why it broke off if it did.
+
+        It ends early where a measurement says `stop`.
+        """
         env, width = state_view(self.env, self.task), len(self.task.state_names)
         seed, steps = self.streams.reset(trial, episode), min(steps, self.horizon)
         try:
-            return run_episode(env, act, steps, self.task.dt, seed=seed, width=width), None
+            record = run_episode(env, act, steps, self.task.dt, seed=seed, width=width, stop=stop)
+            return record, None
         except BrokenEpisodeError as error:
             return error.rollout, self._failed(trial, str(error))
 

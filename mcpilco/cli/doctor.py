@@ -37,7 +37,8 @@ _OPTIONAL = {
     "sb3-contrib": "mcpilco train --algo sac, tqc or ppo",
     "tensorboard": "mcpilco train --tensorboard",
     "matplotlib": "mcpilco report and demo",
-    "jinja2": "mcpilco report",
+    "jinja2": "mcpilco report, and export --c",
+    "onnx": "mcpilco export --onnx",
     "imageio-ffmpeg": "mcpilco view --video FILE.mp4",
 }
 _MARKS = {"fits": "ok", "note": "--", "fault": "no"}

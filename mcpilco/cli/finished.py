@@ -128,20 +128,40 @@ def _print_table(report: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class Export(options.Command):
-    """Write a run's policy as plain arrays, to act with numpy alone."""
+    """Write a run's policy: as arrays for numpy, as C, or as an ONNX graph.
+
+    Beside the C header and the graph stand a contract (FILE.json: names, units, order, rate,
+    limits, memory) and golden vectors (FILE.golden.csv). Files that are there are replaced.
+    """
 
     run: options.RunPath
     """run folder"""
-    file: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
-    """the .npz file to write; one that is there is replaced"""
+    file: Annotated[tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="FILE")] = None
+    """the .npz file to write: arrays, to act with numpy alone"""
+    c: Annotated[Path | None, options.optional("FILE.h", "none")] = None
+    """one C99 header that needs no other file and allocates nothing; needs jinja2"""
+    onnx: Annotated[Path | None, options.optional("FILE.onnx", "none")] = None
+    """an ONNX graph, whose memory goes in and out; needs onnx"""
+    vectors: int = 10_000
+    """golden vectors beside the header and the graph"""
     trial: Annotated[int | None, options.optional("INT", "the last")] = None
     """whose policy"""
     trust: options.Trust = ()
     """modules of your own that the run names; they are imported"""
 
     def __call__(self) -> int:
+        options.require_at_least(0, vectors=self.vectors)
+        if self.file is None and self.c is None and self.onnx is None:
+            raise InputError("export needs to know where to write: policy.npz, --c or --onnx.")
         options.register(trusted=self.trust)
-        from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial, write_policy
+        from mcpilco.agent import (
+            ModelBasedAgent,
+            agent_of,
+            finished_trial,
+            write_c,
+            write_onnx,
+            write_policy,
+        )
         from mcpilco.logbook import RunFolder
         from mcpilco.policies import SumOfGaussians
 
@@ -154,8 +174,14 @@ class Export(options.Command):
                 f"{type(agent.policy).__name__} of the algorithm {agent.algo}."
             )
         assert isinstance(agent, ModelBasedAgent), "only they have such policies"
-        path = write_policy(self.file, agent.policy, agent.task, agent.estimator)
-        print(f"Policy of trial {trial}: {path}")
+        parts = agent.policy, agent.task, agent.estimator
+        if self.file is not None:
+            print(f"Policy of trial {trial}: {write_policy(self.file, *parts)}")
+        for path, write in ((self.c, write_c), (self.onnx, write_onnx)):
+            if path is not None:
+                code, contract, golden = write(path, *parts, self.vectors)
+                print(f"Policy of trial {trial}: {code}; its contract: {contract}; ", end="")
+                print(f"{self.vectors} golden vectors: {golden}")
         return 0
 
 

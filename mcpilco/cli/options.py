@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from mcpilco.config import CART_POLE
+from mcpilco.config import CART_POLE, Limit
 from mcpilco.typing import InputError, McPilcoError, RecordingError
 
 if TYPE_CHECKING:
@@ -179,6 +179,18 @@ def uncertainty(entries: Sequence[str]) -> float | dict[str, float]:
     return number("--uncertainty", entries[-1])
 
 
+def limits(entries: Sequence[str]) -> tuple[Limit, ...]:
+    """Bounds of states, STATE=LOW:HIGH, of which one may be left out."""
+    found = []
+    for state, text in pairs("--limit", separated(entries)):
+        low, colon, high = text.partition(":")
+        if not colon:
+            raise InputError(f"--limit must be STATE=LOW:HIGH, such as x=-0.5:0.5, got {text!r}.")
+        ends = (number(f"--limit {state}", end) if end else None for end in (low, high))
+        found.append(Limit(state, *ends))
+    return tuple(found)
+
+
 def keywords(option: str, entries: Sequence[str]) -> dict[str, Any]:
     """Keywords of an env: numbers, true, false, words, or what a JSON file holds.
 
@@ -277,6 +289,9 @@ class Learning(Command):
     written, or relative standard deviations, such as mass=0.1,f_c=0.3"""
     memory: Annotated[int | None, optional("INT", "that of the preset, 0")] = None
     """of mcpilco: past inputs that model and policy see, for actuators that lag"""
+    limit: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STATE=LOW:HIGH...")] = ()
+    """of mcpilco: bounds of states, such as cart_position=-0.5:0.5, in their units; a policy that
+    is not predicted to keep them in 99 %% of the particles is not tried"""
     delay: Annotated[float | None, optional("SECONDS", "that of the preset, 0")] = None
     """of mcpilco: delay of the actuator [s]; the policy acts on the state predicted for then"""
 
@@ -289,7 +304,7 @@ class Learning(Command):
 
     def numbers(self) -> tuple[Any, dict[str, Any]]:
         """The agent's configuration and the env's keywords."""
-        from mcpilco.agent import find, preset_numbers, with_model
+        from mcpilco.agent import find, preset_numbers, with_limits, with_model
 
         config, env_kwargs = preset_numbers(
             find(self.algo), self.chosen_preset, self.env, self.horizon, self.exploration
@@ -299,6 +314,7 @@ class Learning(Command):
             recipe = "=" in self.spread
             wide = named_numbers("--spread", [self.spread]) if recipe else Path(self.spread)
         config = with_model(config, self.model, self.prior, self.memory, self.delay, wide)
+        config = with_limits(config, limits(self.limit))
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
 
     def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:

@@ -29,11 +29,15 @@ METRICS: Mapping[str, Callable[[str], Any]] = {
     "wall_s": float,
     "cpu_s": float,
     "failure": _optional(str),
+    "limits_kept": _optional(float),
+    "limits_crossed": _optional({"0": False, "1": True}.__getitem__),
 }
 """columns of metrics.csv and how each is read; empty: not known, or not finite; success: 1 or 0.
 Behind `success` come the measures that the env reports, numbers named with their unit"""
 _measure = _optional(float)
-ABSENT_IN_FORMAT_1 = ("failure",)
+NEWEST = ("limits_kept", "limits_crossed")
+"""columns, and entries of a result, that older run folders do not have"""
+ADDED = ("failure", *NEWEST)
 """columns that the first run folders did not have"""
 
 
@@ -56,8 +60,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     except csv.Error as error:
         raise damaged(path, error) from error
     expected = _columns(measures_in(header))
-    older = [name for name in expected if name not in ABSENT_IN_FORMAT_1]
-    if header not in (expected, older):
+    known = [name for name in expected if name in header or name not in ADDED]
+    if header != known:
         raise RunFolderError(
             f"{path} is damaged: line 1 must be {','.join(expected)}, got {','.join(header)!r}."
         )
@@ -76,7 +80,7 @@ def check_values(path: Path, values: Mapping[str, Any]) -> None:
     for column in _columns(measures_in(values)):
         read = METRICS.get(column, _measure)
         try:
-            value = values[column]
+            value = values.get(column) if column in NEWEST else values[column]
             if read(_cell(value)) != value:
                 raise ValueError
         except (KeyError, ValueError, TypeError) as error:

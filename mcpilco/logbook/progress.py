@@ -43,9 +43,18 @@ def _row(result: TrialResult) -> dict[str, str]:
         "real cost": _number(result.real_cost, 2),
         "success": {True: "yes", False: "no", None: "-"}[result.success],
         **{title_of(name): _number(value, 2) for name, value in result.outcome.items()},
+        **_limits(result),
         "GP noise": " ".join(f"{std:.2g}" for std in result.noise_std) or "-",
         "wall [s]": _number(result.wall_s, 1),
     }
+
+
+def _limits(result: TrialResult) -> dict[str, str]:
+    if result.limits_crossed is None:
+        return {}
+    crossed = "crossed" if result.limits_crossed else "kept"
+    kept = "-" if result.limits_kept is None else f"{100 * result.limits_kept:.1f}%"
+    return {"limits": f"{kept} {crossed}"}
 
 
 def _predicted(result: TrialResult) -> str:

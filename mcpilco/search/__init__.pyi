@@ -2,17 +2,21 @@ from . import fused
 from .engine import Loop, compile_only, compiled_before, rollout_of
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
+from .limits import EXPLORED, Limits, Multipliers
 from .particles import Particles, Problem, RolloutFunction, rollout
 from .search import Adam, Candidate, Descent, PolicySearch, SearchResult, Starts, follow
 
 __all__ = [
+    "EXPLORED",
     "OUTERMOST",
     "PLAIN",
     "TALL",
     "Adam",
     "Candidate",
     "Descent",
+    "Limits",
     "Loop",
+    "Multipliers",
     "Particles",
     "PolicySearch",
     "Problem",

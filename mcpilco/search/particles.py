@@ -16,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from mcpilco.policies import Dropout
+from mcpilco.search.limits import Limits
 from mcpilco.sensing import Observer
 from mcpilco.typing import Cost, Dynamics, Policy, UncertainDynamics, WidenableCost
 
@@ -103,6 +104,8 @@ class Problem:
     """of a particle's noise in successive steps, in [0, 1) [-]"""
     judged: int | None = None
     """how many entries of a particle's state are the system's; past inputs are behind them"""
+    limits: Limits | None = None
+    """that a policy must be predicted to keep; None: there are none"""
     easier: Callable[[float], Dynamics | UncertainDynamics] | None = None
     """dynamics on the way to these, of the share of the way, where there are some that are easier;
     see `mcpilco.search.search`"""

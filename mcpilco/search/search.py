@@ -20,6 +20,7 @@ from torch import Tensor
 from mcpilco.config import Phase, SearchConfig
 from mcpilco.data import Prediction
 from mcpilco.policies import Dropout, SumOfGaussians
+from mcpilco.search.limits import Multipliers
 from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.schedule import Schedule
 
@@ -47,6 +48,10 @@ class Candidate:
     """of these particles at the end of each step [-]"""
     steps: int
     """optimisation steps spent on it"""
+    kept: float | None = None
+    """share of these particles that keep the limits at every step [-]; None: there are none"""
+    admissible: bool = True
+    """whether these are as many as must"""
 
     @property
     def cost(self) -> float:
@@ -68,12 +73,12 @@ class Candidate:
 
     def fails(self, config: SearchConfig, reference_cost: float) -> bool:
         """Whether the model predicts failure, see `Starts`."""
-        return not self.final_cost <= config.failing * reference_cost
+        return not (self.admissible and self.final_cost <= config.failing * reference_cost)
 
     @property
     def rank(self) -> float:
-        """The cost, or infinity where the model has no finite answer [-]."""
-        return self.cost if math.isfinite(self.cost) else math.inf
+        """The cost, or infinity where the model has no finite answer or limits are not kept [-]."""
+        return self.cost if self.admissible and math.isfinite(self.cost) else math.inf
 
     def prediction(self, particles: int) -> Prediction:
         """The first particles, as arrays."""
@@ -152,9 +157,9 @@ class Starts:
 
     @property
     def best(self) -> Candidate:
-        """The candidate of lowest predicted cost."""
+        """The candidate of lowest predicted cost; where none is admissible, the nearest to it."""
         first = [] if self.unimproved is None else [self.unimproved]
-        return min(first + self.tried, key=lambda candidate: candidate.rank)
+        return min(first + self.tried, key=lambda found: (found.rank, -(found.kept or 0.0)))
 
     @property
     def steps(self) -> int:
@@ -300,8 +305,9 @@ class PolicySearch:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
         adam = Adam(policy)
+        weights = None if problem.limits is None else Multipliers(problem.limits, problem.horizon)
         while not descent.over:
-            numbers = descent.learning_rate, descent.phase.dropout, descent.widening
+            numbers = descent.learning_rate, descent.phase.dropout, descent.widening, weights
             descent.note(*self.step(problem, policy, adam, *numbers))
         return self._judge(problem, policy, descent.step)
 
@@ -313,18 +319,21 @@ class PolicySearch:
         learning_rate: float,
         dropout: float = 0.0,
         widening: float = 1.0,
+        limits: Multipliers | None = None,
     ) -> tuple[float, float]:
         """One gradient step; returns the cost and the gradient's norm before clipping [-].
 
-        The gradient is that of the cost made `widening` times as wide; the cost returned is the
-        task's own. Where one of them is not finite, the policy stays as it is.
+        The gradient is that of the cost made `widening` times as wide, with what the limits add;
+        the cost returned is the task's own. Where one of them is not finite, the policy stays as it
+        is.
         """
         mask = None
         if dropout > 0:
             mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
         particles = problem.particles(policy, self.config.particles, self.generator, mask)
         annealed = problem.widened(widening).costs(particles).mean(1).sum()
-        slopes = torch.autograd.grad(annealed, list(policy.parameters()))
+        lagrangian = annealed if limits is None else annealed + limits.penalty(particles.states[1:])
+        slopes = torch.autograd.grad(lagrangian, list(policy.parameters()))
         norm = torch.nn.utils.get_total_norm(slopes)
         if self.config.clip_norm is not None:
             shrunk = torch.clamp(self.config.clip_norm / (norm + 1e-6), max=1.0)
@@ -339,7 +348,11 @@ class PolicySearch:
         """Predicted particles and costs of a policy, without dropout."""
         with torch.no_grad():
             particles = problem.particles(policy, self.config.evaluation_particles, self.generator)
-            return Candidate(policy, particles, problem.costs(particles), steps)
+            costs, limits = problem.costs(particles), problem.limits
+            if limits is None:
+                return Candidate(policy, particles, costs, steps)
+            kept = limits.kept(particles.states[1:])
+            return Candidate(policy, particles, costs, steps, kept, kept >= limits.share)
 
 
 # --- continuation ---------------------------------------------------------------------------------

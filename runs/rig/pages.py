@@ -95,8 +95,9 @@ def faults(found):
 def fuzz(found):
     one = found[0]
     rows = [[name, one["sent"].get(name, 0), one["refused"].get(name, 0)] for name in one["names"]]
-    said = f"{one['total']} packets; they changed the inbox {one['changed']} times. The tag tells a changed byte only "
-    said += "where the layout does not tell it first: such packets count as malformed. On the rig, "
+    said = f"{one['total']} packets; they changed the inbox {one['changed']} times. "
+    said += "The tag tells a changed byte only where the layout does not tell it first: "
+    said += "such packets count as malformed. On the rig, "
     said += f"{one['rig']['in all']} of {one['rig']['sent']} were counted, and the session went on."
     return ["### Fuzzed packets", "", said, "", *table(["packets", "sent", "counted"], rows)]
 

@@ -349,7 +349,12 @@ def failures(history: History) -> list[str]:
     lost = [str(trial.number) for trial in learned if trial.success is False]
     if lost:
         said.append(f"No success in trial {', '.join(lost)}.")
+    crossed = [str(trial.number) for trial in learned if trial.row.get("limits_crossed")]
+    if crossed:
+        said.append(f"A limit of the states was crossed in trial {', '.join(crossed)}.")
     for trial in learned:
+        if trial.row.get("failure"):
+            said.append(f"Trial {trial.number}: {trial.row['failure']}")
         spread = trial.predicted_cost_std
         if trial.real_cost > trial.predicted_cost + 3 * spread:
             said.append(

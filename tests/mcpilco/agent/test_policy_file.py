@@ -123,7 +123,7 @@ def test_numpy_alone_acts_as_the_agent_with_its_estimator(env: str, model, tmp_p
     policy = NumpyPolicy(path)
     source = Path(__file__).parents[3] / "mcpilco" / "agent" / "numpy_policy.py"
     imports = re.findall(r"^(?:from|import) (\w+)", source.read_text(), re.M)
-    assert set(imports) == {"__future__", "pathlib", "typing", "numpy"}
+    assert set(imports) == {"__future__", "collections", "pathlib", "typing", "numpy"}
     width = agent.env.observation_space.shape[0]
     for seed in range(2):  # the second episode knows nothing of the first
         act, remembers = agent.on_states(), []

@@ -22,7 +22,7 @@ CONFIG = {
 }
 COLUMNS = (
     "trial,experience_s,predicted_cost,real_cost,success,time_up_s,mean_abs_cart_m,wall_s,cpu_s,"
-    "failure"
+    "failure,limits_kept,limits_crossed"
 )
 
 
@@ -131,6 +131,18 @@ def test_metrics_have_exactly_the_promised_columns(run):
     assert (run.path / "metrics.csv").read_text().startswith(COLUMNS + "\n1,")
 
 
+@pytest.mark.parametrize(
+    "absent", [",limits_kept,limits_crossed", ",failure,limits_kept,limits_crossed"]
+)
+def test_metrics_of_older_folders_are_read(run, absent):
+    run.add_metrics(make_result(1))
+    [row] = run.metrics()
+    header, line = (run.path / "metrics.csv").read_text().splitlines()
+    cells = line.split(",")[: -absent.count(",")]
+    (run.path / "metrics.csv").write_text(f"{header.removesuffix(absent)}\n{','.join(cells)}\n")
+    assert run.metrics() == [row | dict.fromkeys(absent[1:].split(","))]
+
+
 def test_metrics_keep_measures_that_another_env_reports(run):
     outcome = {"is_success": 0.0, "distance_m": 1.25, "spin_rad_per_s": 7.5, "score": 3.0}
     result = make_result(1, replace(make_result(1).rollout, outcome=outcome))
@@ -141,7 +153,7 @@ def test_metrics_keep_measures_that_another_env_reports(run):
 
 
 def test_metrics_of_earlier_versions_with_empty_measures_are_read(run):
-    (run.path / "metrics.csv").write_text(COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,\n")
+    (run.path / "metrics.csv").write_text(COLUMNS + "\n1,3.0,4.0,5.0,1,,,6.0,7.0,,,\n")
     (row,) = run.metrics()
     assert row["time_up_s"] is row["mean_abs_cart_m"] is None
 

@@ -1,0 +1,124 @@
+"""Limits while it learns: a cart-pole on a rail of half a metre, with and without the constraint.
+
+python runs/limits/run.py --seeds 7000:7050              # about 2 minutes of a core a seed
+python runs/limits/run.py --seeds 7000:7050 --free          # beside it: without limits
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from harness import (  # noqa: E402
+    fill,
+    folder,
+    hasty,
+    keep,
+    kept,
+    parse_seeds,
+    places,
+    use_one_thread,
+)
+
+import envs  # noqa: E402, F401
+from mcpilco.agent import MCPILCO  # noqa: E402
+from mcpilco.config import Config, Limit  # noqa: E402
+from mcpilco.data import Rollout  # noqa: E402
+from mcpilco.logbook import Callback  # noqa: E402
+from mcpilco.sweep import machine, markdown  # noqa: E402
+
+RAIL = 0.5
+TRIALS = 7
+TWELVE_S = 12.0
+NAMES = {"limited": "within the limits", "free": "without limits"}
+
+
+class Explored(Callback):
+    def __init__(self) -> None:
+        self.rollouts: list[Rollout] = []
+
+    def on_exploration(self, rollout: Rollout) -> None:
+        self.rollouts.append(rollout)
+
+
+def crosses(rollout: Rollout) -> bool:
+    return bool(np.abs(rollout.shown_states[:, 0]).max() > RAIL)
+
+
+def trained(seed: int, limited: bool, config: Config, trials: int) -> dict[str, Any]:
+    """What came of the rollouts of one training."""
+    limits = (Limit("cart_position", -RAIL, RAIL),) if limited else ()
+    config = replace(config, search=replace(config.search, limits=limits))
+    agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", config=config, seed=seed)
+    explored = Explored()
+    agent.learn(agent.timesteps_of(trials), callback=explored)
+    return {
+        "seed": seed,
+        "explored": [crosses(rollout) for rollout in explored.rollouts],
+        "crossed": [crosses(result.rollout) for result in agent.results],
+        "success": [bool(r.success) and not crosses(r.rollout) for r in agent.results],
+        "refused": [bool(result.failure) for result in agent.results],
+        "experience_s": [result.experience_s for result in agent.results],
+        "cpu_s": sum(result.cpu_s for result in agent.results),
+        "machine": machine(),
+    }
+
+
+def within(result: dict[str, Any], seconds: float) -> bool:
+    """Whether the last policy learned from so much experience swung up within the rail."""
+    pairs = zip(result["success"], result["experience_s"], strict=True)
+    done = [success for success, spent in pairs if spent <= seconds + 1e-6]
+    return bool(done) and done[-1]
+
+
+def table(results: dict[str, list[dict[str, Any]]]) -> str:
+    header = ["", "seeds", "rollouts", "crossed", "of them exploring", "not tried"]
+    header += ["success after 12 s", "success at the end", "CPU s a training"]
+    rows = []
+    for name, found in results.items():
+        if not found:
+            continue
+        exploring = sum(sum(r["explored"]) for r in found)
+        crossed = exploring + sum(sum(r["crossed"]) for r in found)
+        rollouts = sum(len(r["explored"]) + len(r["crossed"]) for r in found)
+        row = [NAMES[name], str(len(found)), str(rollouts)]
+        row += [f"{crossed} ({crossed / rollouts:.1%})", str(exploring)]
+        row += [str(sum(sum(r["refused"]) for r in found))]
+        for seconds in (TWELVE_S, np.inf):
+            row.append(f"{sum(within(r, seconds) for r in found)} of {len(found)}")
+        row.append(f"{np.median([r['cpu_s'] for r in found]):.0f}")
+        rows.append(row)
+    return markdown(header, rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="7000:7050")
+    parser.add_argument("--free", action="store_true", help="without limits")
+    parser.add_argument("--trials", type=int, default=TRIALS)
+    parser.add_argument("--quick", action="store_true", help="show that it works")
+    parser.add_argument("--out", type=Path, help="folder of results/ and README.md")
+    arguments = parser.parse_args()
+    use_one_thread()
+    place = folder(HERE, arguments.out, arguments.quick)
+    name = "free" if arguments.free else "limited"
+    config = hasty(Config()) if arguments.quick else Config()
+    for seed in parse_seeds(arguments.seeds):
+        path = place / "results" / name / f"{seed}.json"
+        if not path.exists():
+            keep(path, trained(seed, not arguments.free, config, arguments.trials))
+        results = {name: kept(place / "results" / name) for name in NAMES}
+        everything = [result for found in results.values() for result in found]
+        fill(place / "README.md", [table(results), places(everything)], HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()

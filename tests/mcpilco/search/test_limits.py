@@ -1,0 +1,185 @@
+"""Laws of limits: where they are, how a search keeps them, and what is not tried."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from mcpilco.agent.agent import MCPILCO
+from mcpilco.cli.options import limits as read_limits
+from mcpilco.config import Config, Limit, Phase, SearchConfig, from_dict
+from mcpilco.search.limits import EXPLORED, Limits, Multipliers
+from mcpilco.search.search import PolicySearch
+from mcpilco.typing import InputError
+from tests.mcpilco.point import STEPS, TASK, TINY, PointEnv
+from tests.mcpilco.search.test_search import line_policy, line_problem
+
+RAIL = Limit("position", -0.5, 1.0)
+
+
+def limits(*given: Limit, share: float = 0.9) -> Limits:
+    found = Limits.of(given, share, TASK)
+    assert found is not None
+    return found
+
+
+def at(*positions: float) -> torch.Tensor:
+    return torch.tensor([[x, 7.0] for x in positions], dtype=torch.float64)
+
+
+def test_beyond_is_nought_at_a_limit_and_minus_one_at_the_start() -> None:
+    found = limits(RAIL).beyond(at(-1.0, -0.5, -0.25, 0.0, 0.5, 1.0, 2.0))
+    np.testing.assert_allclose(found, [1.0, 0.0, -0.5, -1.0, -0.5, 0.0, 1.0])
+
+
+def test_a_bound_may_be_missing_and_the_nearest_of_several_counts() -> None:
+    one = limits(Limit("position", high=1.0))
+    np.testing.assert_allclose(one.beyond(at(-9.0, 0.5)), [-10.0, -0.5])
+    both = limits(RAIL, Limit("velocity", high=3.5))
+    np.testing.assert_allclose(both.beyond(at(0.0)), [1.0])
+    assert Limits.of((), 0.9, TASK) is None
+
+
+def test_a_particle_keeps_the_limits_where_it_is_within_at_every_step() -> None:
+    states = torch.stack([at(0.0, 0.0, 0.0, 0.0), at(0.0, 2.0, 0.9, -0.4), at(0.0, 0.0, 0.0, 0.0)])
+    assert limits(RAIL).kept(states) == 0.75
+
+
+def test_weights_ascend_where_too_many_are_outside_and_there_alone() -> None:
+    weights = Multipliers(limits(RAIL), 2)
+    states = torch.stack([at(0.0, 0.0), at(1.5, 1.5)])
+    penalties = [float(weights.penalty(states)) for _ in range(20)]
+    assert (np.diff(penalties) > 0).all()
+    inside = torch.stack([at(1.5, 1.5), at(0.0, 0.0)])
+    later = Multipliers(limits(RAIL), 2)
+    for _ in range(20):
+        later.penalty(states)
+    assert float(later.penalty(inside)) < penalties[0]
+
+
+def test_the_proxy_leads_back_inside() -> None:
+    states = at(0.95, -0.6, 0.0)[None].requires_grad_()
+    [slope] = torch.autograd.grad(Multipliers(limits(RAIL), 1).penalty(states), states)
+    assert slope[0, 0, 0] > 0 > slope[0, 1, 0]
+    assert slope[0, 2, 0] == 0 == slope[..., 1].abs().max()
+
+
+@pytest.mark.parametrize(
+    ("limit", "says"),
+    [
+        (Limit("cart", 0.0, 1.0), "one of the states position, velocity, got 'cart'"),
+        (Limit("position", -0.2, 1.0), "must lie beyond its start, 0 ± 0.1 m"),
+        (Limit("velocity", 0.5, 1.0), "must lie beyond its start"),
+    ],
+)
+def test_a_limit_that_does_not_fit_the_task_is_refused(limit: Limit, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        limits(limit)
+
+
+@pytest.mark.parametrize("ends", [(None, None), (1.0, 1.0), (2.0, -1.0)])
+def test_a_limit_needs_bounds_in_order(ends) -> None:
+    with pytest.raises(InputError, match="needs a bound, and low below high"):
+        Limit("position", *ends)
+
+
+def test_limits_are_read_from_words_and_from_json() -> None:
+    found = read_limits(["x=-0.5:0.5,v=:2", "w=-1:"])
+    assert found == (Limit("x", -0.5, 0.5), Limit("v", None, 2.0), Limit("w", -1.0))
+    config = Config(search=SearchConfig(limits=found))
+    assert from_dict(Config, dataclasses.asdict(config)) == config
+    for wrong in ("x", "x=0.5", "x=a:b"):
+        with pytest.raises(InputError, match="--limit"):
+            read_limits([wrong])
+
+
+# --- a search -------------------------------------------------------------------------------------
+
+
+def line_limits(high: float) -> Limits:
+    number = torch.ones(1, dtype=torch.float64)
+    return Limits((0,), number, 0 * number, high * number, 0.95)
+
+
+def searched(high: float | None):
+    problem = line_problem()
+    if high is not None:
+        problem = dataclasses.replace(problem, limits=line_limits(high))
+    config = SearchConfig(
+        particles=20,
+        steps=(120,),
+        phases=(Phase(0.1, until=0.5), Phase(0.02)),
+        restarts=(0,),
+        evaluation_particles=200,
+    )
+    search = PolicySearch(config, torch.Generator().manual_seed(0))
+    return search.run(problem, line_policy(), line_policy, trial=1).best
+
+
+def test_a_search_keeps_a_limit_that_is_short_of_its_goal() -> None:
+    free, bound = searched(None), searched(0.6)
+    assert free.kept is None
+    assert float(free.particles.states.max()) > 0.9
+    assert bound.admissible
+    assert bound.kept is not None
+    assert bound.kept >= 0.95
+    end = bound.particles.states[-1].mean()
+    assert 0.35 < float(end) < 0.6  # as near to its goal as it may
+
+
+def test_a_candidate_that_breaks_a_limit_ranks_behind_all_that_do_not() -> None:
+    best = searched(None)
+    broken = dataclasses.replace(best, kept=0.1, admissible=False)
+    assert broken.rank == math.inf > best.rank
+    assert broken.fails(SearchConfig(), 1e9)
+
+
+# --- an agent -------------------------------------------------------------------------------------
+
+
+def learned(limit: Limit, trials: int = 1, **search) -> tuple[MCPILCO, PointEnv]:
+    env = PointEnv()
+    numbers = dataclasses.replace(TINY.search, limits=(limit,), **search)
+    config = dataclasses.replace(TINY, search=numbers, exploration=4 * STEPS)
+    agent = MCPILCO("SumOfGaussians", env, config=config, seed=1)
+    return agent.learn(agent.timesteps_of(trials)), env
+
+
+def test_random_episodes_end_half_way_to_a_limit() -> None:
+    agent, _ = learned(Limit("velocity", -0.5, 0.5))
+    explored = agent.transitions.states[: 4 * STEPS, 1]
+    assert np.abs(explored).max() <= 0.5 * EXPLORED  # of states that a random input acted on
+    assert len(agent.env.seeds) > 5  # more episodes, as they end early
+
+
+def test_random_inputs_towards_a_limit_leave_no_speed() -> None:
+    _, env = learned(Limit("position", -60.0, 60.0))
+    u = np.array(env.actions[:STEPS])[:, 0]
+    np.testing.assert_allclose(u[:4], u[0] * np.array([1, -1, -1, 1]))
+
+
+def test_a_policy_that_is_not_predicted_to_keep_the_limits_is_not_tried() -> None:
+    agent, _ = learned(Limit("position", -0.4, 0.4), trials=2, kept=0.99999, steps=(1,))
+    refused = [result for result in agent.results if result.failure]
+    assert refused
+    for result in refused:
+        assert "not tried" in result.failure
+        assert result.limits_kept < 0.99999
+        assert result.prediction is None
+        assert np.abs(result.rollout.states[:-1, 0]).max() < 0.4 * EXPLORED + 0.1
+
+
+def test_a_trial_says_whether_its_rollout_crossed_a_limit() -> None:
+    agent, _ = learned(Limit("position", -9.0, 9.0))
+    [result] = agent.results
+    assert (result.limits_kept, result.limits_crossed) == (1.0, False)
+    assert result.failure is None
+
+
+def test_without_limits_nothing_is_said_of_them() -> None:
+    agent = MCPILCO("SumOfGaussians", PointEnv(), config=TINY).learn(2 * STEPS)
+    assert agent.results[0].limits_kept is agent.results[0].limits_crossed is None
