@@ -8,7 +8,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mcpilco.plant import ChainPlant, load_mjcf
+from mcpilco.mjcf import load_mjcf
+from mcpilco.plant import ChainPlant
 from mcpilco.typing import InputError
 
 BUILT_IN = Path(__file__).parent / "assets" / "cartpole.xml"

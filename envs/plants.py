@@ -23,7 +23,7 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from envs.swing_up_env import SwingUpEnv
-    from mcpilco.plant import Physics
+    from mcpilco.mjcf import Physics
 
 ALONG, ABOUT = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)
 """axes: to the right; such that a hanging pole's tip moves to the right as its angle grows"""
@@ -280,13 +280,13 @@ def plant_named(
     """The plant that a user names: registered, or of a model file; of `module:Id` that of the id.
 
     `option` is where the user named it, for the error; where it must be `simulated`, an env does
-    so, which none does with a file. The others are those of `mcpilco.plant.read_plant`.
+    so, which none does with a file. The others are those of `mcpilco.mjcf.read_plant`.
 
     Raises:
         InputError: there is no such plant, as its module was not imported, or no env simulates it.
     """
     if name.endswith(MODELS) and not simulated:
-        from mcpilco.plant import read_plant  # loads MuJoCo
+        from mcpilco.mjcf import read_plant
 
         return read_plant(name, physics, keyframe)
     last = name.rpartition(":")[2]

@@ -415,7 +415,7 @@ ACROSS = {
     "mcpilco/cli/test_hostile": "files that are not what they should be",
     "mcpilco/gap/test_closed_loop": "a drive in a closed loop, behind a fine encoder",
     "mcpilco/gap/test_compute_budget": "the budget of an investigation",
-    "mcpilco/plant/test_learned_mjcf": "learned forces in MJCF",
+    "mcpilco/mjcf/test_learned": "learned forces in MJCF",
     "mcpilco/search/test_continuation": "search from an easier problem",
     "mcpilco/sweep/test_line_up": "comparisons of sweeps",
     "baselines/sb3/test_commands": "commands of the command line",

@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from envs.arms.motions import Sinusoids, random_sinusoids
 from mcpilco.bodies import Chain
-from mcpilco.plant import chain_of, load_mjcf
+from mcpilco.mjcf import chain_of, load_mjcf
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
 

@@ -223,7 +223,7 @@ class Collisions(options.Command):
 def _robot(path: Path) -> Any:
     from mcpilco.identification import RigidBody
     from mcpilco.identification.collision import CURRENT_TERMS
-    from mcpilco.plant import load_mjcf
+    from mcpilco.mjcf import load_mjcf
 
     return RigidBody.of(load_mjcf(path, "--robot must be an MJCF file"), terms=CURRENT_TERMS)
 

@@ -148,7 +148,8 @@ class Gap(options.Command):
 
     def _write_mjcf(self, gap: Investigated, nominal: Plant) -> list[str]:
         """The corrected model, where it can be written; says what MJCF cannot say of it."""
-        from mcpilco.plant import correction_of, write_corrected_mjcf
+        from mcpilco.mjcf import write_corrected_mjcf
+        from mcpilco.plant import correction_of
 
         path = self.out / "corrected.xml"
         with options.without("corrected.xml"):

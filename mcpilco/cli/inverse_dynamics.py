@@ -84,7 +84,7 @@ class InverseDynamics(options.Command):
     def _chain(self) -> Chain | None:
         if self.model is None:
             return None
-        from mcpilco.plant import chain_of, load_mjcf
+        from mcpilco.mjcf import chain_of, load_mjcf
 
         return chain_of(load_mjcf(self.model))
 

@@ -3,9 +3,8 @@
 A `Plant` has named states, inputs and parameters with units, and `simulate`. An effect is a class
 with one formula (`effects/joint.py` first); `Plant.having` adds it, and `Correction` keeps effects
 and parameters in a JSON file. The formula is Python of numbers of any kind (`arithmetic`), which is
-compiled into simulations (`simulation/`), made the mean of a model (`equations/`) and written into
-MJCF (`corrected_mjcf`). `mjcf` makes a plant of equations of a MuJoCo model; where equations cannot
-say it, MuJoCo simulates it itself (`mujoco/`, `read_plant`).
+compiled into simulations (`simulation/`) and made the mean of a model (`equations/`);
+`mcpilco.mjcf` reads plants from MuJoCo's models, and writes corrections into them.
 
 Read `plant`, `effects/base`, `effects/joint`, `simulation/motion`, `correction`, `equations/step`.
 """

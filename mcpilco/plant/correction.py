@@ -125,11 +125,11 @@ def write_correction(path: str | Path, correction: Correction) -> Path:
     Raises:
         RunFolderError: the file cannot be written.
     """
-    content = to_json(correction)
+    content = correction_json(correction)
     return write_bytes(Path(path), (json.dumps(content, indent=2) + "\n").encode())
 
 
-def to_json(correction: Correction) -> dict[str, Any]:
+def correction_json(correction: Correction) -> dict[str, Any]:
     """A correction as its file holds it; None stands for an infinite value."""
     content: dict[str, Any] = {
         "format": FORMAT,

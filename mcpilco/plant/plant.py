@@ -75,7 +75,7 @@ class Plant(ABC):
     """Bodies on joints, behind actuators and in front of sensors, with what is known of them.
 
     There are two kinds: equations of an open chain (`ChainPlant`), and MuJoCo itself
-    (`mcpilco.plant.MujocoPlant`). Who compares, fits or simulates a plant knows this face only.
+    (`mcpilco.mjcf.MujocoPlant`). Who compares, fits or simulates a plant knows this face only.
     """
 
     name: str

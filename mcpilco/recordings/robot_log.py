@@ -28,7 +28,8 @@ from jaxtyping import Float
 from scipy.signal import butter, savgol_filter, sosfiltfilt, welch
 
 from mcpilco.config import TURN_OVER
-from mcpilco.plant import CoulombFriction, chain_of, load_mjcf
+from mcpilco.mjcf import chain_of, load_mjcf
+from mcpilco.plant import CoulombFriction
 from mcpilco.recordings.reader import read_recordings
 from mcpilco.recordings.recording import Recording, Samples, bridged
 from mcpilco.recordings.table import read_table

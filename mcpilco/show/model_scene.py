@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from mcpilco.plant import ChainPlant, MujocoPlant, Plant
+from mcpilco.mjcf import MujocoPlant
+from mcpilco.plant import ChainPlant, Plant
 from mcpilco.show.scene import Pose, Scene, Shape, chain_scene
 from mcpilco.typing import InputError
 

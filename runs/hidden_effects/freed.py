@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from mcpilco.bodies import SLIDE, Chain
-from mcpilco.plant import CATALOGUE, Addition, CorrectedModel, EffectInstance, Plant, Scale
+from mcpilco.mjcf import CorrectedModel
+from mcpilco.plant import CATALOGUE, Addition, EffectInstance, Plant, Scale
 from mcpilco.typing import InputError
 
 TIMESTEP = 0.005

@@ -189,7 +189,7 @@ def read(case: Case, plant: Plant) -> Sequence[Recording]:
 def nominal(name: str) -> Plant:
     """The plant of an env, or of an MJCF file beside this one."""
     if name.endswith(".xml"):
-        from mcpilco.plant import plant_of
+        from mcpilco.mjcf import plant_of
 
         return plant_of(HERE / name)
     from envs.plants import PLANTS

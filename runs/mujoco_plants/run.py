@@ -24,14 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from harness import fill, folder, keep, kept, places, use_one_thread
 
 from mcpilco.gap import investigate
-from mcpilco.plant import (
-    CATALOGUE,
-    EffectInstance,
-    MujocoPlant,
-    load_mjcf,
-    mujoco_plant,
-    read_plant,
-)
+from mcpilco.mjcf import MujocoPlant, load_mjcf, mujoco_plant, read_plant
+from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
 from mcpilco.sweep import machine, markdown
 from mcpilco.typing import InputError

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from envs.plants import PLANTS, double_pendulum
-from mcpilco.plant import Plant, plant_of
+from mcpilco.mjcf import plant_of
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_for_plant
 
 HERE = Path(__file__).parent

@@ -27,7 +27,8 @@ from scipy.linalg import qr, solve_triangular
 
 from mcpilco.bodies import INERTIAL, SLIDE, Chain, inertial_parameters, regressor
 from mcpilco.config import TURN_OVER
-from mcpilco.plant import CoulombFriction, Spring, ViscousFriction, chain_of
+from mcpilco.mjcf import chain_of
+from mcpilco.plant import CoulombFriction, Spring, ViscousFriction
 from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError
 

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from mcpilco.bodies import INERTIAL
 from mcpilco.identification.rigid_body.body import RigidBody, about_center, check_links
-from mcpilco.plant import FAR, Inertials, save_mjcf, write_joint_terms
+from mcpilco.mjcf import FAR, Inertials, save_mjcf, write_joint_terms
 from mcpilco.recordings import JointMotion
 from mcpilco.typing import InputError
 

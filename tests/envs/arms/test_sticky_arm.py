@@ -10,7 +10,7 @@ import pytest
 
 from envs.arms.motions import waypoints
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
-from mcpilco.plant import chain_of
+from mcpilco.mjcf import chain_of
 from mcpilco.typing import InputError
 
 QUIET = Drives(position_noise=0.0, velocity_noise=0.0, current_noise=0.0)

@@ -7,7 +7,7 @@ import torch
 
 from mcpilco.bodies.differentiable import torch_regressor
 from mcpilco.bodies.motion import regressor
-from mcpilco.plant import chain_of
+from mcpilco.mjcf import chain_of
 from tests.mcpilco.random_chains import random_mjcf
 
 

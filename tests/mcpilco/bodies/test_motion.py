@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import Chain, accelerations, generalised_forces, stack
-from mcpilco.plant import Plant, plant_of
+from mcpilco.mjcf import plant_of
+from mcpilco.plant import Plant
 from tests.mcpilco.random_chains import random_mjcf, random_planar_chain
 from tests.reference.cartpole import CartPoleDynamics
 from tests.reference.pendulum import PendulumDynamics

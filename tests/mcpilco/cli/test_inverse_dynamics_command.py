@@ -14,7 +14,7 @@ import pytest
 from mcpilco.bodies import generalised_forces
 from mcpilco.cli import main
 from mcpilco.identification.inverse_dynamics import load_inverse_dynamics
-from mcpilco.plant import chain_of
+from mcpilco.mjcf import chain_of
 
 MODEL = """<mujoco><worldbody><body name="arm"><joint name="turn" axis="0 1 0"/>
 <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.05" mass="2"/>

@@ -9,7 +9,8 @@ import numpy as np
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.fit import fit_model
 from mcpilco.gap.suspicion import suspicions
-from mcpilco.plant import Plant, plant_of
+from mcpilco.mjcf import plant_of
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, read_for_plant
 
 MASS, VISCOUS, COULOMB, OFFSET = 90.0, 180.0, 22.0, -4.0

@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 
 import envs
+from mcpilco.mjcf import plant_of, write_corrected_mjcf
 from mcpilco.plant import (
     Addition,
     Correction,
     EffectInstance,
     correction_of,
     own_effects,
-    plant_of,
     read_correction,
-    write_corrected_mjcf,
     write_correction,
 )
 from mcpilco.plant.effects import CATALOGUE
@@ -26,9 +25,9 @@ from mcpilco.plant.equations.step import beyond_equations
 from mcpilco.plant.simulation.laws import code_of, force_of
 from mcpilco.plant.simulation.motion import simulate
 from mcpilco.typing import InputError
+from tests.mcpilco.mjcf.test_corrected import ROBOT
 from tests.mcpilco.plant.equations.test_step import errors
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
-from tests.mcpilco.plant.test_corrected_mjcf import ROBOT
 
 PENDULUM = "mcpilco/Pendulum-v0"
 FILE = '''

@@ -9,8 +9,8 @@ import pytest
 
 from mcpilco.bodies import Chain, generalised_forces, stack
 from mcpilco.bodies import accelerations as compiled
+from mcpilco.mjcf.models import chain_of
 from mcpilco.plant.equations.chain import accelerations, inverse_dynamics
-from mcpilco.plant.mjcf import chain_of
 from tests.mcpilco.random_chains import random_mjcf, random_planar_chain
 
 mujoco = pytest.importorskip("mujoco")

@@ -9,12 +9,11 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from mcpilco.plant.mjcf import faults_of, load_mjcf, plant_of_model, require_names
-from mcpilco.plant.mjcf_inertials import Inertials
-from mcpilco.plant.mujoco.coordinates import Coordinates, states
-from mcpilco.plant.mujoco.plant import MujocoPlant
-from mcpilco.plant.plant import Parameter, Plant
-from mcpilco.plant.simulation.layout import Layout
+from mcpilco.mjcf.inertials import Inertials
+from mcpilco.mjcf.models import faults_of, load_mjcf, plant_of_model, require_names
+from mcpilco.mjcf.mujoco.coordinates import Coordinates, states
+from mcpilco.mjcf.mujoco.plant import MujocoPlant
+from mcpilco.plant import Layout, Parameter, Plant
 from mcpilco.typing import InputError
 
 Physics = Literal["auto", "equations", "mujoco"]

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant.corrected_mjcf import write_corrected_mjcf
+from mcpilco.mjcf.corrected import write_corrected_mjcf
+from mcpilco.mjcf.models import plant_of
 from mcpilco.plant.correction import Addition, Correction, corrected
-from mcpilco.plant.mjcf import plant_of
 from mcpilco.typing import InputError
 
 ROBOT = """

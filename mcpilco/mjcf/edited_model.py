@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Polynomial
 
-from mcpilco.plant.effects.joint import FASTEST
-from mcpilco.plant.mjcf_inertials import Inertials
-from mcpilco.plant.simulation.layout import Layout
+from mcpilco.mjcf.inertials import Inertials
+from mcpilco.plant import FASTEST, Layout
 
 FAR = 1e6
 """where a spring rests that pulls with a constant force [m or rad]"""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tests.mcpilco.plant.mujoco.models import BOX, plant_of_text
+from tests.mcpilco.mjcf.mujoco.models import BOX, plant_of_text
 
 
 def test_positions_come_back():

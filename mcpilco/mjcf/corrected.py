@@ -13,18 +13,23 @@ import mujoco
 import numpy as np
 
 from mcpilco.files import write_bytes
-from mcpilco.plant.correction import Addition, Correction, corrected
-from mcpilco.plant.edited_model import FAR, RIGID, SUDDEN, EditedModel, is_limited, put
-from mcpilco.plant.effects.base import OUTSIDE
-from mcpilco.plant.effects.learned import LearnedForce
-from mcpilco.plant.mujoco.callbacks import write_callbacks
-from mcpilco.plant.mujoco.plant import MujocoPlant
-from mcpilco.plant.mujoco.read import read_plant
-from mcpilco.plant.plant import EffectInstance, Plant
-from mcpilco.plant.simulation.layout import Layout
+from mcpilco.mjcf.edited_model import FAR, RIGID, SUDDEN, EditedModel, is_limited, put
+from mcpilco.mjcf.mujoco.callbacks import write_callbacks
+from mcpilco.mjcf.mujoco.plant import MujocoPlant
+from mcpilco.mjcf.mujoco.read import read_plant
+from mcpilco.plant import (
+    OUTSIDE,
+    Addition,
+    Correction,
+    EffectInstance,
+    Layout,
+    LearnedForce,
+    Plant,
+    corrected,
+)
 from mcpilco.typing import InputError
 
-LEARNED = "let mcpilco.plant.passive_forces add it in MuJoCo's callback of passive forces"
+LEARNED = "let mcpilco.mjcf.passive_forces add it in MuJoCo's callback of passive forces"
 """what to do about a learned force"""
 
 

@@ -12,11 +12,18 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.files import write_bytes
-from mcpilco.plant.correction import Correction, corrected, correction_from, correction_of, to_json
-from mcpilco.plant.mujoco.filters import push, step_force
-from mcpilco.plant.mujoco.plant import MujocoPlant
-from mcpilco.plant.mujoco.read import mujoco_plant
-from mcpilco.plant.simulation.layout import DELAY, GAIN
+from mcpilco.mjcf.mujoco.filters import push, step_force
+from mcpilco.mjcf.mujoco.plant import MujocoPlant
+from mcpilco.mjcf.mujoco.read import mujoco_plant
+from mcpilco.plant import (
+    DELAY,
+    GAIN,
+    Correction,
+    corrected,
+    correction_from,
+    correction_json,
+    correction_of,
+)
 
 MODULE = '''"""What {name}.xml cannot say: `install(model)` lets MuJoCo's control callback add it.
 
@@ -24,7 +31,7 @@ MODULE = '''"""What {name}.xml cannot say: `install(model)` lets MuJoCo's contro
     {name}.install(model)
 """
 
-from mcpilco.plant import install_correction
+from mcpilco.mjcf import install_correction
 
 CORRECTION = {content}
 
@@ -49,7 +56,7 @@ def write_callbacks(path: Path, plant: MujocoPlant) -> list[str]:
         path.unlink(missing_ok=True)
         return told
     bare = plant.nominal_plant
-    content = to_json(correction_of(bare.having(acting).with_learned(plant.learned), bare))
+    content = correction_json(correction_of(bare.having(acting).with_learned(plant.learned), bare))
     text = MODULE.format(
         name=path.stem, content=pprint.pformat(content, width=96, sort_dicts=False)
     )

@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant import CATALOGUE, EffectInstance, MujocoPlant, read_plant
+from mcpilco.mjcf import MujocoPlant, read_plant
+from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.typing import InputError
-from tests.mcpilco.plant.mujoco.models import MODELS, plant_of_text
+from tests.mcpilco.mjcf.mujoco.models import MODELS, plant_of_text
 
 DT = 0.02
 ARM = """

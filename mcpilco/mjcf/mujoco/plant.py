@@ -13,16 +13,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
-from mcpilco.plant.effects.actuator import ActuatorGain, ActuatorSaturation
-from mcpilco.plant.effects.joint import TURN, JointForce
-from mcpilco.plant.effects.learned import Axis
-from mcpilco.plant.effects.memory import RememberingForce
-from mcpilco.plant.mujoco.coordinates import Coordinates, states
-from mcpilco.plant.mujoco.filters import actuate, observe, push
-from mcpilco.plant.mujoco.numbers import EditedNumbers
-from mcpilco.plant.plant import EffectInstance, Plant
-from mcpilco.plant.simulation.layout import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables
-from mcpilco.plant.simulation.motion import RUNAWAY
+from mcpilco.mjcf.mujoco.coordinates import Coordinates, states
+from mcpilco.mjcf.mujoco.filters import actuate, observe, push
+from mcpilco.mjcf.mujoco.numbers import EditedNumbers
+from mcpilco.plant import (
+    GAIN,
+    IDEAL_ACTUATOR,
+    IDEAL_SENSOR,
+    RUNAWAY,
+    TURN,
+    ActuatorGain,
+    ActuatorSaturation,
+    Axis,
+    EffectInstance,
+    JointForce,
+    Plant,
+    RememberingForce,
+    Tables,
+)
 
 MOTIONS = 512
 """simulated at a time, so that what is kept of them fits into memory"""

@@ -19,11 +19,16 @@ import numpy as np
 
 from mcpilco.bodies import HINGE, SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.config import TURN_OVER
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.effects.actuator import CommandRange
-from mcpilco.plant.mjcf_inertials import matrix_of
-from mcpilco.plant.plant import Base, ChainPlant, EffectInstance, Parameter
-from mcpilco.plant.simulation.layout import Layout
+from mcpilco.mjcf.inertials import matrix_of
+from mcpilco.plant import (
+    CATALOGUE,
+    Base,
+    ChainPlant,
+    CommandRange,
+    EffectInstance,
+    Layout,
+    Parameter,
+)
 from mcpilco.typing import InputError
 
 logger = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mcpilco.plant.edited_model import EditedModel
+from mcpilco.mjcf.edited_model import EditedModel
 
 
 class EditedNumbers(EditedModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from mcpilco.plant import MujocoPlant, mujoco_plant
+from mcpilco.mjcf import MujocoPlant, mujoco_plant
 
 HOPPER = """
 <mujoco model="hopper">

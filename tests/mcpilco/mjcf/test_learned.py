@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant.corrected_mjcf import passive_forces, write_corrected_mjcf
+from mcpilco.mjcf.corrected import passive_forces, write_corrected_mjcf
+from mcpilco.mjcf.models import plant_of
 from mcpilco.plant.correction import Correction
 from mcpilco.plant.effects.learned import Axis, LearnedForce
-from mcpilco.plant.mjcf import plant_of
 from mcpilco.typing import InputError
 
 XML = """

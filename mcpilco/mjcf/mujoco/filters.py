@@ -13,17 +13,21 @@ from numba import njit
 
 from mcpilco.bodies import INLINED
 from mcpilco.compiling import digest
-from mcpilco.plant.effects.learned import learned_force
-from mcpilco.plant.simulation.laws import joint_force, shaped
-from mcpilco.plant.simulation.layout import GAIN, LATENCY, OFFSET, SCALE
-from mcpilco.plant.simulation.motion import (
+from mcpilco.plant import (
+    GAIN,
+    LATENCY,
+    OFFSET,
+    SCALE,
     SOURCES,
     drive,
     grid_place,
+    joint_force,
+    learned_force,
     look,
     next_event,
     prepare,
     settle,
+    shaped,
     switch,
 )
 
@@ -161,4 +165,4 @@ def _compiled(source: str):
     return actuate, step_force, push, observe
 
 
-actuate, step_force, push, observe = _compiled(digest(*SOURCES, "plant/mujoco"))
+actuate, step_force, push, observe = _compiled(digest(*SOURCES, "mjcf/mujoco"))

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from mcpilco.mjcf.models import load_mjcf, plant_of
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.mjcf import load_mjcf, plant_of
 from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
 

@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from mcpilco.plant import CATALOGUE, EffectInstance, correction_of, write_corrected_mjcf
-from tests.mcpilco.plant.mujoco.models import MODELS, plant_of_text
-from tests.mcpilco.plant.mujoco.test_plant import DT, commands
+from mcpilco.mjcf import write_corrected_mjcf
+from mcpilco.plant import CATALOGUE, EffectInstance, correction_of
+from tests.mcpilco.mjcf.mujoco.models import MODELS, plant_of_text
+from tests.mcpilco.mjcf.mujoco.test_plant import DT, commands
 
 CASES = [
     ("hopper", "viscous_friction", "knee", [0.1], False),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mcpilco.plant import ChainPlant, MujocoPlant, read_plant
+from mcpilco.mjcf import MujocoPlant, read_plant
+from mcpilco.plant import ChainPlant
 from mcpilco.typing import InputError
-from tests.mcpilco.plant.mujoco.models import MODELS
-from tests.mcpilco.plant.mujoco.test_plant import ARM
+from tests.mcpilco.mjcf.mujoco.models import MODELS
+from tests.mcpilco.mjcf.mujoco.test_plant import ARM
 
 URDF = """
 <robot name="arm">

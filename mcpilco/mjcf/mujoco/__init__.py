@@ -3,3 +3,5 @@
 `plant` has the face of every plant, `coordinates` its states, `numbers` the effects that a compiled
 model takes, and `filters` what acts a step: commands on their way, and forces in joints.
 """
+
+__all__: list[str] = []

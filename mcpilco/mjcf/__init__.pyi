@@ -1,0 +1,31 @@
+from .corrected import (
+    CorrectedModel,
+    passive_forces,
+    save_mjcf,
+    write_corrected_mjcf,
+    write_joint_terms,
+)
+from .edited_model import FAR
+from .inertials import Inertials
+from .models import chain_of, load_mjcf, plant_of
+from .mujoco.callbacks import install_correction
+from .mujoco.plant import MujocoPlant
+from .mujoco.read import Physics, mujoco_plant, read_plant
+
+__all__ = [
+    "FAR",
+    "CorrectedModel",
+    "Inertials",
+    "MujocoPlant",
+    "Physics",
+    "chain_of",
+    "install_correction",
+    "load_mjcf",
+    "mujoco_plant",
+    "passive_forces",
+    "plant_of",
+    "read_plant",
+    "save_mjcf",
+    "write_corrected_mjcf",
+    "write_joint_terms",
+]
