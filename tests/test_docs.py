@@ -332,7 +332,7 @@ def test_pictures_are_small() -> None:
 def _shown(value: Any) -> str:
     """A number of a configuration as the table writes it."""
     match value:
-        case None:
+        case None | ():
             return "none"
         case bool():
             return "yes" if value else "no"
@@ -349,7 +349,7 @@ def _entries(config: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
         name, value = prefix + field.name, getattr(config, field.name)
         if is_dataclass(value):
             yield from _entries(value, f"{name}.")
-        elif isinstance(value, tuple) and is_dataclass(value[0]):
+        elif isinstance(value, tuple) and value and is_dataclass(value[0]):
             for part in fields(value[0]):
                 yield f"{name}.{part.name}", _shown([getattr(v, part.name) for v in value])
         else:

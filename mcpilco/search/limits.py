@@ -96,7 +96,7 @@ class Multipliers:
         self._weights = torch.full((steps,), FIRST_WEIGHT, dtype=torch.float64)
 
     def penalty(self, states: Float[Tensor, "T P X"]) -> Tensor:
-        """What the limits add to the cost [-]; the weights ascend."""
+        """The part of the limits in the cost [-]; their weights ascend."""
         beyond = self._limits.beyond(states)
         proxy = torch.relu(1.0 + beyond / MARGIN).square().mean(1)
         penalty = self._weights @ proxy
