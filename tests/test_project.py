@@ -266,6 +266,7 @@ def test_no_docstring_begins_as_a_riddle() -> None:
 WRITES = {
     "mcpilco/files.py": "whole or not at all, and through links",
     "mcpilco/logbook/callbacks.py": "lines, as they come",
+    "mcpilco/machine/loop.py": "lines, as they come",
     "mcpilco/show/viewer.py": "the viewer's log, in a temporary folder",
 }
 """modules that write files themselves; all others call mcpilco.files"""

@@ -324,7 +324,7 @@ class GapProblem:
         return replace(found, std=np.hypot(std, found.timestep_error()))
 
     def timestep_error(self) -> Float[np.ndarray, " X"]:
-        """What the simulation's timestep alone does to each state over a window, in its unit.
+        """The change of each state over a window by the timestep alone, in its unit.
 
         So much is no effect of the machine, and counts as noise. It is 0 of equations, whose
         integrator keeps its error small by itself.

@@ -44,7 +44,7 @@ NONCE = 2**32
 
 
 class Kind(IntEnum):
-    """What a frame is."""
+    """The kinds of frames."""
 
     HELLO = 1
     WELCOME = 2
@@ -53,7 +53,7 @@ class Kind(IntEnum):
 
 
 class Mode(IntEnum):
-    """What a command asks for."""
+    """The requests of a command."""
 
     SAFE = 0
     """the machine's own safe output, whatever the inputs"""
@@ -66,7 +66,7 @@ class Mode(IntEnum):
 
 
 class Status(IntEnum):
-    """What a machine does."""
+    """The states of a machine."""
 
     SAFE = 0
     RUN = 1

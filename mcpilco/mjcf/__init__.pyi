@@ -5,7 +5,7 @@ from .corrected import (
     write_corrected_mjcf,
     write_joint_terms,
 )
-from .edited_model import FAR
+from .edited_model import FAR, EditedModel
 from .inertials import Inertials
 from .models import chain_of, load_mjcf, plant_of
 from .mujoco.callbacks import install_correction
@@ -15,6 +15,7 @@ from .mujoco.read import Physics, mujoco_plant, read_plant
 __all__ = [
     "FAR",
     "CorrectedModel",
+    "EditedModel",
     "Inertials",
     "MujocoPlant",
     "Physics",

@@ -283,7 +283,7 @@ class Plant(ABC):
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
     ) -> Float[np.ndarray, "N J"] | None:
-        """What actuators and contacts give to the joints [N or N m]; None: gain times command."""
+        """Forces of actuators and contacts on the joints [N or N m]; None: gain times command."""
         return None
 
     def beside(

@@ -1,7 +1,7 @@
 from .collision_film import write_collision_film
 from .comparison import estimate_cell, solved_table, write_comparison
 from .film import Follower, Reel, write_run_film
-from .model_scene import model_scene, scene_of
+from .model_scene import scene_of
 from .plots.rollouts import plot_costs, plot_input, plot_state, plot_states
 from .plots.training import (
     plot_coverage,
@@ -31,7 +31,6 @@ __all__ = [
     "estimate_cell",
     "has_display",
     "live_viewer",
-    "model_scene",
     "open_viewer",
     "plot_costs",
     "plot_coverage",

@@ -29,13 +29,13 @@ def scene_of(plant: Plant) -> Scene:
         InputError: its kind has no picture.
     """
     if isinstance(plant, MujocoPlant):
-        return model_scene(plant)
+        return _drawn(plant)
     if not isinstance(plant, ChainPlant):
         raise InputError(f"there is no picture of {plant.name}: its kind is unknown.")
     return chain_scene(plant.chain)
 
 
-def model_scene(plant: MujocoPlant) -> Scene:
+def _drawn(plant: MujocoPlant) -> Scene:
     """The geoms that move; the marker is the center of mass of all of them."""
     model, data = plant.model, mujoco.MjData(plant.model)
     moving = [int(g) for g in np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)]

@@ -115,11 +115,11 @@ def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str
     start = np.tile(plant.rest, (motions, 1))
     qpos = plant.coordinates.qpos(start[:, 0::2])
     state = np.concatenate([np.zeros((motions, 1)), qpos, start[:, 1::2]], axis=1)
-    datas = [mujoco.MjData(model) for _ in range(2)]
+    every_data = [mujoco.MjData(model) for _ in range(2)]
     tasks = {
         "plant": lambda: plant.simulate(start, u, model.opt.timestep),
         "loop": lambda: [stepped(plant, each, 1) for each in u],
-        "rollout": lambda: rollout.rollout(model, datas, state, u),
+        "rollout": lambda: rollout.rollout(model, every_data, state, u),
     }
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
     for _ in range(3):

@@ -14,7 +14,7 @@ from double_pendulum.controller.abstract_controller import AbstractController
 from realaigym.regulator import Regulator, Switched
 
 from envs.plants import BOARD, PLANTS
-from mcpilco.agent.numpy_policy import NumpyPolicy
+from mcpilco.agent import NumpyPolicy
 
 DT = 0.002
 """time between two calls of a controller [s]"""

@@ -1,4 +1,4 @@
-"""What MJCF cannot say of a plant, in plain MuJoCo: a callback, and a module that installs it."""
+"""The part of a plant that MJCF cannot say, in plain MuJoCo: a callback, and a module of it."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class _Given:
         self._user, self._written = np.zeros(size), np.full(size, np.nan)
 
     def by_user(self, now: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """What the user has set last."""
+        """The commands that the user has set last."""
         return np.where(now == self._written, self._user, now)
 
     def write(self, into: Float[np.ndarray, " n"], user: np.ndarray, numbers: np.ndarray) -> None:

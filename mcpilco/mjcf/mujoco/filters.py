@@ -1,4 +1,4 @@
-"""What acts beside a MuJoCo model, compiled: commands on their way, forces in joints, sensors.
+"""Effects beside a MuJoCo model, compiled: commands on their way, forces in joints, sensors.
 
 The formulas are those of the equations' simulation (`mcpilco.plant.simulation`): here a command's
 way is followed from jump to jump, and its mean over a timestep is what MuJoCo is given.

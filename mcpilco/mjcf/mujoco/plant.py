@@ -260,7 +260,7 @@ class _Motions:
     def measured(
         self, start: Float[np.ndarray, "B X"], T: int, every: int
     ) -> Float[np.ndarray, "B X T"]:
-        """What the sensors see of the motions, at T samples."""
+        """The readings of the sensors along the motions, at T samples."""
         n = (T - 1) * every * self.steps
         qpos, qvel, lost = self.followed(start, n)
         at = self.plant.coordinates
@@ -326,7 +326,7 @@ class _Motions:
         return not (numbers == np.array(IDEAL_ACTUATOR)[others]).all()
 
     def _given(self, n: int) -> Float[np.ndarray, "B n U"]:
-        """What each input asks for in each timestep: forces, or targets of servos."""
+        """The requests of each input in each timestep: forces, or targets of servos."""
         if not self._filtered:
             gains = self.tables.actuators[self.system, None, :, GAIN]
             step = self.lead + np.arange(n) // self.steps

@@ -24,7 +24,7 @@ from mcpilco.plant.simulation.layout import (
 )
 
 if TYPE_CHECKING:
-    from mcpilco.mjcf.edited_model import EditedModel
+    from mcpilco.mjcf import EditedModel
 
 
 class ActuatorEffect(Effect):

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from mcpilco.plant.simulation.layout import Layout, Tables
 
 if TYPE_CHECKING:
-    from mcpilco.mjcf.edited_model import EditedModel
+    from mcpilco.mjcf import EditedModel
 
 Place = Literal["actuator", "joint", "body", "sensor", "contact"]
 

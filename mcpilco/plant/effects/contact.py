@@ -13,7 +13,7 @@ from mcpilco.plant.simulation.layout import Layout, Tables
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.mjcf.edited_model import EditedModel
+    from mcpilco.mjcf import EditedModel
 
 LEAST, MOST = 0.02, 50.0
 """times the nominal value that friction, stiffness and damping may be [-]"""

@@ -13,7 +13,7 @@ from mcpilco.plant.effects.base import MOST, Effect, Place, Probe, Scale, Symbol
 from mcpilco.plant.simulation.layout import Layout, Tables
 
 if TYPE_CHECKING:
-    from mcpilco.mjcf.edited_model import EditedModel
+    from mcpilco.mjcf import EditedModel
 
 LONGER = 3.0
 """how many times a length may be missing: nobody misreads a ruler by more [-]"""

@@ -19,7 +19,7 @@ from mcpilco.plant.simulation.layout import CONSTANTS, Layout, Tables
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
-    from mcpilco.mjcf.edited_model import EditedModel
+    from mcpilco.mjcf import EditedModel
 
 SLOWEST, FASTEST = 5e-4, 0.1
 """velocity over which dry friction may turn over [m/s or rad/s]"""
