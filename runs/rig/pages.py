@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-BEGIN, END = "<!-- results: written by pages.py -->", "<!-- end of results -->"
+BEGIN, END = "<!-- results: written by run.py -->", "<!-- end of results -->"
 
 
 def kept(name):

@@ -111,7 +111,9 @@ def _compiled(source: str):
                 j = tables.joint[i]
                 a, c = tables.constants[s, i, 0], tables.constants[s, i, 2]
                 p, d = tables.constants[s, i, 1], tables.constants[s, i, 3]
-                y[b, j] += joint_force(tables.law[i], q[b, j], v[b, j], load[b, j], a, p, c, d)
+                y[b, j] += joint_force(
+                    tables.law[i], q[b, j], v[b, j], load[b, j], 0.0, 0.0, a, p, c, d
+                )
             for k in range(len(tables.learned.joint)):
                 at[:, 0], at[:, 1] = actuated[b], actuated[b]
                 x0 = grid_place(tables, s, k, 0, q[b], v[b], at, 0.0)

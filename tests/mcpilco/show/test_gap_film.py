@@ -36,7 +36,7 @@ def test_clips_do_not_overlap_and_the_first_is_missed_most(
     assert found.comparison is not None
     windows = found.comparison.windows
     samples = sum(len(r) for r in found.recordings if r.name in found.held_out)
-    assert 5 < len(shown) <= samples // windows.y.shape[2]
+    assert 2 < len(shown) <= samples // 2 // windows.y.shape[2]  # the other half decides
 
 
 def test_states_and_commands_are_shown_with_their_units(
