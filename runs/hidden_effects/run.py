@@ -46,7 +46,9 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 
 
-METHOD = digest("gap", "plant", "plant/effects", "plant/simulation", "bodies", "recordings")[:12]
+METHOD = digest(
+    "gap", "plant", "plant/effects", "plant/simulation", "mjcf", "bodies", "recordings"
+)[:12]
 """of the code that is tried"""
 
 

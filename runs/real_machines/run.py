@@ -32,7 +32,9 @@ from mcpilco.logbook import read_json
 from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
-METHOD = digest("gap", "plant", "plant/effects", "plant/simulation", "bodies", "recordings")[:12]
+METHOD = digest(
+    "gap", "plant", "plant/effects", "plant/simulation", "mjcf", "bodies", "recordings"
+)[:12]
 """of the code that is tried"""
 MODELS = "nominal", "refit", "corrected"
 EARLY_S = 0.5
