@@ -196,7 +196,7 @@ def by_sac(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
 
 
 def from_few(spread: bool) -> Callable[[int, Mapping[str, Any], Path], dict[str, Any]]:
-    """What came of the policy of a simulation that 20 s of recordings have corrected."""
+    """The outcome of a policy of a simulation that 20 s of recordings have corrected."""
 
     def learn(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
         watch = Stopwatch()

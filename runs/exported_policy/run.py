@@ -1,4 +1,4 @@
-"""What a step of an exported policy costs: C, an ONNX graph, and numpy, beside one another.
+"""The time of a step of an exported policy: C, an ONNX graph, and numpy, beside one another.
 
     python runs/exported_policy/run.py              # two minutes; needs gcc, jinja2 and onnxruntime
 
@@ -64,7 +64,7 @@ int main(void)
 
 
 def compiled(folder: Path, source: str, *flags: str) -> list[str]:
-    """What a compiled program says."""
+    """The output of a compiled program."""
     program = folder / "program"
     command = ["gcc", *FLAGS, *flags, "-x", "c", folder / source, "-o", program, "-lm"]
     subprocess.run(command, check=True)

@@ -54,7 +54,7 @@ def crosses(rollout: Rollout) -> bool:
 
 
 def trained(seed: int, limited: bool, config: Config, trials: int) -> dict[str, Any]:
-    """What came of the rollouts of one training."""
+    """The outcomes of the rollouts of one training."""
     limits = (Limit("cart_position", -RAIL, RAIL),) if limited else ()
     config = replace(config, search=replace(config.search, limits=limits))
     agent = MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", config=config, seed=seed)
