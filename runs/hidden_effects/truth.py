@@ -65,7 +65,7 @@ def joint_force(q, v, tau, p, width):
 
 @njit(cache=True)
 def transmit(q, v, tau, joint, angle, speed, passed, turned):
-    """The part of its motor's torque that reaches each joint, and the acceleration of a motor of its own."""
+    """The torque of its motor that reaches each joint, and a motor's own acceleration."""
     for j in range(len(q)):
         passed[j], turned[j] = tau[j], 0.0
         if joint[j, ROTOR] > 0.0:
