@@ -68,6 +68,8 @@ class Loop:
         self.sample: list[float] | None = None
         """the newest measurement that is credible, and its `stamp` by the machine's clock [s]"""
         self.stamp, self.answered = 0.0, 0
+        self.seen: tuple[list[float], float] | None = None
+        """the measurement before, credible or not, and its time by the machine's clock [s]"""
         self.status = int(Status.SAFE)
         self.episode: float | None = None
         """when the episode began; `step` of it began at `due` [s]"""
@@ -112,7 +114,7 @@ class Loop:
         self.inbox.open(frame.session)
         self.counter, self.offset = 0, time.monotonic() - 1e-6 * frame.time_us
         self.heard = self.trusted = time.monotonic()
-        self.sample = None
+        self.sample = self.seen = None
 
     def _packets(self, until: float) -> list[bytes]:
         """Those of the link, once there are some; learner and keys are served too."""
@@ -154,8 +156,7 @@ class Loop:
         if now - stamp - self.offset > self.h:
             self.counts["late"] += 1
         values = list(frame.values[: self.states])
-        if self._jumps(values, stamp):
-            self.counts["jumps"] += 1
+        if not self._credible(values, stamp):
             return
         self.trusted, self.sample, self.stamp = now, values, stamp
         self.answered = frame.echo
@@ -165,16 +166,25 @@ class Loop:
             if why := self._beyond(values):
                 self.end(why, kind="limit")
 
-    def _jumps(self, values: list[float], stamp: float) -> bool:
-        """Whether a position has moved otherwise than its velocity says."""
-        if self.sample is None or self.mode is Mode.HOME:
+    def _credible(self, values: list[float], stamp: float) -> bool:
+        """Whether each position has moved as its velocity says.
+
+        Moved from the newest credible measurement; while there is none, and while the machine is
+        brought to its start, from the measurement before this one.
+        """
+        before = self.seen
+        if self.sample is not None and self.mode is not Mode.HOME:
+            before = self.sample, self.stamp
+        self.seen = values, stamp
+        if before is None:
             return False
-        span = stamp - self.stamp
-        return any(
-            abs(values[q] - self.sample[q] - 0.5 * (values[v] + self.sample[v]) * span)
-            > self.told["jump"]
+        sample, span = before[0], stamp - before[1]
+        jumped = any(
+            abs(values[q] - sample[q] - 0.5 * (values[v] + sample[v]) * span) > self.told["jump"]
             for q, v in self.told["pairs"]
         )
+        self.counts["jumps"] += jumped
+        return not jumped
 
     def _beyond(self, values: list[float]) -> str | None:
         for name, (low, high) in self.told["limits"].items():
@@ -208,7 +218,8 @@ class Loop:
         self.ticks, self.wanted = ticks, log
         self.homing = time.monotonic() + self.told["homing"]
         self.mode, self.command = Mode.HOME, list(self.told["safe"])
-        self.sample, self.status = None, Status.SAFE
+        self.sample = self.seen = None
+        self.status = Status.SAFE
 
     def _on_act(self, step: int, inputs: list[float]) -> None:
         now = time.monotonic()
@@ -339,7 +350,8 @@ class Loop:
             self.end("the machine has stopped itself", kind="halted")
 
     def _home(self, now: float) -> None:
-        if self.status == Status.READY and self.sample is not None:
+        newest = self.sample is not None and self.trusted == self.heard
+        if self.status == Status.READY and newest:
             self.homing, self.ready, self.mode = None, True, Mode.SAFE
             self._tell("ready", values=self.sample)
         elif self.homing is not None and now > self.homing:

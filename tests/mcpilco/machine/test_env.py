@@ -109,7 +109,6 @@ def test_a_machine_that_is_silent_ends_the_episode(met: Rig) -> None:
     faulty(met, "mute 1.0", "silent for 0.5 s", silence=0.5)
 
 
-@pytest.mark.slow  # in real time: chance decides when false angles come
 def test_false_angles_are_refused_and_counted(met: Rig) -> None:
     met.tell("spikes 0.2")
     with contextlib.closing(machine(dt=0.05)) as env:
