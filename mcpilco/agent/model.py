@@ -24,7 +24,7 @@ from mcpilco.dynamics import (
     speed_integration,
     turning_regressors,
 )
-from mcpilco.gp import GP, subset_of_data
+from mcpilco.gp import GP, Posterior, condition_through, inducing_points, subset_of_data
 from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.plant import Program, Rows, features_of
 from mcpilco.sensing import StatePredictor, StateTracker, sensor_noise
@@ -228,6 +228,7 @@ class Model:
         """
         if self.physics is not None:
             self.physics.identify(transitions, self.config.noise_floor)
+        everything, transitions = transitions, transitions[self._thinned(transitions)]
         X, Y = self.rows(transitions)
         optimiser = self.config.optimiser
         limit = ITERATIONS[optimiser]
@@ -237,7 +238,10 @@ class Model:
             X, Y = self.rows(transitions)
         with torch.no_grad():
             nlml = self.gp.nlml(X, Y)
-        values = {"model/samples": float(len(X))}
+        values = {"model/samples": float(len(everything))}
+        if len(X) < len(everything):
+            values["model/fitted_samples"] = float(len(X))
+            values["model/posterior_samples"] = float(len(self._inducing(everything)))
         for i, noise in enumerate(self.noise_std):
             values[f"model/nlml_{i}"] = float(nlml[i])
             values[f"model/noise_std_{i}"] = noise
@@ -265,20 +269,44 @@ class Model:
         """Learned noise of each GP, in its target's unit."""
         return tuple(self.gp.noise_std.detach().tolist())
 
+    def _sparse(self, transitions: Transitions) -> bool:
+        """Whether there are so many samples that inducing points pay."""
+        return len(transitions) > 2 * self.config.inducing
+
+    def _thinned(self, transitions: Transitions) -> np.ndarray:
+        """The rows that hyperparameters are learned from: all, or as many as are exact."""
+        most = 2 * self.config.inducing if self._sparse(transitions) else len(transitions)
+        return np.linspace(0, len(transitions) - 1, most).round().astype(int)
+
+    def _inducing(self, transitions: Transitions) -> Tensor:
+        return inducing_points(self.gp, *self.rows(transitions), self.config.inducing)
+
+    def _posterior(self, transitions: Transitions) -> tuple[Posterior, Transitions]:
+        """The posterior given these data or the subset configured, and what of them it is of.
+
+        What draws functions, and what learns a plant beside them, has an exact posterior of few.
+        """
+        X, Y = self.rows(transitions)
+        if self.config.subset_threshold is not None:
+            kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
+        elif self._sparse(transitions):
+            kept = self._inducing(transitions)
+            if self.physics is None and self.config.sampling == "step":
+                return condition_through(self.gp, X, Y, kept), transitions[kept.numpy()]
+        else:
+            return self.gp.condition(X, Y), transitions
+        return self.gp.condition(X[kept], Y[kept]), transitions[kept.numpy()]
+
     def dynamics(
         self, transitions: Transitions
     ) -> GPDynamics | PathwisePosterior | PhysicsDynamics:
-        """The posterior given these data, or the subset configured, as a model of the next state.
+        """The posterior given these data, or some of them, as a model of the next state.
 
         Raises:
             NotPositiveDefiniteError: no jitter makes the covariance of a GP factorisable.
         """
-        X, Y = self.rows(transitions)
         bounds = self._bounds(transitions)
-        if self.config.subset_threshold is not None:
-            kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
-            X, Y, transitions = X[kept], Y[kept], transitions[kept.numpy()]
-        posterior = self.gp.condition(X, Y)
+        posterior, transitions = self._posterior(transitions)
         law = self.augmentation, self.increment, bounds
         dynamics = GPDynamics(posterior, *law, self.features)
         if self.physics is not None:

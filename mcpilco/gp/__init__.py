@@ -2,7 +2,7 @@
 
 A `GP` is a kernel with noise for E outputs at once: `fit` maximises the marginal likelihood, and
 `condition` returns the posterior given data. Read `gp` first, then `evidence` (the derivatives of
-the likelihood) and `weight_space` (kernels of few features, and fewer samples).
+the likelihood), `sparse` (many samples through few) and `weight_space` (kernels of few features).
 """
 
 import lazy_loader

@@ -1,6 +1,7 @@
 from .evidence import JITTERS, add_to_diagonal, cholesky
 from .gp import GP, RECENT, FitReport, Further, Posterior, Samples
-from .weight_space import WeightPosterior, WeightSpaceGP, subset_of_data
+from .sparse import condition_through, inducing_points, subset_of_data
+from .weight_space import WeightPosterior, WeightSpaceGP
 
 __all__ = [
     "GP",
@@ -14,5 +15,7 @@ __all__ = [
     "WeightSpaceGP",
     "add_to_diagonal",
     "cholesky",
+    "condition_through",
+    "inducing_points",
     "subset_of_data",
 ]

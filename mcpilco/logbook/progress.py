@@ -122,6 +122,16 @@ class Progress(Callback):
         doing = f"{self._heading}: fitting the models"
         self._bar.update(self._task, completed=step, total=steps, description=doing)
 
+    def on_model_fitted(self, values: dict[str, float]) -> None:
+        if (kept := values.get("model/posterior_samples")) is not None:
+            self._console.print(
+                f"trial {self._trial}: {values['model/samples']:.0f} samples are many: "
+                f"hyperparameters from {values['model/fitted_samples']:.0f} of them, predictions "
+                f"from all through {kept:.0f} inducing points",
+                highlight=False,
+                soft_wrap=True,
+            )
+
     def on_policy_step(self, step: int, steps: int, values: dict[str, float]) -> None:
         cost = values.get("policy/cost")
         doing = "searching the policy" if self._models else "learning"

@@ -152,6 +152,24 @@ def test_a_subset_of_repeated_data_predicts_the_same(task: TaskSpec) -> None:
     torch.testing.assert_close(few, all_rows, atol=0.02, rtol=0)
 
 
+def test_many_samples_are_known_through_few(task: TaskSpec) -> None:
+    data = some_data(task, 60)
+    predicted = []
+    for inducing in (20, 40):
+        model = Model(ModelConfig(kernel="rbf", inducing=inducing), task)
+        values = model.fit(data)
+        dynamics = model.dynamics(data)
+        assert values["model/samples"] == 60
+        few = inducing == 20
+        assert values.get("model/fitted_samples") == (40 if few else None)
+        assert len(dynamics.posterior.X) == (20 if few else 60)
+        states, inputs = torch.from_numpy(data.states), torch.from_numpy(data.inputs)
+        predicted.append(dynamics.step(states, inputs, torch.zeros(60, 2, dtype=torch.float64)))
+    following = torch.from_numpy(data.next_states)
+    errors = [float((there - following).square().mean()) for there in predicted]
+    assert errors[0] < 2 * errors[1] + 1e-4
+
+
 def test_bounds_are_a_multiple_of_the_largest_state_seen(task: TaskSpec) -> None:
     model = Model(ModelConfig(plausible=3.0), task)
     data = some_data(task)

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+from io import StringIO
 from xml.etree import ElementTree
 
-from mcpilco.logbook import Results
+from rich.console import Console
+
+from mcpilco.logbook import Progress, Results
 from tests.mcpilco.fakes import make_result
 
 
@@ -13,3 +16,15 @@ def test_a_notebook_shows_a_row_for_each_trial() -> None:
     assert first[titles.index("time up [s]")] == "0.30"
     assert [row[titles.index("success")] for row in (first, second)] == ["yes", "-"]
     assert second[titles.index("predicted cost")] == "1.67 ± 0.50"
+
+
+def test_a_line_says_that_many_samples_are_known_through_few() -> None:
+    console = Console(file=StringIO(), width=40)
+    progress = Progress(console)
+    progress.on_model_fitted({"model/samples": 150.0})
+    numbers = {"samples": 3000.0, "fitted_samples": 600.0, "posterior_samples": 300.0}
+    progress.on_model_fitted({f"model/{name}": number for name, number in numbers.items()})
+    (line,) = console.file.getvalue().splitlines()
+    assert "3000 samples" in line
+    assert "from 600 of them" in line
+    assert "300 inducing points" in line

@@ -1,0 +1,155 @@
+"""Thousands of samples: time and memory with exact GPs and through inducing points, and success.
+
+python runs/many_samples/run.py --cost               # minutes
+python runs/many_samples/run.py --seeds 8000:8010    # about 4 minutes of a core a seed
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent))
+
+from harness import (  # noqa: E402
+    fill,
+    folder,
+    hasty,
+    keep,
+    kept,
+    parse_seeds,
+    places,
+    use_one_thread,
+)
+
+import envs  # noqa: E402, F401
+from mcpilco.agent import MCPILCO  # noqa: E402
+from mcpilco.config import Config  # noqa: E402
+from mcpilco.search import Adam, PolicySearch  # noqa: E402
+from mcpilco.sweep import machine, markdown  # noqa: E402
+
+SAMPLES = 2850
+TRIALS = 3
+SIZES = (150, 600, 1000, 3000)
+SEED = 20
+STEPS = 3
+
+
+def agent_of(seed: int, samples: int, config: Config) -> MCPILCO:
+    config = replace(config, exploration=samples)
+    return MCPILCO("SumOfGaussians", "mcpilco/CartPoleSwingUp-v0", config=config, seed=seed)
+
+
+def resident_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def cost(samples: int, inducing: int) -> dict[str, Any]:
+    """Time and memory of an agent's fit and of a policy step."""
+    config = Config()
+    config = replace(config, model=replace(config.model, inducing=inducing))
+    agent = agent_of(SEED, samples, config)
+    agent._explore()
+    before, began = resident_mb(), time.process_time()
+    values = agent.model.fit(agent.transitions)
+    fitted = time.process_time()
+    problem = agent._problem(1, None)
+    conditioned = time.process_time()
+    search = PolicySearch(agent.config.search, torch.Generator().manual_seed(0))
+    policy = agent._random_policy(search.generator)
+    adam, times = Adam(policy), []
+    for _ in range(STEPS + 1):
+        start = time.process_time()
+        search.step(problem, policy, adam, 0.01, 0.25)
+        times.append(time.process_time() - start)
+    return {
+        "samples": samples,
+        "through": values.get("model/posterior_samples"),
+        "fit_s": fitted - began,
+        "condition_s": conditioned - fitted,
+        "step_s": float(np.median(times[1:])),
+        "memory_mb": resident_mb() - before,
+        "machine": machine(),
+    }
+
+
+def trained(seed: int, config: Config, samples: int, trials: int) -> dict[str, Any]:
+    """Whether the policies swing up that are learned from so many samples."""
+    agent = agent_of(seed, samples, config)
+    agent.learn(agent.timesteps_of(trials))
+    return {
+        "seed": seed,
+        "samples": samples,
+        "success": [bool(result.success) for result in agent.results],
+        "cpu_s": [result.cpu_s for result in agent.results],
+        "machine": machine(),
+    }
+
+
+def cost_table(found: list[dict[str, Any]]) -> str:
+    header = ["samples", "GPs", "fit [CPU s]", "condition [CPU s]", "a policy step [ms]"]
+    rows = []
+    for result in sorted(found, key=lambda r: (r["samples"], r["through"] or 0)):
+        way = "exact" if result["through"] is None else f"through {result['through']:.0f}"
+        times = f"{result['fit_s']:.1f}", f"{result['condition_s']:.2f}"
+        row = [f"{result['samples']:,}", way, *times, f"{1000 * result['step_s']:.0f}"]
+        rows.append([*row, f"{result['memory_mb']:.0f}"])
+    return markdown([*header, "memory [MB]"], rows)
+
+
+def success_table(found: list[dict[str, Any]]) -> str:
+    rows = []
+    for trial in range(max((len(r["success"]) for r in found), default=0)):
+        done = [r for r in found if len(r["success"]) > trial]
+        swung = sum(r["success"][trial] for r in done)
+        cpu = np.median([r["cpu_s"][trial] for r in done])
+        rows.append([str(trial + 1), f"{swung} of {len(done)}", f"{cpu:.0f}"])
+    return markdown(["policy", "swung up", "CPU s"], rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", help="of trainings, such as 8000:8010")
+    parser.add_argument("--cost", action="store_true", help="time and memory of all sizes")
+    parser.add_argument("--one", nargs=2, type=int, help="samples and inducing points of one size")
+    parser.add_argument("--quick", action="store_true", help="show that it works")
+    parser.add_argument("--out", type=Path, help="folder of results/ and README.md")
+    arguments = parser.parse_args()
+    use_one_thread()
+    if arguments.one:
+        print(json.dumps(cost(*arguments.one)))
+        return
+    place = folder(HERE, arguments.out, arguments.quick)
+    sizes = (60,) if arguments.quick else SIZES
+    if arguments.cost:
+        few = 20 if arguments.quick else Config().model.inducing
+        for size in sizes:
+            for inducing in (size, few) if size > 2 * few else (size,):
+                command = [sys.executable, __file__, "--one", str(size), str(inducing)]
+                line = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                result = json.loads(line.splitlines()[-1])
+                keep(place / "results" / "cost" / f"{size}-{inducing}.json", result)
+    config = hasty(Config()) if arguments.quick else Config()
+    for seed in parse_seeds(arguments.seeds) if arguments.seeds else ():
+        path = place / "results" / "success" / f"{seed}.json"
+        if not path.exists():
+            keep(path, trained(seed, config, 60 if arguments.quick else SAMPLES, TRIALS))
+    costs = kept(place / "results" / "cost")
+    successes = kept(place / "results" / "success")
+    parts = ["### Time and memory", cost_table(costs), "### Success", success_table(successes)]
+    fill(place / "README.md", [*parts, places([*costs, *successes])], HERE / "README.md")
+
+
+if __name__ == "__main__":
+    main()
