@@ -383,10 +383,13 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
 def _member(
     fit: Fit, windows: Windows, probability: float, theta: Float[np.ndarray, " n"]
 ) -> Member:
-    """The distribution of the numbers of a fit around those of theta, in their units."""
+    """The distribution of the numbers of a fit around those of theta, in their units.
+
+    Coordinates of learned forces may stand last in theta; the distribution is without them.
+    """
     model = fit.model
     names, nuisances = list(model.priors), model.nuisances
-    parameters, values = model.decode(theta[None])
+    parameters, values = model.decode(theta[None, : len(fit.theta)])
     columns = [list(model.plant.values).index(name) for name in names]
     expected, units = list(parameters[0, columns]), list(model.plant.nominal[columns])
     for instance, found in zip(model.added, values, strict=True):

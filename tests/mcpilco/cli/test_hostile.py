@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import pickle
 import shutil
@@ -204,6 +205,31 @@ HOSTILE: dict[str, Change] = {
     "pickled rollout": pickled("run/trials/01/rollout.npz"),
     "pickled particles": pickled("run/trials/01/particles.npz"),
     "pickled model": pickled("run/trials/01/gp.npz"),
+    "env of a wrapper": config(env="GymV26Environment-v0", env_kwargs={"env_id": NAMES[0]}),
+    "name within keywords": config(env_kwargs={"inner": [{"of": {"env": NAMES[1]}}]}),
+    "model of an env": config(
+        env="mcpilco/MujocoCartPoleSwingUp-v0", env_kwargs={"model": "run/model.xml"}
+    ),
+    "code as a model": config(
+        env="mcpilco/MujocoCartPoleSwingUp-v0", env_kwargs={"model": "run/evilm.py"}
+    ),
+    "spread of a file": config(spread="run/evilm.py", env_kwargs={"spread": "run/evilm.py"}),
+    "trust": config(env=NAMES[0], trust=["evilm"], env_kwargs={"trust": "evilm"}),
+    "absurd horizon": config(horizon=10**8, config={"horizon": 10**8}),
+    "no number": config(seed=math.nan, trials=math.inf, horizon=-1),
+    "deep": text("run/config.json", "[" * 100_000),
+    "long number": text("run/config.json", '{"format": ' + "9" * 5_000 + "}"),
+    "bytes": lambda sent: (sent / "run/config.json").write_bytes(b"\xff\xfe\0" * 99),
+    "names that lead elsewhere": in_json("run/task.json", state_names=["../../mine/text"] * 4),
+    "names with escapes": in_json("run/task.json", state_names=["\x1b]0;evilm\a\n<script>"] * 4),
+    "states of another kind": in_json("run/task.json", state_names={"a": 1}, angles=[10**9]),
+    "agent of another size": agent(task={"state_names": ["x"] * 10_000}),
+    "trial of another number": link("run/trials/../trials/99", "mine"),
+    "formulas in metrics": text("run/metrics.csv", "trial,=cmd|'evilm'!A1\n1,@evilm\n"),
+    "folder for a file": lambda sent: (
+        (sent / "run/summary.json").unlink(),
+        (sent / "run/summary.json").mkdir(),
+    ),
     "linked agent": link("run/agent.npz", "mine/agent.npz"),
     "linked trial": link("run/trials/01", "mine"),
     "linked metrics": link("run/metrics.csv", "mine/text"),

@@ -17,14 +17,15 @@ from mcpilco.gap.decide import (
     named_effects,
     on_bounds,
     shifted_parameters,
+    spread_of,
     weighed,
 )
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
-from mcpilco.gap.plant_model import PlantModel
+from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.thresholds import VERDICT
-from mcpilco.plant import CATALOGUE, EffectInstance
+from mcpilco.plant import CATALOGUE, Axis, EffectInstance
 from tests.mcpilco.gap.pendulum import dry_friction, record
 
 FRICTION = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
@@ -124,6 +125,20 @@ def test_effects_that_may_be_none_are_not_named(
     (named,) = named_effects(result, judged)
     assert named.parameters["f_c"].low < 0.1 < named.parameters["f_c"].high
     assert named.share > 0.95
+
+
+@pytest.mark.parametrize("helps", [True, False])
+def test_the_spread_of_a_plant_with_a_learned_force_is_that_of_the_numbers_without_it(
+    rubbing: tuple[PlantModel, Windows], helps: bool
+) -> None:
+    result, best = searched(*rubbing, [FRICTION])
+    judged = weighed(result, best, result.null, rubbing[1])
+    base = judged.best if helps else judged.null
+    force = GridForce("pendulum", (Axis("velocity", -6.0, 6.0, 9),), 0.2 * np.eye(9)[:, 2:7])
+    learned = replace(
+        base, model=replace(base.model, learned=(force,)), theta=np.append(base.theta, np.ones(5))
+    )
+    assert spread_of(result, judged, learned) == spread_of(result, judged, base)
 
 
 def test_what_is_left_is_told_in_newtons_beside_what_the_nominal_plant_leaves(

@@ -14,7 +14,8 @@ import pytest
 import envs
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, suspicions, verdict_sentence
-from mcpilco.gap.suspicion import at_rest, distinct, unchanging
+from mcpilco.gap.suspicion import at_rest, distinct, far_from_noise, unchanging
+from mcpilco.gap.thresholds import SUSPICION
 from mcpilco.recordings import Recording, noise_std, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap import pendulum as rods
@@ -268,6 +269,16 @@ def test_commands_that_never_change_are_told() -> None:
     assert unchanging(recorded("pendulum", 0)) == ()
     zero = columns(recorded("pendulum", 0), torque=lambda column: -0.0 * np.abs(column))
     assert "torque is 0 throughout" in unchanging(zero)[0]
+
+
+def test_a_corrected_plant_that_is_far_from_the_noise_is_told(found: Gap) -> None:
+    assert found.comparison is not None
+    assert far_from_noise(found.comparison, more=False) == ()
+    far = 2.0 * SUSPICION.unexplained * found.comparison.noise_floor
+    missed = replace(found.comparison, corrected=far)
+    (told,) = far_from_noise(missed, more=False)
+    assert "is the plant the right one?" in told
+    assert far_from_noise(missed, more=True) == ()  # which is told as unknown
 
 
 def test_the_same_recording_under_other_names_is_counted_once() -> None:
