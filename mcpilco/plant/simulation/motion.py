@@ -353,7 +353,7 @@ def recall(tables, s, path, dt, past, load):
 
 @njit(**INLINED)
 def driving(tables, s, actuated, load):
-    """What the actuators give to each joint now, into `load`."""
+    """Enters the forces of the actuators on each joint now into `load`."""
     load[:] = 0.0
     for u in range(len(tables.drives)):
         load[tables.drives[u]] += drive(tables, s, u, actuated, 0.0)
