@@ -360,9 +360,8 @@ def driving(tables, s, actuated, load):
 
 
 @njit(**INLINED)
-def prepare(tables, s, commands, n, lead, dt, forces, actuated, path, past, load):
-    """The shaped commands of window n, where the actuators are at command `lead`, and memories."""
-    past.memory[:] = np.nan
+def prepare(tables, s, commands, n, lead, dt, forces, actuated):
+    """The shaped commands of window n, and where the actuators are at command `lead`."""
     for u in range(len(tables.drives)):
         last = tables.actuators[s, u, GAIN] * commands[n, 0, u]
         for i in range(commands.shape[1]):
@@ -370,17 +369,18 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated, path, past, load
             forces[i, u] = last
         actuated[u, 0] = actuated[u, 1] = forces[0, u]
     for i in range(lead):
-        now = 0.0
-        while now < dt:
-            switch(tables, s, forces, i, now, dt, actuated)
-            if now == 0.0:
-                driving(tables, s, actuated, past.load)
-            event = next_event(tables, s, now, dt, actuated)
-            settle(tables, s, event - now, actuated)
-            now = event
-        if i + 1 < path.shape[1]:
-            driving(tables, s, actuated, load)
-            recall(tables, s, path[n, i : i + 2], dt, past, load)
+        hold(tables, s, forces, i, dt, actuated)
+
+
+@njit(**INLINED)
+def hold(tables, s, forces, i, dt, actuated):
+    """Moves the actuators on by the time of command i."""
+    now = 0.0
+    while now < dt:
+        switch(tables, s, forces, i, now, dt, actuated)
+        event = next_event(tables, s, now, dt, actuated)
+        settle(tables, s, event - now, actuated)
+        now = event
 
 
 @njit(**INLINED)
@@ -441,7 +441,15 @@ def _compiled(source: str):
             s, n = system[b], window[b]
             for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
-            prepare(tables, s, commands, n, lead, dt, forces, actuated, path, past, w.load)
+            prepare(tables, s, commands, n, 0, dt, forces, actuated)
+            past.memory[:] = np.nan
+            for i in range(lead):
+                switch(tables, s, forces, i, 0.0, dt, actuated)
+                driving(tables, s, actuated, past.load)
+                hold(tables, s, forces, i, dt, actuated)
+                if i + 1 < path.shape[1]:
+                    driving(tables, s, actuated, w.load)
+                    recall(tables, s, path[n, i : i + 2], dt, past, w.load)
             for x in range(len(filters)):
                 filters[x, 0] = np.nan
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
