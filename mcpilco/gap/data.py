@@ -14,14 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.interpolate import CubicHermiteSpline
 
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
 from mcpilco.gap.thresholds import DATA
 from mcpilco.plant import GAIN, EffectInstance, Plant, Scale
-from mcpilco.recordings import Recording, noise_std
+from mcpilco.recordings import Recording, bridged, noise_std, smoothed
 from mcpilco.typing import InputError
 
-_BY_WINDOW = "y", "commands", "guess", "recording", "start_s"
+_BY_WINDOW = "y", "commands", "path", "guess", "recording", "start_s"
 
 
 class Whitening(NamedTuple):
@@ -53,6 +54,9 @@ class Windows:
     """measured states; NaN where there is no measurement"""
     commands: Float[np.ndarray, "W T_all U"]
     """`every` of them a sample, each held as long; `lead` of the past come first"""
+    path: Float[np.ndarray, "W T_all X"]
+    """states at each command, as smoothed positions have them: what a force remembers at the start
+    follows from how the machine came there"""
     lead: int
     """commands before the start"""
     dt: float
@@ -117,6 +121,7 @@ class Windows:
                     y=y,
                     guess=guess,
                     commands=np.ascontiguousarray(self.commands[:, driven]),
+                    path=np.ascontiguousarray(self.path[:, driven]),
                     start_s=self.start_s + first * self.dt,
                     whitening=None,
                 )
@@ -127,7 +132,13 @@ class Windows:
         """The first samples of each window."""
         last = self.lead + samples * self.every
         commands = np.ascontiguousarray(self.commands[:, :last])
-        return replace(self, y=self.y[:, :, :samples], commands=commands, whitening=None)
+        part = replace(self, path=self.path[:, :last], commands=commands, whitening=None)
+        return replace(part, y=self.y[:, :, :samples])
+
+    @property
+    def before(self) -> Float[np.ndarray, "W lead_plus_1 X"]:
+        """The states at each command before the start, and at it."""
+        return np.ascontiguousarray(self.path[:, : self.lead + 1])
 
     @property
     def held_s(self) -> float:
@@ -179,6 +190,7 @@ def cut(
     holds = _holds(recordings)
     lead = round(DATA.memory_s / dt) * holds
     driven = [recording.driven(holds) for recording in recordings]
+    motions = [_motion(recording, holds) for recording in recordings]
     parts = [
         (number, part.start, first)
         for number, recording in enumerate(recordings)
@@ -194,20 +206,20 @@ def cut(
     y = np.stack([recordings[n].states[first : first + length].T for n, _, first in parts])
     guess = np.stack([_start(window, dt, std) for window in y])
     y[:, :, : math.ceil(DATA.latency_s / dt)] = np.nan
-    commands = [
-        driven[n][
-            np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds)
-        ]
-        for n, begin, first in parts
+    rows = [
+        np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds)
+        for _, begin, first in parts
     ]
+    numbers = [n for n, _, _ in parts]
     return Windows(
         y=y,
-        commands=np.stack(commands),
+        commands=np.stack([driven[n][at] for n, at in zip(numbers, rows, strict=True)]),
+        path=np.stack([motions[n][at] for n, at in zip(numbers, rows, strict=True)]),
         lead=lead,
         dt=dt,
         std=std,
         guess=guess,
-        recording=np.array([n for n, _, _ in parts]),
+        recording=np.array(numbers),
         start_s=np.array([first * dt for _, _, first in parts]),
         overlap=max(1.0, length / stride),
         every=holds,
@@ -218,6 +230,22 @@ def _holds(recordings: Sequence[Recording]) -> int:
     """Commands a sample that a simulation of recordings takes."""
     most = max(1, round(recordings[0].dt / DATA.shortest_hold_s))
     return min(most, max(recording.every for recording in recordings))
+
+
+def _motion(recording: Recording, holds: int) -> Float[np.ndarray, "n X"]:
+    """The states at each command, smoothed from the positions alone; 0 if unknown.
+
+    A measured velocity may have come late out of a filter.
+    """
+    states, X = recording.states.copy(), recording.states.shape[1]
+    states[:, 1::2] = np.nan
+    pairs = tuple((k, k + 1) for k in range(0, X, 2))
+    smooth = smoothed(replace(recording, states=states, velocities=pairs))[0]
+    smooth = np.nan_to_num(bridged(smooth))
+    time = recording.dt * np.arange(len(smooth))
+    curve = CubicHermiteSpline(time, smooth[:, 0::2], smooth[:, 1::2])
+    at = np.minimum(recording.dt / holds * np.arange(len(smooth) * holds), time[-1])
+    return np.stack([curve(at), curve(at, 1)], axis=2).reshape(len(at), X)
 
 
 def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:

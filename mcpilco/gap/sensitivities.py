@@ -42,6 +42,7 @@ def run(
         windows.held_s,
         model.budget.used,
         every=windows.every,
+        path=windows.before,
     )
     return model.plant.beside(y.reshape(S, W, *y.shape[1:]), windows.y)
 
@@ -232,6 +233,7 @@ def impulse_responses(
             windows.held_s,
             model.budget.used,
             every=windows.every,
+            path=np.repeat(windows.before[w : w + 1], 2 * K, axis=0),
         )
         change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
         change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)

@@ -247,6 +247,7 @@ class Plant(ABC):
         dt: float,
         taken: Int[np.ndarray, " 1"] | None = None,
         every: int = 1,
+        path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
     ) -> Float[np.ndarray, "B X T"]:
         """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
@@ -382,8 +383,9 @@ class ChainPlant(Plant):
         dt: float,
         taken: Int[np.ndarray, " 1"] | None = None,
         every: int = 1,
+        path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
     ) -> Float[np.ndarray, "B X T"]:
-        return simulate(tables, system, start, window, commands, lead, dt, taken, every=every)
+        return simulate(tables, system, start, window, commands, lead, dt, taken, 1.0, every, path)
 
     @property
     def simulated_by(self) -> str:

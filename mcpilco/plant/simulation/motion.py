@@ -332,6 +332,34 @@ def filtered(filter, of_velocity, q, v, dt, T):
 
 
 @njit(**INLINED)
+def recall(tables, s, path, dt, past, load):
+    """Follows the memories along a measured path (2, X) over one command.
+
+    `past.load` is what the actuators gave at its beginning, `load` at its end.
+    """
+    for i in range(len(tables.law)):
+        if remembers(tables.law[i]):
+            j = tables.joint[i]
+            a, b, c, d = constants_of(tables, s, i)
+            mean = (path[1, 2 * j + 1] - path[0, 2 * j + 1]) / dt
+            before = Moment(path[0, 2 * j], path[0, 2 * j + 1], mean, past.load[j])
+            now = Moment(path[1, 2 * j], path[1, 2 * j + 1], mean, load[j])
+            memory = past.memory[i, 0], past.memory[i, 1]
+            if memory[0] != memory[0]:
+                memory = begin(tables.law[i], before, a, b, c, d)
+            x, y = follow(tables.law[i], memory, dt, before, now, a, b, c, d)
+            past.memory[i, 0], past.memory[i, 1] = x, y
+
+
+@njit(**INLINED)
+def driving(tables, s, actuated, load):
+    """Enters the forces of the actuators on each joint now into `load`."""
+    load[:] = 0.0
+    for u in range(len(tables.drives)):
+        load[tables.drives[u]] += drive(tables, s, u, actuated, 0.0)
+
+
+@njit(**INLINED)
 def prepare(tables, s, commands, n, lead, dt, forces, actuated):
     """The shaped commands of window n, and where the actuators are at command `lead`."""
     for u in range(len(tables.drives)):
@@ -341,12 +369,18 @@ def prepare(tables, s, commands, n, lead, dt, forces, actuated):
             forces[i, u] = last
         actuated[u, 0] = actuated[u, 1] = forces[0, u]
     for i in range(lead):
-        now = 0.0
-        while now < dt:
-            switch(tables, s, forces, i, now, dt, actuated)
-            event = next_event(tables, s, now, dt, actuated)
-            settle(tables, s, event - now, actuated)
-            now = event
+        hold(tables, s, forces, i, dt, actuated)
+
+
+@njit(**INLINED)
+def hold(tables, s, forces, i, dt, actuated):
+    """Moves the actuators on by the time of command i."""
+    now = 0.0
+    while now < dt:
+        switch(tables, s, forces, i, now, dt, actuated)
+        event = next_event(tables, s, now, dt, actuated)
+        settle(tables, s, event - now, actuated)
+        now = event
 
 
 @njit(**INLINED)
@@ -375,7 +409,7 @@ def _compiled(source: str):
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
     def follow(
-        tables, system, start, window, commands, lead, dt, every, accuracy, y, w, room, memory
+        tables, system, start, window, commands, lead, dt, every, accuracy, path, y, w, room, memory
     ):
         """Fills y (B, X, T), NaN before, with what is measured of B motions, until one is lost.
 
@@ -390,6 +424,7 @@ def _compiled(source: str):
             dt: time for which a command is held [s].
             every: commands a sample.
             accuracy: error allowed in a step, in units of the tolerances [-].
+            path: (W, lead + 1, X), how each window's motion came to its start; or (W, 0, X).
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
             room: that of `room_for`.
@@ -406,8 +441,15 @@ def _compiled(source: str):
             s, n = system[b], window[b]
             for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
-            prepare(tables, s, commands, n, lead, dt, forces, actuated)
+            prepare(tables, s, commands, n, 0, dt, forces, actuated)
             past.memory[:] = np.nan
+            for i in range(lead):
+                switch(tables, s, forces, i, 0.0, dt, actuated)
+                driving(tables, s, actuated, past.load)
+                hold(tables, s, forces, i, dt, actuated)
+                if i + 1 < path.shape[1]:
+                    driving(tables, s, actuated, w.load)
+                    recall(tables, s, path[n, i : i + 2], dt, past, w.load)
             for x in range(len(filters)):
                 filters[x, 0] = np.nan
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
@@ -453,6 +495,7 @@ def simulate(
     taken: Int[np.ndarray, " 1"] | None = None,
     accuracy: float = 1.0,
     every: int = 1,
+    path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
 ) -> Float[np.ndarray, "B X T"]:
     """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
@@ -468,6 +511,8 @@ def simulate(
         taken: the steps of the integrator are added to it.
         accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
         every: commands a sample; a machine may be driven faster than its motion is compared.
+        path: the states at each command before the start and at it, as measured: forces that
+            remember follow them; None: they begin with the motion.
 
     Raises:
         InputError: a law that no effect has.
@@ -479,7 +524,8 @@ def simulate(
     taken = np.zeros(1, dtype=np.int64) if taken is None else taken
     memory = np.empty((T, U)), np.empty((U, 2)), np.empty((2 * J, 3)), taken
     room = room_for(J, len(tables.law))
-    given = tables, system, start, window, commands, lead, dt, every, accuracy
+    path = np.empty((len(commands), 0, 2 * J)) if path is None else path
+    given = tables, system, start, window, commands, lead, dt, every, accuracy, path
     _follow(*given, y, scratch(J), room, memory)
     return y
 

@@ -181,6 +181,7 @@ def ends_of_windows(
     windows = Windows(
         y=np.zeros((W, 2 * joints, T)),
         commands=np.zeros((W, T, 1)),
+        path=np.zeros((W, T, 2 * joints)),
         lead=0,
         dt=0.02,
         std=np.ones(2 * joints),

@@ -62,6 +62,7 @@ def test_windows_that_decide_and_those_of_which_errors_are_told_share_no_sample(
     windows = Windows(
         y=np.zeros((W, 2, T)),
         commands=np.zeros((W, T, 1)),
+        path=np.zeros((W, T, 2)),
         lead=0,
         dt=dt,
         std=np.ones(2),

@@ -167,3 +167,26 @@ def test_friction_before_sliding_takes_energy_from_a_swing_and_holds_a_joint_at_
     energy = 0.5 * known["mass"] * known["length"] ** 2 * swing[:, 1] ** 2 + height
     assert (energy[25:] < energy[:-25])[energy[25:] > 1.0].all()  # a spring gives some back
     assert np.abs(swing[-100:, 1]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("dahl_friction", [0.4, 0.05]),
+        ("back_emf", [0.2, 0.1]),
+        ("elastic_joint", [0.03, 3.0, 0.1]),
+        ("joint_backlash", [0.03, 30.0, 0.1, 0.1]),
+    ],
+)
+def test_a_motion_that_knows_how_it_began_goes_on_as_it_did(name, values):
+    """From its middle alone it would not: the memory is not in the state."""
+    plant, lead, each = having(name, values), T, np.zeros(1, dtype=np.int64)
+    u = np.concatenate([torques(), -torques()])[None, :, None]
+    whole = plant.simulate(np.array([[0.2, 0.0]]), u, DT)[0]
+    before, after = whole[: lead + 1], whole[lead : 2 * lead]
+    rest = plant.tables(plant.nominal[None]), each, before[-1:], each, u, lead, DT
+    known = plant.run(*rest, path=before[None])[0].T
+    unknown = plant.run(*rest)[0].T
+    error, without = (np.abs(found - after)[:, 0].max() for found in (known, unknown))
+    assert error < 0.2 * without
+    assert error < 0.02 * np.ptp(after[:, 0])
