@@ -207,19 +207,18 @@ def cut(
     guess = np.stack([_start(window, dt, std) for window in y])
     y[:, :, : math.ceil(DATA.latency_s / dt)] = np.nan
     rows = [
-        np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds)
-        for _, begin, first in parts
+        (n, np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds))
+        for n, begin, first in parts
     ]
-    numbers = [n for n, _, _ in parts]
     return Windows(
         y=y,
-        commands=np.stack([driven[n][at] for n, at in zip(numbers, rows, strict=True)]),
-        path=np.stack([motions[n][at] for n, at in zip(numbers, rows, strict=True)]),
+        commands=np.stack([driven[n][at] for n, at in rows]),
+        path=np.stack([motions[n][at] for n, at in rows]),
         lead=lead,
         dt=dt,
         std=std,
         guess=guess,
-        recording=np.array(numbers),
+        recording=np.array([n for n, _ in rows]),
         start_s=np.array([first * dt for _, _, first in parts]),
         overlap=max(1.0, length / stride),
         every=holds,
@@ -237,11 +236,11 @@ def _motion(recording: Recording, holds: int) -> Float[np.ndarray, "n X"]:
 
     A measured velocity may have come late out of a filter.
     """
-    states, X = recording.states.copy(), recording.states.shape[1]
-    states[:, 1::2] = np.nan
+    X = recording.states.shape[1]
+    states = np.where(np.arange(X) % 2, np.nan, recording.states)
     pairs = tuple((k, k + 1) for k in range(0, X, 2))
-    smooth = smoothed(replace(recording, states=states, velocities=pairs))[0]
-    smooth = np.nan_to_num(bridged(smooth))
+    known = smoothed(replace(recording, states=states, velocities=pairs))[0]
+    smooth = np.nan_to_num(bridged(known))
     time = recording.dt * np.arange(len(smooth))
     curve = CubicHermiteSpline(time, smooth[:, 0::2], smooth[:, 1::2])
     at = np.minimum(recording.dt / holds * np.arange(len(smooth) * holds), time[-1])

@@ -383,10 +383,7 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
 def _member(
     fit: Fit, windows: Windows, probability: float, theta: Float[np.ndarray, " n"]
 ) -> Member:
-    """The distribution of the numbers of a fit around those of theta, in their units.
-
-    Coordinates of learned forces may stand last in theta; the distribution is without them.
-    """
+    """The distribution around theta of a fit's numbers without forces, in their units."""
     model = fit.model
     names, nuisances = list(model.priors), model.nuisances
     parameters, values = model.decode(theta[None, : len(fit.theta)])
