@@ -132,8 +132,8 @@ class Windows:
         """The first samples of each window."""
         last = self.lead + samples * self.every
         commands = np.ascontiguousarray(self.commands[:, :last])
-        part = replace(self, path=self.path[:, :last], commands=commands, whitening=None)
-        return replace(part, y=self.y[:, :, :samples])
+        y, path = self.y[:, :, :samples], self.path[:, :last]
+        return replace(self, y=y, commands=commands, path=path, whitening=None)
 
     @property
     def before(self) -> Float[np.ndarray, "W lead_plus_1 X"]:

@@ -437,19 +437,22 @@ def _compiled(source: str):
         forces, actuated, filters, taken = memory
         tq, tv, kq, kv, past = room
         q, v = past.q, past.v
+        recalls = False
+        for law in tables.law:
+            recalls |= path.shape[1] > 0 and remembers(law)
         for b in range(len(start)):
             s, n = system[b], window[b]
             for j in range(len(q)):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
-            prepare(tables, s, commands, n, 0, dt, forces, actuated)
             past.memory[:] = np.nan
-            for i in range(lead):
+            followed = lead if recalls else 0
+            prepare(tables, s, commands, n, lead - followed, dt, forces, actuated)
+            for i in range(followed):
                 switch(tables, s, forces, i, 0.0, dt, actuated)
                 driving(tables, s, actuated, past.load)
                 hold(tables, s, forces, i, dt, actuated)
-                if i + 1 < path.shape[1]:
-                    driving(tables, s, actuated, w.load)
-                    recall(tables, s, path[n, i : i + 2], dt, past, w.load)
+                driving(tables, s, actuated, w.load)
+                recall(tables, s, path[n, i : i + 2], dt, past, w.load)
             for x in range(len(filters)):
                 filters[x, 0] = np.nan
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
