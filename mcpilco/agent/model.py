@@ -24,7 +24,14 @@ from mcpilco.dynamics import (
     speed_integration,
     turning_regressors,
 )
-from mcpilco.gp import GP, Posterior, condition_through, inducing_points, subset_of_data
+from mcpilco.gp import (
+    GP,
+    Posterior,
+    condition_through,
+    evenly_spaced,
+    inducing_points,
+    subset_of_data,
+)
 from mcpilco.kernels import MPK, RBF, SEDMPK, ActiveDims, Kernel, Linear
 from mcpilco.plant import Program, Rows, features_of
 from mcpilco.sensing import StatePredictor, StateTracker, sensor_noise
@@ -228,7 +235,9 @@ class Model:
         """
         if self.physics is not None:
             self.physics.identify(transitions, self.config.noise_floor)
-        everything, transitions = transitions, transitions[self._thinned(transitions)]
+        everything = transitions
+        if len(everything) > self._exact:
+            transitions = everything[evenly_spaced(len(everything), self._exact)]
         X, Y = self.rows(transitions)
         optimiser = self.config.optimiser
         limit = ITERATIONS[optimiser]
@@ -240,8 +249,10 @@ class Model:
             nlml = self.gp.nlml(X, Y)
         values = {"model/samples": float(len(everything))}
         if len(X) < len(everything):
+            kept = self._kept(*self.rows(everything))
+            of = "inducing_points" if self._through else "posterior_samples"
             values["model/fitted_samples"] = float(len(X))
-            values["model/posterior_samples"] = float(len(self._inducing(everything)))
+            values[f"model/{of}"] = float(len(everything) if kept is None else len(kept))
         for i, noise in enumerate(self.noise_std):
             values[f"model/nlml_{i}"] = float(nlml[i])
             values[f"model/noise_std_{i}"] = noise
@@ -269,32 +280,36 @@ class Model:
         """Learned noise of each GP, in its target's unit."""
         return tuple(self.gp.noise_std.detach().tolist())
 
-    def _sparse(self, transitions: Transitions) -> bool:
-        """Whether there are so many samples that inducing points pay."""
-        return len(transitions) > 2 * self.config.inducing
+    @property
+    def _exact(self) -> int:
+        """Samples beyond which inducing points pay."""
+        return 2 * self.config.inducing
 
-    def _thinned(self, transitions: Transitions) -> np.ndarray:
-        """The rows that hyperparameters are learned from: all, or as many as are exact."""
-        most = 2 * self.config.inducing if self._sparse(transitions) else len(transitions)
-        return np.linspace(0, len(transitions) - 1, most).round().astype(int)
-
-    def _inducing(self, transitions: Transitions) -> Tensor:
-        return inducing_points(self.gp, *self.rows(transitions), self.config.inducing)
-
-    def _posterior(self, transitions: Transitions) -> tuple[Posterior, Transitions]:
-        """The posterior given these data or the subset configured, and what of them it is of.
+    @property
+    def _through(self) -> bool:
+        """Whether many samples are known through few.
 
         What draws functions, and what learns a plant beside them, has an exact posterior of few.
         """
-        X, Y = self.rows(transitions)
+        chosen = self.config.subset_threshold is not None
+        return not chosen and self.physics is None and self.config.sampling == "step"
+
+    def _kept(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"]) -> Tensor | None:
+        """Which samples the posterior is of: a subset, inducing points, or, None, all."""
         if self.config.subset_threshold is not None:
-            kept = subset_of_data(self.gp, X, Y, self.config.subset_threshold)
-        elif self._sparse(transitions):
-            kept = self._inducing(transitions)
-            if self.physics is None and self.config.sampling == "step":
-                return condition_through(self.gp, X, Y, kept), transitions[kept.numpy()]
-        else:
+            return subset_of_data(self.gp, X, Y, self.config.subset_threshold)
+        if len(X) > self._exact:
+            return inducing_points(self.gp, X, Y, self.config.inducing)
+        return None
+
+    def _posterior(self, transitions: Transitions) -> tuple[Posterior, Transitions]:
+        """The posterior given these data, and those of them that it is of."""
+        X, Y = self.rows(transitions)
+        kept = self._kept(X, Y)
+        if kept is None:
             return self.gp.condition(X, Y), transitions
+        if self._through:
+            return condition_through(self.gp, X, Y, kept), transitions[kept.numpy()]
         return self.gp.condition(X[kept], Y[kept]), transitions[kept.numpy()]
 
     def dynamics(

@@ -12,12 +12,18 @@ from __future__ import annotations
 
 import copy
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from mcpilco.gp.evidence import add_to_diagonal, cholesky
 from mcpilco.gp.gp import GP, Posterior
+
+
+def evenly_spaced(samples: int, most: int) -> Int[np.ndarray, " kept"]:
+    """Indices of at most so many of the samples, the first and the last among them."""
+    return np.linspace(0, samples - 1, min(samples, most)).round().astype(int)
 
 
 @torch.no_grad()

@@ -123,11 +123,13 @@ class Progress(Callback):
         self._bar.update(self._task, completed=step, total=steps, description=doing)
 
     def on_model_fitted(self, values: dict[str, float]) -> None:
-        if (kept := values.get("model/posterior_samples")) is not None:
+        if (fitted := values.get("model/fitted_samples")) is not None:
+            through = values.get("model/inducing_points")
+            some = f"from {values.get('model/posterior_samples', 0.0):.0f} of them"
+            of = some if through is None else f"from all through {through:.0f} inducing points"
             self._console.print(
                 f"trial {self._trial}: {values['model/samples']:.0f} samples are many: "
-                f"hyperparameters from {values['model/fitted_samples']:.0f} of them, predictions "
-                f"from all through {kept:.0f} inducing points",
+                f"hyperparameters from {fitted:.0f} of them, predictions {of}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from mcpilco.data import Rollout
 from mcpilco.dynamics import AngleAugmentation
-from mcpilco.gp import GP, Posterior, subset_of_data
+from mcpilco.gp import GP, Posterior, evenly_spaced, subset_of_data
 from mcpilco.kernels import RBF
 from mcpilco.policies.costs import costs_along
 from mcpilco.task import TaskSpec
@@ -71,7 +71,7 @@ class RewardCost:
                 "give the task a cost, or record longer episodes (--horizon)."
             )
         X, Y = self._rows()
-        thinned = np.unique(np.linspace(0, len(X) - 1, FITTED).round().astype(int))
+        thinned = evenly_spaced(len(X), FITTED)
         self._gp.fit(X[thinned], Y[thinned])
         self._condition()
 

@@ -75,7 +75,7 @@ def cost(samples: int, inducing: int) -> dict[str, Any]:
         times.append(time.process_time() - start)
     return {
         "samples": samples,
-        "through": values.get("model/posterior_samples"),
+        "through": values.get("model/inducing_points"),
         "fit_s": fitted - began,
         "condition_s": conditioned - fitted,
         "step_s": float(np.median(times[1:])),

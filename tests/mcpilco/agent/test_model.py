@@ -170,6 +170,15 @@ def test_many_samples_are_known_through_few(task: TaskSpec) -> None:
     assert errors[0] < 2 * errors[1] + 1e-4
 
 
+def test_a_subset_that_was_asked_for_is_told_as_one(task: TaskSpec) -> None:
+    data = some_data(task, 60)
+    model = Model(ModelConfig(kernel="rbf", inducing=20, subset_threshold=0.5), task)
+    values = model.fit(data)
+    assert values["model/fitted_samples"] == 40
+    assert values["model/posterior_samples"] == len(model.dynamics(data).posterior.X)
+    assert "model/inducing_points" not in values
+
+
 def test_bounds_are_a_multiple_of_the_largest_state_seen(task: TaskSpec) -> None:
     model = Model(ModelConfig(plausible=3.0), task)
     data = some_data(task)

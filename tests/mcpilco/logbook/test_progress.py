@@ -22,9 +22,11 @@ def test_a_line_says_that_many_samples_are_known_through_few() -> None:
     console = Console(file=StringIO(), width=40)
     progress = Progress(console)
     progress.on_model_fitted({"model/samples": 150.0})
-    numbers = {"samples": 3000.0, "fitted_samples": 600.0, "posterior_samples": 300.0}
-    progress.on_model_fitted({f"model/{name}": number for name, number in numbers.items()})
-    (line,) = console.file.getvalue().splitlines()
+    numbers = {"model/samples": 3000.0, "model/fitted_samples": 600.0}
+    progress.on_model_fitted(numbers | {"model/inducing_points": 300.0})
+    progress.on_model_fitted(numbers | {"model/posterior_samples": 250.0})
+    line, subset = console.file.getvalue().splitlines()
+    assert "predictions from 250 of them" in subset
     assert "3000 samples" in line
     assert "from 600 of them" in line
     assert "300 inducing points" in line
