@@ -14,10 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from harness import fill
+from harness import fill, keep
 from speed.step import ENGINES, Size
 
-from mcpilco.files import write_bytes
 from mcpilco.sweep import machine as processor
 from mcpilco.sweep import markdown
 
@@ -57,8 +56,7 @@ def survey(yardstick: Path, repeats: int, quick: bool, out: Path | None) -> None
             for engine in COMPILED
             for size in (SIZES[0], SIZES[-1])
         ]
-    out.mkdir(parents=True, exist_ok=True)
-    write_bytes(out / "results.json", (json.dumps(found, indent=1) + "\n").encode())
+    keep(out / "results.json", found, HERE.name)
     write_readme(out)
     print(f"Tables: {out / 'README.md'}")
 
