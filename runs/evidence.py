@@ -15,7 +15,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from provenance import RUNS, Code, commit, edited
+from provenance import COMMIT, RUNS, Code, edited
 
 from mcpilco.sweep import machine
 
@@ -143,7 +143,7 @@ class Stamp:
     def __init__(self, table: Table) -> None:
         """Digests the code, which takes some seconds: before the results are made, and once."""
         self._table = replace(table)  # without what it has digested: it is sent to workers
-        self._by = {"digest": table.code.digest, "parts": table.code.parts, "commit": commit()}
+        self._by = {"digest": table.code.digest, "parts": table.code.parts, "commit": COMMIT}
         self._files = table.code.files
 
     def on(self, found: Mapping[str, Any], path: Path, continued: bool = False) -> dict[str, Any]:
@@ -216,6 +216,7 @@ TABLES = (
         "crossing_the_gap",
         "results/seeds/*.json",
         ("run:LEARN", "run:begun", *AGENT, SAC, CART_POLE),
+        "0:20",
     ),
     Table("exported_policy", "exported_policy/results.json", ("run:measured", *AGENT, CART_POLE)),
     Table("gip", "results/scara/*.json", ("experiments:accuracy",)),

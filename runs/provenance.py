@@ -116,11 +116,6 @@ def edited(files: Mapping[Path, str]) -> bool:
     return any(not path.exists() or _hashed(path.read_bytes()) != h for path, h in files.items())
 
 
-def commit() -> str | None:
-    """The commit that is checked out, `-dirty` where files differ from it; None without git."""
-    return git("describe", "--always", "--dirty", "--abbrev=10") or None
-
-
 def git(*arguments: str) -> str:
     """What git says of the project; nothing where there is none."""
     command = ["git", "-C", str(ROOT), *arguments]
@@ -128,6 +123,10 @@ def git(*arguments: str) -> str:
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return ""
+
+
+COMMIT = git("describe", "--always", "--dirty", "--abbrev=10") or None
+"""that was checked out then, `-dirty` where files differed from it; None without git"""
 
 
 def forget() -> None:
