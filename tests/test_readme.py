@@ -168,3 +168,51 @@ def test_a_number_without_a_trace_would_be_found(sentence):
 @pytest.mark.parametrize("fact", FACTS)
 def test_every_fact_is_told(fact):
     assert re.search(fact, prose(README.read_text(encoding="utf-8")))
+
+
+# --- docs -----------------------------------------------------------------------------------------
+
+QUOTES = (
+    (
+        "limits.md",
+        "3 of 17 rollouts crossed with them and 7 of 16 without",
+        "limits",
+        ("| within the limits | 2 | 17 | 3 (", "| without limits | 2 | 16 | 7 ("),
+    ),
+    (
+        "model.md",
+        "98.4 % of the swing-ups succeed after 3 s and 99.8 % after 6 s; with `default`, in a "
+        "fifth of the time, 82.6 and 92.7 %",
+        "model_components",
+        (
+            "| `physics+rbf-thorough` | 30 | 98.4 (96–100) | 99.8 (100–100) |",
+            "| `physics+rbf` | 30 | 82.6 (71–93) | 92.7 (87–97) |",
+        ),
+    ),
+    (
+        "model.md",
+        "98, 99 and 97 % of the swing-ups succeed after 12, 15 and 15 s",
+        "model_components",
+        ("84.9 (75–94) | 98.5 (97–100) |", "| 99.3 (98–100) |", "| 96.8 (95–99) |"),
+    ),
+    (
+        "identification.md",
+        "with 0.39 to 0.67 of the error of the best other method",
+        "ting_synthetic",
+        ("| 0.39 |", "| OLS | 0.67 |"),
+    ),
+    (
+        "sb3.md",
+        "from nothing after 4800 to 6000",
+        "warm_start",
+        ("| `scratch` | 4800, 6000, 4800 | 0 |", "| `warm` | 0, 0, 0 | 150 |"),
+    ),
+)
+"""measured numbers in docs: page, words, run, and parts of its tables from which they are taken"""
+
+
+@pytest.mark.parametrize(("page", "words", "run", "parts"), QUOTES)
+def test_what_docs_quote_stands_in_the_tables_of_a_run(page, words, run, parts):
+    assert words in " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+    tables = (RUNS / run / "README.md").read_text(encoding="utf-8")
+    assert all(part in tables.partition(harness.BEGIN)[2] for part in parts)
