@@ -156,7 +156,7 @@ class Stamp:
             path: of its file.
             continued: whether it holds what the file that is there held.
         """
-        by = {**self._by, "seed": self._table.role(path)}
+        by = {**self._by, "role": self._table.role(path)}
         before = read_made(path).get("digest") if continued else by["digest"]
         if before != by["digest"] or edited(self._files):
             by |= {"digest": None, "parts": {}}

@@ -19,6 +19,19 @@ from mcpilco.sweep import markdown, rate, rate_cell
 HERE = Path(__file__).parent
 HEADER = ("tier", "cases", "right by name [%]", "right [%]", "right, or in a family [%]")
 HEADER += ("wrong and sure [%]",)
+HIDDEN = {
+    "one": "one effect",
+    "weak": "a weak one",
+    "two": "two",
+    "three": "three",
+    "none": "none",
+    "outside": "what no effect of the catalogue is",
+    "further": "one of twelve later effects",
+    "rough": "up to three, a cable, counts and gaps",
+    "laboratory-one": "one, as a laboratory has it",
+    "laboratory-none": "none, as a laboratory has it",
+}
+"""tiers in words"""
 
 
 def write_readme(out: Path) -> None:
@@ -49,7 +62,7 @@ def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 def by_tier(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right, strictly and in a family."""
-    rows = [_shares(tier, cases) for tier, cases in found.items()]
+    rows = [_shares(HIDDEN[tier], cases) for tier, cases in found.items()]
     return markdown(("hidden", *HEADER[1:]), rows)
 
 

@@ -84,7 +84,7 @@ def test_a_result_that_is_kept_says_code_machine_and_role(tmp_path):
     assert found["machine"] == mcpilco.sweep.machine()
     assert found["made"]["digest"] == SLIM.code.digest
     assert found["made"]["parts"] == SLIM.code.parts
-    assert found["made"]["seed"] == "chosen on"
+    assert found["made"]["role"] == "chosen on"
     assert state_of(found["made"], SLIM.code) == "current"
 
 
@@ -132,7 +132,7 @@ def test_each_seed_of_a_sweep_says_its_code(tmp_path, monkeypatch):
 
     swept(Settings("none", config=Config(), trials=1), [0, 1], path, "limits", make_job=job)
     made = [evidence.read_made(path / f"seeds/000{seed}.json") for seed in (0, 1)]
-    assert [one["seed"] for one in made] == ["chosen on", "tested on"]
+    assert [one["role"] for one in made] == ["chosen on", "tested on"]
     assert {one["digest"] for one in made} == {table.code.digest}
 
 
