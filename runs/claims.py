@@ -274,6 +274,21 @@ SHORTFALLS = (
         "40",
     ),
     Claim(
+        "collisions: arms that were simulated, of each controller",
+        "collision",
+        "results/pd/*.json",
+        count,
+        "5",
+    ),
+    Claim(
+        "comparison: seeds of SAC that were run; as many of PPO, none of TQC",
+        "cartpole_comparison",
+        "cartpole/sac/seeds/*.json",
+        count,
+        "10",
+    ),
+    Claim("limits: seeds that were run", "limits", "results/limited/*.json", count, "50"),
+    Claim(
         "recordings of real machines: questions by verdict of `mcpilco gap`",
         "real_machines",
         "results/*/*.json",
