@@ -175,7 +175,7 @@ def _from_to(values: Sequence[float]) -> str:
 
 FRESH = "cartpole_swingup", "results/fresh/seeds/*.json"
 THESIS = "cartpole_swingup", "results/thesis/seeds/*.json"
-SPEED = "speed", "speed/results.json"
+SPEED = "speed", "results.json"
 CONTROLLER = "kinematics", "results/controller/*.json"
 POSITIONS = "partial_state", "results/modelled/seeds/*.json"
 

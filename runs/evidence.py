@@ -56,8 +56,8 @@ class Table:
         return sorted(p for p in (RUNS / self.run).rglob(f"*{suffix}") if self.holds(p))
 
     def holds(self, path: Path) -> bool:
-        """Whether a file is one of these, in this folder or in another one."""
-        return path.match(self.results)
+        """Whether a file is one of these, or stands beside one; in this folder or in another."""
+        return path.with_suffix(Path(self.results).suffix).match(self.results)
 
     def role(self, path: Path) -> Role:
         """The role of a result's seed."""
@@ -211,14 +211,14 @@ TABLES = (
     Table("cartpole_swingup", "results/thesis/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
     Table("cartpole_swingup", "results/tro2022/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
     Table("collision", "results/p*d/*.json", ("run:trial", "run:CONTROLLERS")),
-    Table("cost_growth", "cost_growth/results.json", ("run:timed",)),
+    Table("cost_growth", "results.json", ("run:timed",)),
     Table(
         "crossing_the_gap",
         "results/seeds/*.json",
         ("run:LEARN", "run:begun", *AGENT, SAC, CART_POLE),
         "0:20",
     ),
-    Table("exported_policy", "exported_policy/results.json", ("run:measured", *AGENT, CART_POLE)),
+    Table("exported_policy", "results.json", ("run:measured", *AGENT, CART_POLE)),
     Table("gip", "results/scara/*.json", ("experiments:accuracy",)),
     Table("gip", "results/ur10/*.json", ("experiments:six_joints",)),
     Table("gip", "results/efficiency/*.json", ("experiments:efficiency",)),
@@ -275,7 +275,7 @@ TABLES = (
         "results/crossings/*.json",
         ("crossings:crossed", "rig:Rig", *AGENT, CROSS, CART_POLE),
     ),
-    Table("speed", "speed/results.json", ("measures:ratio", "measures:memory", "parts:shares")),
+    Table("speed", "results.json", ("measures:ratio", "measures:memory", "parts:shares")),
     Table("ting_robots", "results/*/*.json", ("run:trial",)),
     Table("ting_synthetic", "results/*/*.json", ("run:trial",)),
     Table("volterra", "results/*/*.json", ("run:trial",)),

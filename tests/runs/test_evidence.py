@@ -11,7 +11,7 @@ import evidence
 import provenance
 import pytest
 import stale
-from evidence import TABLES, Stamp, Table, findings, stamp, state_of
+from evidence import TABLES, Stamp, Table, findings, stamp, state_of, table_of
 from harness import keep, kept, swept
 
 import mcpilco.sweep
@@ -92,6 +92,10 @@ def test_a_result_that_is_kept_says_code_machine_and_role(tmp_path):
 def test_a_result_of_a_run_without_such_a_table_is_refused(tmp_path):
     with pytest.raises(LookupError, match=r"runs/evidence\.py"):
         keep(tmp_path / "results/fat/0001.json", {}, "limits")
+
+
+def test_what_stands_beside_a_csv_file_is_of_its_table(tmp_path):
+    assert table_of("model_learning", tmp_path / "results/cartpole/0001.json").seeded
 
 
 @pytest.mark.usefixtures("slim")
