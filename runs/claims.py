@@ -122,6 +122,11 @@ def single_over_double(found: Results) -> str:
     return _from_to([double[key] / seconds[("float32", *key)] for key in double])
 
 
+def compiling(found: Results) -> str:
+    """CPU time of the first step of a process that compiles [s], least and greatest."""
+    return _from_to([row["first"]["cpu_s"] for row in found[0]["calls"]])
+
+
 def pendubot(found: Results) -> str:
     """How many seeds have a policy that succeeds in its test and in 90 % of its fresh rollouts."""
     solved = [any(row["success"] and row["p"] >= 0.9 for row in seed["trials"]) for seed in found]
@@ -288,6 +293,7 @@ SHORTFALLS = (
         "10",
     ),
     Claim("limits: seeds that were run", "limits", "results/limited/*.json", count, "50"),
+    Claim("policy step: CPU time of the first, which compiles [s]", *SPEED, compiling, "15"),
     Claim(
         "recordings of real machines: questions by verdict of `mcpilco gap`",
         "real_machines",
