@@ -33,7 +33,7 @@ from .correction import (
     write_correction,
 )
 from .effects import CATALOGUE
-from .effects.actuator import ActuatorGain, ActuatorSaturation, CommandRange
+from .effects.actuator import ActuatorGain, ActuatorSaturation, CommandRange, Servo
 from .effects.base import OUTSIDE, Effect, Probe, Scale, Symbol, sizes
 from .effects.joint import (
     FASTEST,
@@ -140,6 +140,7 @@ __all__ = [
     "RememberingForce",
     "Rows",
     "Scale",
+    "Servo",
     "Spread",
     "Spring",
     "Symbol",

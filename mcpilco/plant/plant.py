@@ -12,13 +12,26 @@ from jaxtyping import Float, Int
 
 from mcpilco.bodies import Chain, generalised_forces, mass_matrix, stack
 from mcpilco.plant.effects import CATALOGUE, Effect
+from mcpilco.plant.effects.actuator import serving
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
 from mcpilco.plant.simulation.laws import code_of
-from mcpilco.plant.simulation.layout import CONSTANTS, IDEAL_ACTUATOR, IDEAL_SENSOR, Layout, Tables
+from mcpilco.plant.simulation.layout import (
+    CONSTANTS,
+    GAIN,
+    IDEAL_ACTUATOR,
+    IDEAL_SENSOR,
+    Layout,
+    Tables,
+)
 from mcpilco.plant.simulation.motion import simulate
 from mcpilco.plant.simulation.stepper import Stepper
 from mcpilco.typing import InputError
+
+MANY = 4
+"""joints beyond which equations cost as much as a simulation by MuJoCo"""
+SERVED = serving(np.vectorize)
+"""the force of a servo, of arrays"""
 
 
 @dataclass(frozen=True)
@@ -192,6 +205,8 @@ class Plant(ABC):
 
     def refusal(self, instance: EffectInstance) -> str:
         """Why an effect cannot be at its target; empty where it can."""
+        if instance.target in self.layout.servos and instance.effect.name.endswith("dead_zone"):
+            return "the command of a servo is a target, and no force"
         return ""
 
     @abstractmethod
@@ -390,6 +405,16 @@ class ChainPlant(Plant):
     @property
     def simulated_by(self) -> str:
         return "its equations of motion, without contacts and limits of joints"
+
+    def actuation(
+        self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
+    ) -> Float[np.ndarray, "N J"] | None:
+        if not self.layout.servos:
+            return None
+        forces, rows = np.zeros_like(q), self.tables(self.nominal[None]).actuators[0]
+        for row, j, x in zip(rows, self.layout.drives, u.T, strict=True):
+            forces[:, j] += SERVED(row, row[GAIN] * x, q[:, j], v[:, j])
+        return forces
 
     def mass_matrix(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
         return mass_matrix(self.chain, q)

@@ -104,8 +104,8 @@ class MujocoPlant(Plant):
             gain, bias = self.model.actuator_gaintype[u], self.model.actuator_biastype[u]
             if isinstance(effect, ActuatorGain) and max(gain, bias) > 1:
                 return "its force is no affine function of its command"
-            if target in self.layout.servos and effect.name.endswith("dead_zone"):
-                return "the command of a servo is a target, and no force"
+            if refused := super().refusal(instance):
+                return refused
         if effect.name in ("center_of_mass", "body_inertia"):
             body = self.model.body(target) if target in self._body_names else None
             if body is not None and self.model.body_simple[body.id]:
