@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
-from mcpilco.gap.thresholds import DATA
+from mcpilco.gap.thresholds import BUDGET, DATA
 from mcpilco.plant import GAIN, EffectInstance, Plant, Scale
 from mcpilco.recordings import Recording, bridged, noise_std, smoothed
 from mcpilco.typing import InputError
@@ -327,6 +327,8 @@ class GapProblem:
     """numbers of those to compare models on; the same where there are too few"""
     budget: ComputeBudget = field(default_factory=ComputeBudget)
     """integrator steps that it may take, however often data are left out"""
+    finer: int = 1
+    """times as short a timestep of the plant, so that it does less than the noise"""
 
     @classmethod
     def of(
@@ -346,17 +348,35 @@ class GapProblem:
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
-        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings))
+        most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
+        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings), most)
         found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
-        return replace(found, std=np.hypot(std, found.timestep_error()))
+        return found._in_timesteps()
 
-    def timestep_error(self) -> Float[np.ndarray, " X"]:
-        """The change of each state over a window by the timestep alone, in its unit.
+    def _in_timesteps(self) -> GapProblem:
+        """The problem in timesteps that do less than the noise, or in the shortest that are tried.
 
-        So much is no effect of the machine, and counts as noise. It is 0 of equations, whose
-        integrator keeps its error small by itself.
+        What these still do is no effect of the machine, and counts as noise.
         """
-        if self.plant.finer is None:
+        times, error = 1, self.timestep_error(1)
+        while (error > self.std).any() and times < DATA.finest:
+            times *= DATA.finer
+            error = self.timestep_error(times)
+        if not np.isfinite(error).all():
+            raise InputError(
+                f"{self.plant.name} must follow the recordings for a second, but simulated by "
+                f"{self.plant.finely(times).simulated_by}, it flies apart in most windows; choose "
+                "a shorter timestep, softer contacts (solref), or the pose of the recordings "
+                "(--keyframe)."
+            )
+        return replace(self, finer=times, std=np.hypot(self.std, error))
+
+    def timestep_error(self, times: int) -> Float[np.ndarray, " X"]:
+        """The change of each state over a window by timesteps so many times as short, in its unit.
+
+        It is 0 of equations, whose integrator keeps its error small by itself.
+        """
+        if self.plant.finely(times) is self.plant:
             return np.zeros(len(self.std))
         windows = self.windows()
         each, dt = np.arange(len(windows)), windows.held_s
@@ -371,10 +391,11 @@ class GapProblem:
                 dt,
                 every=windows.every,
             )
-            for plant in (self.plant, self.plant.finer)
+            for plant in map(self.plant.finely, (times, times * DATA.finer))
         )
         apart = self.plant.beside(coarse, fine) - fine
-        apart[~(windows.measured & np.isfinite(apart))] = 0.0
+        apart[~np.isfinite(apart)] = np.inf
+        apart[~windows.measured] = 0.0
         return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
 
     @property
@@ -413,7 +434,7 @@ class GapProblem:
     def model(self, windows: Windows) -> PlantModel:
         """The nominal plant, its uncertain parameters with their priors."""
         nominal = PlantModel(self.plant, (), dict(self.priors), usual_scales(self.plant, windows))
-        return replace(nominal, budget=self.budget)
+        return replace(nominal, budget=self.budget, finer=self.finer)
 
     def candidates(self, windows: Windows) -> list[EffectInstance]:
         """Effects that these recordings could show."""

@@ -40,6 +40,10 @@ class DataThresholds:
     of them"""
     costly_windows: int = 14
     """the same where MuJoCo simulates: a second of contacts costs as much as ten of a chain"""
+    finer: int = 3
+    """times as short a timestep beside which its error is seen, and by which it is made shorter"""
+    finest: int = 9
+    """times as short as a model's own timestep, at most"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3
@@ -70,6 +74,8 @@ class BudgetThresholds:
 
     steps: float = 6.5e7
     """of an investigation"""
+    costly: float = 5.0
+    """times as many where MuJoCo simulates [-]: some minutes on one core"""
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
@@ -98,6 +104,9 @@ class FitThresholds:
     tolerated: float = 9.0
     """times the median misfit up to which a window counts in full [-]: three standard deviations
     (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""
+    foretold: float = 0.75
+    """part of the hoped fall of a cost from which on the linear form that hoped so is kept [-]:
+    customary for trust regions (Nocedal & Wright, Numerical Optimization, 2006, section 4.1)"""
     divergence: float = 20.0
     """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
     free_std: float = 1.0
@@ -253,6 +262,9 @@ class ForceThresholds:
     turn and some"""
     folds: int = 4
     """of the cross-validation over windows"""
+    most_unknown: int = 1600
+    """forces in the windows from which others are predicted, at most, for the cost: fewer windows
+    of a machine of many joints"""
     parts: int = 4
     """of a learned force, at most"""
     worth: float = 0.15

@@ -286,15 +286,14 @@ class Plant(ABC):
     def simulated_by(self) -> str:
         """Who simulates it, for reports."""
 
-    @property
-    def finer(self) -> Self | None:
-        """The same in shorter timesteps, which tells what they do; None where they do nothing."""
-        return None
+    def finely(self, times: int) -> Self:
+        """The same in so many times as short timesteps; itself where it chooses these by error."""
+        return self
 
     @property
     def costly(self) -> bool:
-        """Whether a second of it takes far longer to simulate than one of a chain."""
-        return False
+        """Whether a second of it takes far longer to simulate than one of a pendulum."""
+        return len(self.layout.joints) > MANY
 
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
@@ -331,9 +330,10 @@ class Plant(ABC):
         rows = np.tile(self.nominal, (len(start), 1))
         for name, values in (parameters or {}).items():
             rows[:, self._column(name)] = values
-        each = np.arange(len(start))
+        rows, system = np.unique(rows, axis=0, return_inverse=True)
+        system, each = system.reshape(-1).astype(np.int64), np.arange(len(start))
         commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
-        y = self.run(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
+        y = self.run(self.tables(rows), system, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
 
     def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
