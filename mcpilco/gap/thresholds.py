@@ -42,7 +42,7 @@ class DataThresholds:
     """the same where MuJoCo simulates: a second of contacts costs as much as ten of a chain"""
     finer: int = 3
     """times as short a timestep beside which its error is seen, and by which it is made shorter"""
-    finest: int = 9
+    finest: int = 3
     """times as short as a model's own timestep, at most"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""

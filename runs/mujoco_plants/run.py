@@ -99,7 +99,7 @@ def stepped(plant: MujocoPlant, u: np.ndarray, hold: int) -> np.ndarray:
 # Throughput ---------------------------------------------------------------------------------------
 
 
-def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str, float]:
+def throughput(path: Path, motions: int = 100, seconds: float = 1.0) -> dict[str, float]:
     """CPU and wall time of the plant's batch, in those of a plain loop and of mujoco.rollout."""
     from mujoco import rollout
 
@@ -110,7 +110,8 @@ def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str
     u = np.stack([commands(plant, rng, n, 5) for _ in range(motions)])
     start = np.tile(plant.rest, (motions, 1))
     qpos = plant.coordinates.qpos(start[:, 0::2])
-    state = np.concatenate([np.zeros((motions, 1)), qpos, start[:, 1::2]], axis=1)
+    clock, act = np.zeros((motions, 1)), np.zeros((motions, model.na))
+    state = np.concatenate([clock, qpos, start[:, 1::2], act], axis=1)
     every_data = [mujoco.MjData(model) for _ in range(2)]
     tasks = {
         "plant": lambda: plant.simulate(start, u, model.opt.timestep),
