@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, SCALE, Tables, design
+from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables, design
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
@@ -239,6 +239,8 @@ def impulse_responses(
 ) -> list[Float[np.ndarray, "W n K"]]:
     """Change of the measurements, in noise std, per unit force in each joint, by interval.
 
+    Each pulse is simulated from where it begins: nothing changes before.
+
     Args:
         model: what is simulated.
         windows: the motions.
@@ -247,34 +249,17 @@ def impulse_responses(
         joints: their numbers.
         hold: samples for which a pulse is held; K of them follow one another.
     """
-    if model.plant.costly:
-        return _from_their_starts(model, windows, theta, x0, joints, hold)
-    return [_pulsed(model, windows, theta, x0, joint, hold) for joint in joints]
-
-
-def _from_their_starts(
-    model: PlantModel,
-    windows: Windows,
-    theta: Theta,
-    x0: InitialStates,
-    joints: Sequence[int],
-    hold: int,
-) -> list[Float[np.ndarray, "W n K"]]:
-    """The same, each pulse simulated from where it begins; of sensors, their scale alone."""
     (W, X, T), every, lead, J = windows.y.shape, windows.every, windows.lead, len(joints)
-    tables = model.tables(theta[None])
-    scale = tables.sensors[0, :, SCALE]
-    tables = tables._replace(sensors=np.tile(np.array(IDEAL_SENSOR), (1, X, 1)))
-    forces = [model.scales[model.plant.layout.joints[joint]].force for joint in joints]
+    tables, plant = model.tables(theta[None]), model.plant
     for joint in joints:
         tables = _with_pulsed_joint(tables, joint)
     commands = np.pad(windows.commands, ((0, 0), (0, 0), (0, J)))
 
-    def moved(first: int, start: np.ndarray, pulses: np.ndarray) -> np.ndarray:
-        """The states from a sample on, with each of some pulses; (J, W, X, T - first)."""
+    def moved(tables: Tables, first: int, start: np.ndarray, pulses: np.ndarray) -> np.ndarray:
+        """The measurements from a sample on, with each of some pulses there."""
         each = np.tile(commands[:, first * every :], (len(pulses), 1, 1))
         each[:, lead : lead + hold * every, each.shape[2] - J :] = np.repeat(pulses, W, 0)[:, None]
-        y = model.plant.run(
+        y = plant.run(
             tables,
             np.zeros(len(each), dtype=np.int64),
             np.tile(start, (len(pulses), 1)),
@@ -288,50 +273,19 @@ def _from_their_starts(
         )
         return y.reshape(len(pulses), W, X, -1)
 
-    sizes = SIZE * np.array(forces)
-    rest = moved(0, x0, np.zeros((1, J)))[0]
+    ideal = tables._replace(sensors=np.tile(np.array(IDEAL_SENSOR), (1, X, 1)))
+    states = moved(ideal, 0, x0, np.zeros((1, J)))[0]
+    sizes = SIZE * np.array([model.scales[plant.layout.joints[joint]].force for joint in joints])
     starts = range(0, T - 1, hold)
     change = np.zeros((J, W, X, T, len(starts)))
     for k, first in enumerate(starts):
-        apart = moved(first, rest[:, :, first], np.diag(sizes)) - rest[:, :, first:]
-        change[..., first:, k] = apart / sizes[:, None, None, None]
-    change *= (scale / windows.std)[:, None, None] * windows.measured[..., None]
-    return list(np.nan_to_num(change, posinf=0.0, neginf=0.0).reshape(J, W, X * T, -1))
-
-
-def _pulsed(
-    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, joint: int, hold: int
-) -> Float[np.ndarray, "W n K"]:
-    """The same by simulations with a pulse each."""
-    size = SIZE * model.scales[model.plant.layout.joints[joint]].force
-    tables = _with_pulsed_joint(model.tables(theta[None]), joint)
-    W, T_all, U = windows.commands.shape
-    first = np.arange(0, windows.y.shape[2] - 1, hold)
-    K = len(first)
-    each = np.zeros(2 * K, dtype=np.int64)
-    changes = np.empty((W, windows.y[0].size, K))
-    for w in range(W):
-        commands = np.zeros((2 * K, T_all, U + 1))
-        commands[:, :, :U] = windows.commands[w]
-        for k, start in enumerate(windows.lead + first * windows.every):
-            pulse = slice(start, start + hold * windows.every)
-            commands[2 * k, pulse, U], commands[2 * k + 1, pulse, U] = size, -size
-        y = model.plant.run(
-            tables,
-            each,
-            np.tile(x0[w], (2 * K, 1)),
-            np.arange(2 * K),
-            commands,
-            windows.lead,
-            windows.held_s,
-            model.budget.used,
-            every=windows.every,
-            path=np.repeat(windows.before[w : w + 1], 2 * K, axis=0),
+        both = np.diag(sizes)
+        ups, downs = np.split(
+            moved(tables, first, states[:, :, first], np.append(both, -both, 0)), 2
         )
-        change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
-        change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)
-        changes[w] = change.reshape(K, -1).T
-    return changes
+        change[..., first:, k] = (ups - downs) / (2.0 * sizes[:, None, None, None])
+    change *= windows.measured[..., None] / windows.std[:, None, None]
+    return list(np.nan_to_num(change, posinf=0.0, neginf=0.0).reshape(J, W, X * T, -1))
 
 
 def _with_pulsed_joint(tables: Tables, joint: int) -> Tables:

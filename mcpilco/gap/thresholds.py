@@ -40,10 +40,6 @@ class DataThresholds:
     of them"""
     costly_windows: int = 14
     """the same where MuJoCo simulates: a second of contacts costs as much as ten of a chain"""
-    finer: int = 3
-    """times as short a timestep beside which its error is seen, and by which it is made shorter"""
-    finest: int = 3
-    """times as short as a model's own timestep, at most"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3

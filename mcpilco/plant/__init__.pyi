@@ -61,6 +61,7 @@ from .equations.step import (
     true_state,
 )
 from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
+from .scales import scales_of
 from .simulation.laws import joint_force, shaped
 from .simulation.layout import (
     DELAY,
@@ -179,6 +180,7 @@ __all__ = [
     "read_correction",
     "recipe_of",
     "register_plant",
+    "scales_of",
     "settle",
     "shaped",
     "simulate",

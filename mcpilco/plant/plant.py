@@ -290,6 +290,26 @@ class Plant(ABC):
         """The same in so many times as short timesteps; itself where it chooses these by error."""
         return self
 
+    def timesteps(
+        self,
+        start: Float[np.ndarray, "W X"],
+        commands: Float[np.ndarray, "W T_all U"],
+        lead: int,
+        dt: float,
+        every: int,
+        measured: Float[np.ndarray, "W X T"],
+        std: Float[np.ndarray, " X"],
+    ) -> tuple[int, Float[np.ndarray, " X"]]:
+        """How many times as short timesteps do less than the noise, and what they still do.
+
+        Equations keep their error small by themselves. Arguments are those of `run`, what was
+        measured of these motions, and the std of its noise, in each state's unit.
+
+        Raises:
+            InputError: most of the motions run away, even so.
+        """
+        return 1, np.zeros(len(std))
+
     @property
     def costly(self) -> bool:
         """Whether a second of it takes far longer to simulate than one of a pendulum."""

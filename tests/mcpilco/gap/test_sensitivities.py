@@ -32,15 +32,23 @@ def hopping(text: str, truth: str, seconds: float = 4.0) -> GapProblem:
     return GapProblem.of(plant, recordings, 0.01, (), {})
 
 
-def test_pulses_that_are_simulated_from_their_starts_do_the_same(monkeypatch) -> None:
+def test_responses_to_pulses_are_those_to_forces_along_the_whole_motion() -> None:
+    """A force that is held all the time is the sum of its pulses, behind a sensor that is late."""
     problem = hopping(FALLING, FALLING)
     windows = problem.windows()[:3]
+    late = EffectInstance(CATALOGUE["sensor_delay"], "pitch_position")
+    push = EffectInstance(CATALOGUE["constant_force"], "hip")
     model = problem.model(windows)
-    given = model, windows, np.zeros(model.nuisances), windows.guess, [2, 3, 4], 3
-    found = impulse_responses(*given)
-    monkeypatch.setattr(type(problem.plant), "costly", False)
-    for shorter, whole in zip(found, impulse_responses(*given), strict=True):
-        assert np.abs(shorter - whole).max() < 1e-2 * np.abs(whole).max()
+    model, theta = model.grown(np.zeros(model.nuisances), late, [0.03])
+    (found,) = impulse_responses(model, windows, theta, windows.guess, [3], 3)
+    pushed, more = model.grown(theta, push, [1e-4])
+    with_push, without = (
+        run(each, windows, at[None], windows.guess[None], rough=True)[0]
+        for each, at in ((pushed, more), (model, theta))
+    )
+    change = np.where(windows.measured, (with_push - without) / 1e-4, 0.0)
+    change = (change / windows.std[:, None]).reshape(3, -1)
+    np.testing.assert_allclose(found.sum(axis=2), change, atol=5e-3 * np.abs(change).max())
 
 
 def test_columns_of_a_nearby_model_are_taken_over() -> None:
