@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.interpolate import CubicHermiteSpline
 
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
-from mcpilco.gap.thresholds import DATA
-from mcpilco.plant import GAIN, EffectInstance, Plant, Scale
-from mcpilco.recordings import Recording, bridged, noise_std, smoothed
+from mcpilco.gap.thresholds import BUDGET, DATA
+from mcpilco.plant import EffectInstance, Plant, Scale, scales_of
+from mcpilco.recordings import Recording, first_state, noise_std, states_at_commands
 from mcpilco.typing import InputError
 
 _BY_WINDOW = "y", "commands", "path", "guess", "recording", "start_s"
@@ -112,7 +111,7 @@ class Windows:
         for n in range(parts):
             first = n * T
             y = self.y[:, :, first : first + T].copy()
-            guess = np.stack([_start(window, self.dt, self.std) for window in y])
+            guess = np.stack([first_state(window, self.dt, self.std) for window in y])
             y[:, :, : math.ceil(DATA.latency_s / self.dt)] = np.nan
             driven = slice(first * self.every, self.lead + (first + T) * self.every)
             each.append(
@@ -190,7 +189,7 @@ def cut(
     holds = _holds(recordings)
     lead = round(DATA.memory_s / dt) * holds
     driven = [recording.driven(holds) for recording in recordings]
-    motions = [_motion(recording, holds) for recording in recordings]
+    motions = [states_at_commands(recording, holds) for recording in recordings]
     parts = [
         (number, part.start, first)
         for number, recording in enumerate(recordings)
@@ -204,7 +203,7 @@ def cut(
             f"got {max(len(r) * dt for r in recordings):.2f} s; record longer."
         )
     y = np.stack([recordings[n].states[first : first + length].T for n, _, first in parts])
-    guess = np.stack([_start(window, dt, std) for window in y])
+    guess = np.stack([first_state(window, dt, std) for window in y])
     y[:, :, : math.ceil(DATA.latency_s / dt)] = np.nan
     rows = [
         (n, np.maximum(np.arange(first * holds - lead, (first + length) * holds), begin * holds))
@@ -229,37 +228,6 @@ def _holds(recordings: Sequence[Recording]) -> int:
     """Commands a sample that a simulation of recordings takes."""
     most = max(1, round(recordings[0].dt / DATA.shortest_hold_s))
     return min(most, max(recording.every for recording in recordings))
-
-
-def _motion(recording: Recording, holds: int) -> Float[np.ndarray, "n X"]:
-    """The states at each command, smoothed from the positions alone; 0 if unknown.
-
-    A measured velocity may have come late out of a filter.
-    """
-    X = recording.states.shape[1]
-    states = np.where(np.arange(X) % 2, np.nan, recording.states)
-    pairs = tuple((k, k + 1) for k in range(0, X, 2))
-    known = smoothed(replace(recording, states=states, velocities=pairs))[0]
-    smooth = np.nan_to_num(bridged(known))
-    time = recording.dt * np.arange(len(smooth))
-    curve = CubicHermiteSpline(time, smooth[:, 0::2], smooth[:, 1::2])
-    at = np.minimum(recording.dt / holds * np.arange(len(smooth) * holds), time[-1])
-    return np.stack([curve(at), curve(at, 1)], axis=2).reshape(len(at), X)
-
-
-def _start(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
-    """State at the first sample: a cubic through the first samples of each joint."""
-    t = dt * np.arange(min(y.shape[1], max(7, round(0.16 / dt))))
-    powers = np.stack([t**0, t, t**2, t**3], axis=1)
-    slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
-    start = np.zeros(len(y))
-    for j in range(len(y) // 2):
-        q, v = y[2 * j, : len(t)], y[2 * j + 1, : len(t)]
-        seen, moving = np.isfinite(q), np.isfinite(v)
-        rows = np.concatenate([powers[seen] / std[2 * j], slopes[moving] / std[2 * j + 1]])
-        goal = np.concatenate([q[seen] / std[2 * j], v[moving] / std[2 * j + 1]])
-        start[2 * j : 2 * j + 2] = np.linalg.lstsq(rows, goal, rcond=None)[0][:2]
-    return start
 
 
 def apart(windows: Windows) -> tuple[Windows, Windows]:
@@ -327,6 +295,8 @@ class GapProblem:
     """numbers of those to compare models on; the same where there are too few"""
     budget: ComputeBudget = field(default_factory=ComputeBudget)
     """integrator steps that it may take, however often data are left out"""
+    finer: int = 1
+    """times as short a timestep of the plant, so that it does less than the noise"""
 
     @classmethod
     def of(
@@ -346,36 +316,13 @@ class GapProblem:
         _check(plant, recordings)
         std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
         train, unseen = _split(recordings, held_out)
-        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings))
+        most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
+        budget = ComputeBudget.at(recordings[0].dt / _holds(recordings), most)
         found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
-        return replace(found, std=np.hypot(std, found.timestep_error()))
-
-    def timestep_error(self) -> Float[np.ndarray, " X"]:
-        """The change of each state over a window by the timestep alone, in its unit.
-
-        So much is no effect of the machine, and counts as noise. It is 0 of equations, whose
-        integrator keeps its error small by itself.
-        """
-        if self.plant.finer is None:
-            return np.zeros(len(self.std))
-        windows = self.windows()
-        each, dt = np.arange(len(windows)), windows.held_s
-        coarse, fine = (
-            plant.run(
-                plant.tables(plant.nominal[None]),
-                np.zeros(len(each), dtype=np.int64),
-                windows.guess,
-                each,
-                windows.commands,
-                windows.lead,
-                dt,
-                every=windows.every,
-            )
-            for plant in (self.plant, self.plant.finer)
-        )
-        apart = self.plant.beside(coarse, fine) - fine
-        apart[~(windows.measured & np.isfinite(apart))] = 0.0
-        return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
+        windows = found.windows()
+        given = windows.commands, windows.lead, windows.held_s, windows.every
+        times, error = plant.timesteps(windows.guess, *given, windows.y, std)
+        return replace(found, finer=times, std=np.hypot(std, error))
 
     @property
     def searched(self) -> int:
@@ -413,7 +360,7 @@ class GapProblem:
     def model(self, windows: Windows) -> PlantModel:
         """The nominal plant, its uncertain parameters with their priors."""
         nominal = PlantModel(self.plant, (), dict(self.priors), usual_scales(self.plant, windows))
-        return replace(nominal, budget=self.budget)
+        return replace(nominal, budget=self.budget, finer=self.finer)
 
     def candidates(self, windows: Windows) -> list[EffectInstance]:
         """Effects that these recordings could show."""
@@ -505,45 +452,5 @@ def _priors(
 
 
 def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:
-    """The usual motion and force at each target of a plant in some recordings."""
-    layout = plant.layout
-    J = len(layout.joints)
-    scales = {}
-    y = windows.y.copy()
-    for j in range(J):  # velocities that were not measured
-        v = np.gradient(y[:, 2 * j], windows.dt, axis=-1)
-        y[:, 2 * j + 1] = np.where(np.isfinite(y[:, 2 * j + 1]), y[:, 2 * j + 1], v)
-    q, v = (y[:, part::2].transpose(0, 2, 1).reshape(-1, J) for part in (0, 1))
-    fine = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
-    q, v = q[fine], v[fine]
-    inertias = plant.mass_matrix(q[:200]).mean(axis=0)
-    weights = plant.weights(q)
-    gains = plant.tables(plant.nominal[None]).actuators[0, :, GAIN]
-    commands = np.abs(gains * windows.commands).reshape(-1, windows.commands.shape[-1])
-    acting = plant.actuation(q, v, windows.driven.reshape(len(fine), -1)[fine])
-    names = (*layout.joints, *layout.bodies, *layout.actuators, *layout.states, *layout.contacts)
-    for target in dict.fromkeys(names):
-        j = layout.joint_of(target)
-        mass, length = plant.mass_and_length(target)
-        inputs = [u for u, joint in enumerate(layout.drives) if joint == j] or [0]
-        u = layout.actuators.index(target) if target in layout.actuators else inputs[0]
-        gain = commands[:, u].std() + commands[:, u].mean()
-        driven = gain if j in layout.drives else 0.0
-        if acting is not None:
-            driven = np.abs(acting[:, j]).mean() + acting[:, j].std()
-        velocity = np.sqrt(np.mean(v[:, j] ** 2))
-        signal = y[:, layout.states.index(target)] if target in layout.states else q[:, j]
-        inertia = float(inertias[j, j])
-        force = max(driven, np.sqrt(np.mean(weights[:, j] ** 2)), 0.1 * inertia * velocity / 0.1)
-        scales[target] = Scale(
-            position=float(np.abs(q[:, j]).max()) + 1e-9,
-            velocity=float(velocity) + 1e-9,
-            force=float(force) + 1e-12,
-            command=float(commands[:, u].max()) + 1e-12,
-            signal=float(np.sqrt(np.nanmean(signal**2))) + 1e-9,
-            inertia=inertia,
-            mass=mass,
-            length=length,
-            dt=windows.dt,
-        )
-    return scales
+    """The usual motion and force at each target of a plant in some windows."""
+    return scales_of(plant, windows.y, windows.commands, windows.driven, windows.dt)

@@ -73,10 +73,11 @@ class Disturbance:
         """The responses along the motions of a fit."""
         layout, model = fit.model.plant.layout, fit.model
         hold = max(1, round(FORCE.hold_s / windows.dt))
+        joints = range(len(layout.joints))
+        responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold)
         each = [
-            model.scales[joint].force
-            * impulse_responses(model, windows, fit.theta, fit.x0, j, hold)
-            for j, joint in enumerate(layout.joints)
+            model.scales[joint].force * response
+            for joint, response in zip(layout.joints, responses, strict=True)
         ]
         joint = np.repeat(np.arange(len(each)), each[0].shape[2])
         return cls(replace(windows, whitening=None), np.concatenate(each, axis=2), joint)

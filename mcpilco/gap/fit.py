@@ -81,6 +81,7 @@ def fit_model(
     x0: InitialStates,
     iterations: int = 20,
     hasty: bool = False,
+    near: Linearised | None = None,
 ) -> Fit:
     """Theta and the initial states that fit best, by Levenberg and Marquardt's method.
 
@@ -91,21 +92,24 @@ def fit_model(
         x0: initial states from which it begins.
         iterations: at most.
         hasty: end as well where the cost falls but slowly.
+        near: how a model changes that lacks its last effect, with which the search begins.
+
+    Where a simulation is costly, a linear form is kept as long as it foretells what a step does.
     """
     damping, share = 1e-4, model.budget.share(BUDGET.fit)
     for _ in range(iterations):
         low, high = model.reach(theta)
-        lin = linearise(model, windows, theta, x0)
+        kept, lin = near, linearise(model, windows, theta, x0, near=near)
         by_window = np.einsum("wn,wn->w", lin.r, lin.r)
         robust = Robust.of(by_window, windows.samples)
         weight = robust.weights(by_window)
         temper = misfit(windows, by_window, weight)
         now = _cost(model, theta, by_window, robust, temper)
-        for _ in range(6):
+        for _ in range(2 if kept else 6):
             step = _gauss_newton_step(model, lin, theta, damping, weight, temper)
             there = model.softened(np.clip(theta + step, low, high))
             residual_there = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
-            moved = x0 + _initial_state_step(lin, residual_there, damping)
+            moved = x0 + _initial_state_step(lin.Jx, residual_there, damping)
             after = misfits(model, windows, there, moved)
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < FIT.converged * now:
@@ -118,7 +122,12 @@ def fit_model(
             if then < now:
                 break
             damping = max(10.0 * damping, 1e-4)
+        expected = _squares(residual_there - np.einsum("wnx,wx->wn", lin.Jx, moved - x0))
+        hoped = now - _cost(model, there, expected, robust, temper)
+        near = lin if model.plant.costly and now - then > FIT.foretold * hoped else None
         if not then < now:
+            if kept:
+                continue
             break
         theta, x0, by_window = there, moved, after
         lost = Robust.of(after, windows.samples).far(after)
@@ -126,8 +135,10 @@ def fit_model(
             x0, by_window = _recovered(model, windows, theta, x0, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
         crawling = hasty and now - then < FIT.crawl * now
-        if crawling or now - then < FIT.converged * now or share.used_up:
+        if crawling or share.used_up or (not kept and now - then < FIT.converged * now):
             break
+        if now - then < FIT.converged * now:
+            near = None
     return Fit(model, theta, x0, float(by_window.sum()) + model.penalty(theta), by_window)
 
 
@@ -170,7 +181,10 @@ def misfit(windows: Windows, by_window: PerWindow, weight: PerWindow) -> float:
 
 def misfits(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> PerWindow:
     """Squared residual of each window."""
-    r = residual(windows, run(model, windows, theta[None], x0[None]))[0]
+    return _squares(residual(windows, run(model, windows, theta[None], x0[None]))[0])
+
+
+def _squares(r: Float[np.ndarray, "W n"]) -> PerWindow:
     return np.einsum("wn,wn->w", r, r)
 
 
@@ -214,32 +228,42 @@ def _fit_initial_states(
         measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
         windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
     x0, damping = x0.copy(), np.full(len(x0), 1e-3)
-    moving = np.arange(len(x0))
+    moving, lin = np.arange(len(x0)), lean(model, windows, theta, x0)
+    r, Jx, kept = lin.r.copy(), lin.Jx.copy(), np.zeros(len(x0), dtype=bool)
     for _ in range(iterations):
-        some = windows[moving]
-        lin = lean(model, some, theta, x0[moving])
-        now = np.einsum("wn,wn->w", lin.r, lin.r)
-        moved = x0[moving] + _initial_state_step(lin, lin.r, damping[moving])
-        then = misfits(model, some, theta, moved)
+        some, here, J = windows[moving], r[moving], Jx[moving]
+        step = _initial_state_step(J, here, damping[moving])
+        moved = x0[moving] + step
+        there = residual(some, run(model, some, theta[None], moved[None]))[0]
+        now, then = _squares(here), _squares(there)
+        expected = _squares(here - np.einsum("wnx,wx->wn", J, step))
         better = then < now
-        x0[moving[better]] = moved[better]
+        x0[moving[better]], r[moving[better]] = moved[better], there[better]
+        foretold = model.plant.costly & (now - then > FIT.foretold * (now - expected))
+        anew = np.where(better, ~foretold, kept[moving])
+        kept[moving] = better & foretold
         damping[moving] *= np.where(better, 0.1, 10.0)
         damping = np.maximum(damping, 1e-9)
         settled = (now - then < 1e-2 * now) & (better | (damping[moving] > 1e3))
-        moving = moving[~settled]
+        anew, moving = moving[anew & ~settled], moving[~settled]
         if not len(moving):
             break
+        if len(anew):
+            lin = lean(model, windows[anew], theta, x0[anew])
+            r[anew], Jx[anew] = lin.r, lin.Jx
     return x0
 
 
-def _initial_state_step(lin: Linearised, goal: Float[np.ndarray, "W n"], damping) -> InitialStates:
+def _initial_state_step(
+    Jx: Float[np.ndarray, "W n X"], goal: Float[np.ndarray, "W n"], damping
+) -> InitialStates:
     """Least-squares change of the initial states that explains `goal`, damped."""
-    N = np.einsum("wni,wnj->wij", lin.Jx, lin.Jx)
+    N = np.einsum("wni,wnj->wij", Jx, Jx)
     diagonal = np.einsum("wii->wi", N)
     size = np.sqrt(np.maximum(diagonal, 1e-12))
     N = N / size[:, :, None] / size[:, None, :]
     N = N + np.broadcast_to(np.asarray(damping)[..., None, None] * np.eye(N.shape[-1]), N.shape)
-    g = np.einsum("wni,wn->wi", lin.Jx, goal) / size
+    g = np.einsum("wni,wn->wi", Jx, goal) / size
     return np.linalg.solve(N, g[..., None])[..., 0] / size
 
 

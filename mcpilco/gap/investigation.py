@@ -104,7 +104,7 @@ def investigate(
     if at_rest(recordings, problems[0].std):
         return _too_poor(problems[0], AT_REST, remarks)
     if accepted is None:
-        require_plausible(suspicions(plant, recordings))
+        require_plausible(suspicions(plant.finely(problems[0].finer), recordings))
     doubts = (*(accepted or ()), *unchanging(recordings))
     _tell("fit of the nominal plant")
     problem = likelier_clock(problems)

@@ -120,6 +120,8 @@ class PlantModel:
     """forces that no effect explains; their coordinates stand last in theta"""
     budget: ComputeBudget = field(default_factory=ComputeBudget)
     """of the investigation that simulates it"""
+    finer: int = 1
+    """times as short a timestep for motions that are compared; derivatives need no such"""
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:

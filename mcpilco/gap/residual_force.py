@@ -83,8 +83,8 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
     first = np.arange(0, windows.y.shape[2] - 1, hold)
     usual = np.array([fit.model.scales[name].force for name in layout.joints])
     model, theta, x0 = fit.model, fit.theta, fit.x0
-    each = [usual[j] * impulse_responses(model, windows, theta, x0, j, hold) for j in range(J)]
-    columns = np.stack(each, 2)
+    each = impulse_responses(model, windows, theta, x0, range(J), hold)
+    columns = np.stack([usual[j] * response for j, response in enumerate(each)], 2)
     G = columns.reshape(*columns.shape[:2], -1)
     G[lin.lost.any(axis=1)] = 0.0
     x, turns = _coordinates(windows, first, hold, layout.slides)
@@ -206,6 +206,9 @@ def _predict(
     """
     m = response.G.shape[2]
     known = ~unseen
+    some = np.flatnonzero(known)
+    fewer = np.linspace(0, len(some) - 1, min(len(some), max(1, FORCE.most_unknown // m)))
+    known[np.setdiff1d(some, some[fewer.astype(int)])] = False
     misfit = response.by_window[known] / response.samples[known]
     noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
     inside, outside = np.repeat(known, m), np.repeat(unseen, m)

@@ -21,7 +21,7 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, PlantModel
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.sensitivities import linearise
+from mcpilco.gap.sensitivities import Linearised, linearise
 from mcpilco.gap.thresholds import BUDGET, SEARCH
 from mcpilco.plant import EffectInstance
 
@@ -224,7 +224,7 @@ class Tried:
                 continue
             if share.used_up:
                 break
-            grown = grow(view, score, few)
+            grown = grow(view, score, few, lin[some])
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
@@ -335,7 +335,7 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
 
 
-def grow(fit: Fit, score: Score, windows: Windows) -> Fit:
+def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit:
     """The fit of a model with one effect more, from the size at which it misses least.
 
     A linear response overrates what moves a motion far, so smaller sizes are tried as well.
@@ -351,7 +351,8 @@ def grow(fit: Fit, score: Score, windows: Windows) -> Fit:
     by_window = [misfits(model, windows, theta, fit.x0) for model, theta in begun]
     missed = [np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in by_window]
     model, theta = begun[int(np.argmin(missed))]
-    return fit_model(model, windows, theta, fit.x0, iterations=4, hasty=True)
+    near = lin if model.plant.costly else None
+    return fit_model(model, windows, theta, fit.x0, iterations=4, hasty=True, near=near)
 
 
 def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:

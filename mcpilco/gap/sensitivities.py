@@ -6,7 +6,8 @@ answers as to a train of short pulses, which are far fewer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.plant import GAIN, IDEAL_ACTUATOR, Tables, design
+from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables, design
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
@@ -28,11 +29,17 @@ def run(
     windows: Windows,
     theta: Float[np.ndarray, "S p"],
     x0: Float[np.ndarray, "S W X"],
+    rough: bool = False,
 ) -> Float[np.ndarray, "S W X T"]:
-    """Simulated measurements of S parameter vectors, each on all windows."""
+    """Simulated measurements of S parameter vectors, each on all windows.
+
+    They are `rough` in the plant's own timesteps, which suffice for differences between them.
+    """
     S, W = x0.shape[:2]
-    system, window = np.repeat(np.arange(S), W), np.tile(np.arange(W), S)
-    y = model.plant.run(
+    theta, system = np.unique(theta, axis=0, return_inverse=True)  # many starts of one system
+    system, window = np.repeat(system.reshape(-1), W), np.tile(np.arange(W), S)
+    plant = model.plant if rough else model.plant.finely(model.finer)
+    y = plant.run(
         model.tables(theta),
         system,
         np.ascontiguousarray(x0.reshape(S * W, -1)),
@@ -81,10 +88,12 @@ class Linearised:
     """with theta"""
     lost: Bool[np.ndarray, "W n"]
     """where a simulation ran away before; the columns are 0 there"""
+    rough: Float[np.ndarray, "W n"]
+    """the residuals in the plant's own timesteps, from which differences count"""
 
     def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linearised:
         """Some of the windows."""
-        return Linearised(self.r[chosen], self.Jx[chosen], self.Jp[chosen], self.lost[chosen])
+        return Linearised(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @cached_property
     def basis(self) -> Float[np.ndarray, "W n X"]:
@@ -107,28 +116,37 @@ class Linearised:
 
 
 def linearise(
-    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, over_theta: bool = True
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    over_theta: bool = True,
+    near: Linearised | None = None,
 ) -> Linearised:
     """The model's residuals at theta and the initial states, and their central differences.
 
     Differences to one side only are not enough: where masses and gains grow together nothing
     moves, and their columns must cancel. The coordinates of learned forces are many, and their
-    columns are made of impulse responses.
+    columns are made of impulse responses. Of a model `near` this one, with the last entries of
+    theta less, the other columns are taken over.
     """
-    X, p = x0.shape[1], len(theta) - model.coordinates if over_theta else 0
+    X = 0 if near else x0.shape[1]
+    known = near.Jp.shape[2] if near else 0
+    p = len(theta) - model.coordinates - known if over_theta else 0
     nudges = np.tile(START_STEPS, X // 2)
-    steps = model.steps(theta)[:p]
+    nudged = np.eye(X, x0.shape[1]) * nudges[:, None]
+    steps = model.steps(theta)[known : known + p]
     thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
     moved = np.tile(x0, (1 + 2 * X + 2 * p, 1, 1))
     for sign, first in ((1.0, 1), (-1.0, 1 + X)):
-        moved[first : first + X] += sign * np.diag(nudges)[:, None]
+        moved[first : first + X] += sign * nudged[:, None]
     for sign, first in ((1.0, 1 + 2 * X), (-1.0, 1 + 2 * X + p)):
-        thetas[first : first + p] += sign * np.eye(p, len(theta)) * steps[:, None]
+        thetas[first : first + p] += sign * np.eye(p, len(theta), known) * steps[:, None]
     low, high = model.bounds
     thetas = np.clip(thetas, low, high)
-    y = run(model, windows, thetas, moved)
+    y = run(model, windows, thetas, moved, rough=True)
     r = residual(windows, y)
-    ups, downs = thetas[1 + 2 * X : 1 + 2 * X + p], thetas[1 + 2 * X + p :]
+    ups, downs = np.split(thetas[1 + 2 * X :, known : known + p], 2)
     spans = np.diag(ups - downs).copy() if p else np.zeros(0)
     spans[spans == 0.0] = np.inf  # so large that no step changes them
     Jx = (r[1 + X : 1 + 2 * X] - r[1 : 1 + X]) / (2.0 * nudges)[:, None, None]
@@ -140,7 +158,20 @@ def linearise(
         learned = learned_force_columns(model, windows, theta, x0, y[0])
         learned[lost] = 0.0
         columns = np.concatenate([columns, learned], axis=2)
-    return Linearised(r[0], Jx.transpose(1, 2, 0), columns, lost)
+    now = _compared(model, windows, theta, x0, r[0])
+    if near:
+        columns = np.concatenate([near.Jp, columns], axis=2)
+        return Linearised(now, near.Jx, columns, lost | near.lost, r[0])
+    return Linearised(now, Jx.transpose(1, 2, 0), columns, lost, r[0])
+
+
+def _compared(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, rough: np.ndarray
+) -> Float[np.ndarray, "W n"]:
+    """Residuals in the timesteps in which motions are compared, where these are not the rough."""
+    if model.finer == 1:
+        return rough
+    return residual(windows, run(model, windows, theta[None], x0[None]))[0]
 
 
 def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
@@ -152,12 +183,13 @@ def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -
     nudges = np.tile(START_STEPS, X // 2)
     moved = np.tile(x0, (1 + X, 1, 1))
     moved[1:] += np.diag(nudges)[:, None]
-    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved)
+    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved, rough=True)
     r = residual(windows, y)
     Jx = (r[0] - r[1:]) / nudges[:, None, None]
     lost = _lost(windows, y)
     Jx[:, lost] = 0.0
-    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)), lost)
+    now = _compared(model, windows, theta, x0, r[0])
+    return Linearised(now, Jx.transpose(1, 2, 0), np.zeros((*now.shape, 0)), lost, r[0])
 
 
 def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
@@ -198,47 +230,62 @@ HELD = 2
 
 
 def impulse_responses(
-    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, joint: int, hold: int
-) -> Float[np.ndarray, "W n K"]:
-    """Change of the measurements, in noise std, per unit force in a joint, by interval.
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    joints: Sequence[int],
+    hold: int,
+) -> list[Float[np.ndarray, "W n K"]]:
+    """Change of the measurements, in noise std, per unit force in each joint, by interval.
+
+    Each pulse is simulated from where it begins: nothing changes before.
 
     Args:
         model: what is simulated.
         windows: the motions.
         theta: of the model.
         x0: initial states of the windows.
-        joint: number of the joint.
+        joints: their numbers.
         hold: samples for which a pulse is held; K of them follow one another.
     """
-    size = SIZE * model.scales[model.plant.layout.joints[joint]].force
-    tables = _with_pulsed_joint(model.tables(theta[None]), joint)
-    W, T_all, U = windows.commands.shape
-    first = np.arange(0, windows.y.shape[2] - 1, hold)
-    K = len(first)
-    each = np.zeros(2 * K, dtype=np.int64)
-    changes = np.empty((W, windows.y[0].size, K))
-    for w in range(W):
-        commands = np.zeros((2 * K, T_all, U + 1))
-        commands[:, :, :U] = windows.commands[w]
-        for k, start in enumerate(windows.lead + first * windows.every):
-            pulse = slice(start, start + hold * windows.every)
-            commands[2 * k, pulse, U], commands[2 * k + 1, pulse, U] = size, -size
-        y = model.plant.run(
+    (W, X, T), every, lead, J = windows.y.shape, windows.every, windows.lead, len(joints)
+    tables, plant = model.tables(theta[None]), model.plant
+    for joint in joints:
+        tables = _with_pulsed_joint(tables, joint)
+    commands = np.pad(windows.commands, ((0, 0), (0, 0), (0, J)))
+
+    def moved(tables: Tables, first: int, start: np.ndarray, pulses: np.ndarray) -> np.ndarray:
+        """The measurements from a sample on, with each of some pulses there."""
+        each = np.tile(commands[:, first * every :], (len(pulses), 1, 1))
+        each[:, lead : lead + hold * every, each.shape[2] - J :] = np.repeat(pulses, W, 0)[:, None]
+        y = plant.run(
             tables,
+            np.zeros(len(each), dtype=np.int64),
+            np.tile(start, (len(pulses), 1)),
+            np.arange(len(each)),
             each,
-            np.tile(x0[w], (2 * K, 1)),
-            np.arange(2 * K),
-            commands,
-            windows.lead,
+            lead,
             windows.held_s,
             model.budget.used,
-            every=windows.every,
-            path=np.repeat(windows.before[w : w + 1], 2 * K, axis=0),
+            every=every,
+            path=np.tile(windows.path[:, first * every :][:, : lead + 1], (len(pulses), 1, 1)),
         )
-        change = (y[0::2] - y[1::2]) / (2.0 * size) / windows.std[:, None]
-        change = np.where(np.isfinite(change) & windows.measured[w], change, 0.0)
-        changes[w] = change.reshape(K, -1).T
-    return changes
+        return y.reshape(len(pulses), W, X, -1)
+
+    ideal = tables._replace(sensors=np.tile(np.array(IDEAL_SENSOR), (1, X, 1)))
+    states = moved(ideal, 0, x0, np.zeros((1, J)))[0]
+    sizes = SIZE * np.array([model.scales[plant.layout.joints[joint]].force for joint in joints])
+    starts = range(0, T - 1, hold)
+    change = np.zeros((J, W, X, T, len(starts)))
+    for k, first in enumerate(starts):
+        both = np.diag(sizes)
+        ups, downs = np.split(
+            moved(tables, first, states[:, :, first], np.append(both, -both, 0)), 2
+        )
+        change[..., first:, k] = (ups - downs) / (2.0 * sizes[:, None, None, None])
+    change *= windows.measured[..., None] / windows.std[:, None, None]
+    return list(np.nan_to_num(change, posinf=0.0, neginf=0.0).reshape(J, W, X * T, -1))
 
 
 def _with_pulsed_joint(tables: Tables, joint: int) -> Tables:
@@ -275,8 +322,8 @@ def learned_force_columns(
     W, m, _ = midway.shape
     first = np.arange(0, m, HELD)
     lengths = np.diff(np.append(first, m))[:, None]
-    joints = {layout.joints.index(force.joint) for force in model.learned}
-    G = {j: impulse_responses(model, windows, theta, x0, j, HELD) for j in joints}
+    joints = sorted({layout.joints.index(force.joint) for force in model.learned})
+    G = dict(zip(joints, impulse_responses(model, windows, theta, x0, joints, HELD), strict=True))
     columns = []
     for force in model.learned:
         x = [midway[:, :, names.index(axis.of)].ravel() for axis in force.axes]

@@ -70,6 +70,8 @@ class BudgetThresholds:
 
     steps: float = 6.5e7
     """of an investigation"""
+    costly: float = 5.0
+    """times as many where MuJoCo simulates [-]: some minutes on one core"""
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
@@ -98,6 +100,9 @@ class FitThresholds:
     tolerated: float = 9.0
     """times the median misfit up to which a window counts in full [-]: three standard deviations
     (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""
+    foretold: float = 0.75
+    """part of the hoped fall of a cost from which on the linear form that hoped so is kept [-]:
+    customary for trust regions (Nocedal & Wright, Numerical Optimization, 2006, section 4.1)"""
     divergence: float = 20.0
     """growth of a start state's error beyond which a window is cut off [-]: no fit can follow it"""
     free_std: float = 1.0
@@ -253,6 +258,9 @@ class ForceThresholds:
     turn and some"""
     folds: int = 4
     """of the cross-validation over windows"""
+    most_unknown: int = 1600
+    """forces in the windows from which others are predicted, at most, for the cost: fewer windows
+    of a machine of many joints"""
     parts: int = 4
     """of a learned force, at most"""
     worth: float = 0.15

@@ -7,7 +7,7 @@ from .corrected import (
 )
 from .edited_model import FAR, EditedModel
 from .inertials import Inertials
-from .models import chain_of, load_mjcf, plant_of
+from .models import chain_of, load_mjcf, plant_of, plant_of_model
 from .mujoco.callbacks import install_correction
 from .mujoco.plant import MujocoPlant
 from .mujoco.read import Physics, mujoco_plant, read_plant
@@ -25,6 +25,7 @@ __all__ = [
     "mujoco_plant",
     "passive_forces",
     "plant_of",
+    "plant_of_model",
     "read_plant",
     "save_mjcf",
     "write_corrected_mjcf",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -28,6 +29,7 @@ from mcpilco.plant import (
     EffectInstance,
     Layout,
     Parameter,
+    Servo,
 )
 from mcpilco.typing import InputError
 
@@ -62,16 +64,24 @@ def load_mjcf(path: str | Path, wanted: str = "--model must be an MJCF file") ->
     if not Path(path).is_file():
         raise InputError(f"{wanted}, got {str(path)!r}, which is no file.")
     _require_affordable(Path(path))
+    with warnings_of_mujoco() as said:
+        try:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, mujoco.FatalError) as error:
+            raise _unloadable(path, error) from None
+    _require_finite(path, model, said)
+    return model
+
+
+@contextmanager
+def warnings_of_mujoco() -> Iterator[list[str]]:
+    """A list of what MuJoCo warns of meanwhile, which is not logged."""
     said: list[str] = []
     mujoco.set_mju_user_warning(said.append)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
-        raise _unloadable(path, error) from None
+        yield said
     finally:
         mujoco.set_mju_user_warning(logger.warning)
-    _require_finite(path, model, said)
-    return model
 
 
 def _unloadable(path: str | Path, error: Exception) -> InputError:
@@ -127,7 +137,7 @@ def _require_finite(path: str | Path, model: mujoco.MjModel, said: Sequence[str]
 
 
 def plant_of(path: str | Path) -> ChainPlant:
-    """The plant of an MJCF file: an open chain of hinges and slides that motors move.
+    """The plant of an MJCF file: an open chain of hinges and slides that motors or servos move.
 
     Columns of its recordings are `<joint>_position`, `<joint>_velocity` and `<actuator>`. Its
     parameters are `<body>_mass`, `<joint>_damping`, `<joint>_friction`, `<actuator>_gain` and
@@ -135,7 +145,7 @@ def plant_of(path: str | Path) -> ChainPlant:
 
     Raises:
         InputError: the file is missing or no MJCF, or holds what such a chain cannot say: loops,
-            tendons, free and ball joints, actuators that are no motors, a fluid, limits that are
+            tendons, free and ball joints, actuators with states, a fluid, limits of force that are
             not symmetric about 0, one name for several things; the message names it.
     """
     path = Path(path)
@@ -201,7 +211,7 @@ def _require(what: str, faults: Mapping[str, int]) -> None:
     found = [f"{count} {name}" for name, count in faults.items() if count]
     if found:
         raise InputError(
-            f"{what} must be an open chain of hinges and slides that motors move, got "
+            f"{what} must be an open chain of hinges and slides that motors or servos move, got "
             f"{', '.join(found)}; take these out of the model."
         )
 
@@ -234,15 +244,16 @@ def _faults_of_actuators(model: mujoco.MjModel) -> dict[str, int]:
     count = partial(_count, model)
     return {
         "actuators without a joint": count("actuator_trntype", int(mujoco.mjtTrn.mjTRN_JOINT)),
-        "servo actuators": count("actuator_biastype", int(mujoco.mjtBias.mjBIAS_NONE)),
-        "actuators with states": count("actuator_dyntype", int(mujoco.mjtDyn.mjDYN_NONE)),
-        "actuators with a gain that varies": count(
-            "actuator_gaintype", int(mujoco.mjtGain.mjGAIN_FIXED)
+        "muscles and other actuators whose force is no affine function of the command": sum(
+            max(model.actuator_gaintype[u], model.actuator_biastype[u]) > 1
+            or not model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0]
+            for u in range(model.nu)
         ),
+        "actuators with states": count("actuator_dyntype", int(mujoco.mjtDyn.mjDYN_NONE)),
         "actuators with damping": count("actuator_damping"),
         "actuators with armature": count("actuator_armature"),
         "actuators with a delay": count("actuator_delay"),
-        "ranges of actuators that are not symmetric about 0": sum(
+        "ranges of forces that are not symmetric about 0": sum(
             int(abs(low + high) > 1e-9 * abs(high - low)) for _, (low, high) in _ranges(model)
         ),
         "joints that limit what several motors do together": sum(
@@ -253,10 +264,8 @@ def _faults_of_actuators(model: mujoco.MjModel) -> dict[str, int]:
 
 
 def _ranges(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
-    """The actuators that have limits, with each of these: of command, force, and joint's force."""
+    """The actuators that have limits, with each of these: of their force, and their joint's."""
     for u in range(model.nu):
-        if model.actuator_ctrllimited[u]:
-            yield u, model.actuator_ctrlrange[u]
         if model.actuator_forcelimited[u]:
             yield u, model.actuator_forcerange[u]
         if model.jnt_actfrclimited[model.actuator_trnid[u, 0]]:
@@ -319,15 +328,34 @@ def _about(d: np.ndarray) -> np.ndarray:
 
 
 def _layout(model: mujoco.MjModel, chain: Chain) -> Layout:
-    joints = chain.joints
+    joints, drives = chain.joints, tuple(int(j) for j in model.actuator_trnid[:, 0])
+    slides = tuple(body.kind == SLIDE for body in chain.bodies)
     return Layout(
         joints=joints,
-        slides=tuple(body.kind == SLIDE for body in chain.bodies),
+        slides=slides,
         bodies=tuple(body.name for body in chain.bodies),
         states=tuple(f"{joint}_{what}" for joint in joints for what in ("position", "velocity")),
         inputs=tuple(model.actuator(u).name or f"actuator{u}" for u in range(model.nu)),
-        drives=tuple(int(model.actuator_trnid[u, 0]) for u in range(model.nu)),
+        drives=drives,
+        targets=tuple(unit_of_target(model, u, slides[j]) for u, j in enumerate(drives)),
     )
+
+
+def asks_for_force(model: mujoco.MjModel, u: int) -> bool:
+    """Whether the command of an actuator is a force, or a part of one."""
+    fixed = int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    return fixed and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_NONE)
+
+
+def unit_of_target(model: mujoco.MjModel, u: int, slides: bool) -> str:
+    """The unit of a servo's target; empty where an actuator asks for a force."""
+    if asks_for_force(model, u):
+        return ""
+    if int(model.actuator_gaintype[u]) > 1:
+        return "-"  # how far a muscle is excited
+    position = "m" if slides else "rad"
+    follows = model.actuator_biasprm[u, 1] != 0.0
+    return position if follows else f"{position}/s"
 
 
 def require_names(layout: Layout, path: str | Path) -> None:
@@ -384,8 +412,14 @@ def _nominal(
         gain = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
         parameters.append(Parameter(f"{name}_gain", gain, "-", low=-np.inf))
         if model.actuator_ctrllimited[u]:
-            most = float(model.actuator_ctrlrange[u, 1])
-            base.append(Base(EffectInstance(CommandRange(), target), (most,)))
+            low, high = map(float, model.actuator_ctrlrange[u])
+            about = 0.5 * (high - low), 0.5 * (high + low)
+            base.append(Base(EffectInstance(CommandRange(), target), about))
+        if target in layout.servos:
+            gear, (b_0, b_1, b_2) = model.actuator_gear[u, 0], model.actuator_biasprm[u, :3]
+            feedback = (-gear * gear * b_1, -gear * gear * b_2, gear * b_0)
+            known = tuple(float(number / gain) for number in feedback)
+            base.append(Base(EffectInstance(Servo(), target), known))
         if model.actuator_forcelimited[u]:
             most = float(np.abs(model.actuator_gear[u, 0]) * model.actuator_forcerange[u, 1])
             has("actuator_saturation", target, most)

@@ -33,7 +33,7 @@ from .correction import (
     write_correction,
 )
 from .effects import CATALOGUE
-from .effects.actuator import ActuatorGain, ActuatorSaturation, CommandRange
+from .effects.actuator import ActuatorGain, ActuatorSaturation, CommandRange, Servo
 from .effects.base import OUTSIDE, Effect, Probe, Scale, Symbol, sizes
 from .effects.joint import (
     FASTEST,
@@ -61,6 +61,7 @@ from .equations.step import (
     true_state,
 )
 from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
+from .scales import scales_of
 from .simulation.laws import joint_force, shaped
 from .simulation.layout import (
     DELAY,
@@ -140,6 +141,7 @@ __all__ = [
     "RememberingForce",
     "Rows",
     "Scale",
+    "Servo",
     "Spread",
     "Spring",
     "Symbol",
@@ -178,6 +180,7 @@ __all__ = [
     "read_correction",
     "recipe_of",
     "register_plant",
+    "scales_of",
     "settle",
     "shaped",
     "simulate",

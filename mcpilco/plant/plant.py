@@ -12,13 +12,26 @@ from jaxtyping import Float, Int
 
 from mcpilco.bodies import Chain, generalised_forces, mass_matrix, stack
 from mcpilco.plant.effects import CATALOGUE, Effect
+from mcpilco.plant.effects.actuator import serving
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.learned import Axis, LearnedForce, tabulate
 from mcpilco.plant.simulation.laws import code_of
-from mcpilco.plant.simulation.layout import CONSTANTS, IDEAL_ACTUATOR, IDEAL_SENSOR, Layout, Tables
+from mcpilco.plant.simulation.layout import (
+    CONSTANTS,
+    GAIN,
+    IDEAL_ACTUATOR,
+    IDEAL_SENSOR,
+    Layout,
+    Tables,
+)
 from mcpilco.plant.simulation.motion import simulate
 from mcpilco.plant.simulation.stepper import Stepper
 from mcpilco.typing import InputError
+
+MANY = 4
+"""joints beyond which equations cost as much as a simulation by MuJoCo"""
+SERVED = serving(np.vectorize)
+"""the force of a servo, of arrays"""
 
 
 @dataclass(frozen=True)
@@ -192,6 +205,8 @@ class Plant(ABC):
 
     def refusal(self, instance: EffectInstance) -> str:
         """Why an effect cannot be at its target; empty where it can."""
+        if instance.target in self.layout.servos and instance.effect.name.endswith("dead_zone"):
+            return "the command of a servo is a target, and no force"
         return ""
 
     @abstractmethod
@@ -271,15 +286,34 @@ class Plant(ABC):
     def simulated_by(self) -> str:
         """Who simulates it, for reports."""
 
-    @property
-    def finer(self) -> Self | None:
-        """The same in shorter timesteps, which tells what they do; None where they do nothing."""
-        return None
+    def finely(self, times: int) -> Self:
+        """The same in so many times as short timesteps; itself where it chooses these by error."""
+        return self
+
+    def timesteps(
+        self,
+        start: Float[np.ndarray, "W X"],
+        commands: Float[np.ndarray, "W T_all U"],
+        lead: int,
+        dt: float,
+        every: int,
+        measured: Float[np.ndarray, "W X T"],
+        std: Float[np.ndarray, " X"],
+    ) -> tuple[int, Float[np.ndarray, " X"]]:
+        """How many times as short timesteps do less than the noise, and what they still do.
+
+        Equations keep their error small by themselves. Arguments are those of `run`, what was
+        measured of these motions, and the std of its noise, in each state's unit.
+
+        Raises:
+            InputError: most of the motions run away, even so.
+        """
+        return 1, np.zeros(len(std))
 
     @property
     def costly(self) -> bool:
-        """Whether a second of it takes far longer to simulate than one of a chain."""
-        return False
+        """Whether a second of it takes far longer to simulate than one of a pendulum."""
+        return len(self.layout.joints) > MANY
 
     def actuation(
         self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
@@ -316,9 +350,10 @@ class Plant(ABC):
         rows = np.tile(self.nominal, (len(start), 1))
         for name, values in (parameters or {}).items():
             rows[:, self._column(name)] = values
-        each = np.arange(len(start))
+        rows, system = np.unique(rows, axis=0, return_inverse=True)
+        system, each = system.reshape(-1).astype(np.int64), np.arange(len(start))
         commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
-        y = self.run(self.tables(rows), each, np.array(start, float), each, commands, 0, dt)
+        y = self.run(self.tables(rows), system, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
 
     def _at(self, active: EffectInstance, rows: Iterator[int]) -> int:
@@ -390,6 +425,16 @@ class ChainPlant(Plant):
     @property
     def simulated_by(self) -> str:
         return "its equations of motion, without contacts and limits of joints"
+
+    def actuation(
+        self, q: Float[np.ndarray, "N J"], v: Float[np.ndarray, "N J"], u: Float[np.ndarray, "N U"]
+    ) -> Float[np.ndarray, "N J"] | None:
+        if not self.layout.servos:
+            return None
+        forces, rows = np.zeros_like(q), self.tables(self.nominal[None]).actuators[0]
+        for row, j, x in zip(rows, self.layout.drives, u.T, strict=True):
+            forces[:, j] += SERVED(row, row[GAIN] * x, q[:, j], v[:, j])
+        return forces
 
     def mass_matrix(self, q: Float[np.ndarray, "N J"]) -> Float[np.ndarray, "N J J"]:
         return mass_matrix(self.chain, q)

@@ -35,7 +35,7 @@ from .robot_log import (
     zero_phase,
 )
 from .series import Series, lagged, read_series, suspicions, usable
-from .smoothing import noise_std, smoothed
+from .smoothing import first_state, noise_std, smoothed, states_at_commands
 from .suspicion import doubts
 
 __all__ = [
@@ -60,6 +60,7 @@ __all__ = [
     "doubts",
     "encoder_noise",
     "excitation",
+    "first_state",
     "from_rollout",
     "held_out",
     "joint_data",
@@ -83,6 +84,7 @@ __all__ = [
     "runs",
     "sampling_time",
     "smoothed",
+    "states_at_commands",
     "suspicions",
     "usable",
     "write_markers",

@@ -14,12 +14,15 @@ and the mean of the rest is corrected for it by the chi-square distribution.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import CubicHermiteSpline
 from scipy.special import gammainc, gammaincinv
 
-from mcpilco.recordings.recording import Recording
+from mcpilco.recordings.recording import Recording, bridged
 
 
 def local_fit(
@@ -182,3 +185,34 @@ def _local(
     value, spread, mean_square = local_fit((rows - here[:, None]) * 1.0, values[rows], order)
     scale = np.fmax(noise, np.sqrt(mean_square))
     return value, spread * scale[:, None]
+
+
+def states_at_commands(recording: Recording, holds: int) -> Float[np.ndarray, "n X"]:
+    """The states at each command, smoothed from the positions alone; 0 if unknown.
+
+    A measured velocity may have come late out of a filter.
+    """
+    X = recording.states.shape[1]
+    states = np.where(np.arange(X) % 2, np.nan, recording.states)
+    pairs = tuple((k, k + 1) for k in range(0, X, 2))
+    known = smoothed(replace(recording, states=states, velocities=pairs))[0]
+    smooth = np.nan_to_num(bridged(known))
+    time = recording.dt * np.arange(len(smooth))
+    curve = CubicHermiteSpline(time, smooth[:, 0::2], smooth[:, 1::2])
+    at = np.minimum(recording.dt / holds * np.arange(len(smooth) * holds), time[-1])
+    return np.stack([curve(at), curve(at, 1)], axis=2).reshape(len(at), X)
+
+
+def first_state(y: Float[np.ndarray, "X T"], dt: float, std: Float[np.ndarray, " X"]) -> np.ndarray:
+    """State at the first sample: a cubic through the first samples of each joint."""
+    t = dt * np.arange(min(y.shape[1], max(7, round(0.16 / dt))))
+    powers = np.stack([t**0, t, t**2, t**3], axis=1)
+    slopes = np.stack([0 * t, t**0, 2 * t, 3 * t**2], axis=1)
+    start = np.zeros(len(y))
+    for j in range(len(y) // 2):
+        q, v = y[2 * j, : len(t)], y[2 * j + 1, : len(t)]
+        seen, moving = np.isfinite(q), np.isfinite(v)
+        rows = np.concatenate([powers[seen] / std[2 * j], slopes[moving] / std[2 * j + 1]])
+        goal = np.concatenate([q[seen] / std[2 * j], v[moving] / std[2 * j + 1]])
+        start[2 * j : 2 * j + 2] = np.linalg.lstsq(rows, goal, rcond=None)[0][:2]
+    return start

@@ -2,7 +2,7 @@
 
 python runs/mujoco_plants/run.py models        # every MJCF of three packages, equal to mj_step?
 python runs/mujoco_plants/run.py throughput    # beside a plain loop of mj_step, mujoco.rollout
-python runs/mujoco_plants/run.py cases         # hidden effects in models that others made
+python runs/mujoco_plants/run.py study --seeds 1000:1060   # hidden effects in others' models
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import logging
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +20,11 @@ import mujoco
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from harness import fill, folder, keep, kept, places, use_one_thread
+from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
+from study import judged, summary, tried
+from truth import HELD_S, MACHINES
 
-from mcpilco.gap import investigate
 from mcpilco.mjcf import MujocoPlant, load_mjcf, mujoco_plant, read_plant
-from mcpilco.plant import CATALOGUE, EffectInstance
-from mcpilco.recordings import Recording
 from mcpilco.sweep import machine, markdown
 from mcpilco.typing import InputError
 
@@ -37,10 +35,8 @@ SHIPPED = {
     "gymnasium_robotics": "envs/assets",
 }
 """packages with models, and where they are in them"""
-HELD_S = 0.02
-"""for which a command is held [s]"""
-NOISE = (2e-3, 2e-2)
-"""std of the measurement noise of positions and velocities [m or rad, m/s or rad/s]"""
+MEASURED = ("half_cheetah", "walker", "quadruped", "panda on motors", "ur5e on motors")
+"""machines whose throughput is measured"""
 
 
 def shipped() -> Iterator[tuple[str, str, Path]]:
@@ -103,7 +99,7 @@ def stepped(plant: MujocoPlant, u: np.ndarray, hold: int) -> np.ndarray:
 # Throughput ---------------------------------------------------------------------------------------
 
 
-def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str, float]:
+def throughput(path: Path, motions: int = 100, seconds: float = 1.0) -> dict[str, float]:
     """CPU and wall time of the plant's batch, in those of a plain loop and of mujoco.rollout."""
     from mujoco import rollout
 
@@ -114,7 +110,8 @@ def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str
     u = np.stack([commands(plant, rng, n, 5) for _ in range(motions)])
     start = np.tile(plant.rest, (motions, 1))
     qpos = plant.coordinates.qpos(start[:, 0::2])
-    state = np.concatenate([np.zeros((motions, 1)), qpos, start[:, 1::2]], axis=1)
+    clock, act = np.zeros((motions, 1)), np.zeros((motions, model.na))
+    state = np.concatenate([clock, qpos, start[:, 1::2], act], axis=1)
     every_data = [mujoco.MjData(model) for _ in range(2)]
     tasks = {
         "plant": lambda: plant.simulate(start, u, model.opt.timestep),
@@ -138,143 +135,14 @@ def throughput(path: Path, motions: int = 200, seconds: float = 1.0) -> dict[str
     }
 
 
-# Cases --------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Case:
-    """An effect that is hidden in a model, or none."""
-
-    package: str
-    model: str
-    effect: str = ""
-    target: str = ""
-    values: tuple[float, ...] = ()
-    seed: int = 0
-    part: float = 0.3
-    """of the ranges of commands"""
-
-    @property
-    def name(self) -> str:
-        """As its file is called."""
-        what = f"{self.effect}-{self.target}" if self.effect else "nothing"
-        return f"{self.package}-{Path(self.model).stem}-{what}-{self.seed}"
-
-
-CHEETAH, HOPPER, WALKER = (
-    ("gymnasium", "half_cheetah.xml"),
-    ("dm_control", "hopper.xml"),
-    ("dm_control", "walker.xml"),
-)
-CASES = (
-    Case(*CHEETAH, "contact_friction", "ground", (0.5,), 101),
-    Case(*CHEETAH, seed=102),
-    Case(*CHEETAH, "coulomb_friction", "bthigh", (4.0, 0.01), 103),
-    Case(*CHEETAH, "actuator_delay", "fthigh", (0.03,), 104),
-    Case(*CHEETAH, "body_mass", "fshin", (0.5,), 105),
-    Case(*CHEETAH, "viscous_friction", "bshin", (3.0,), 106),
-    Case(*CHEETAH, "actuator_gain", "bfoot", (0.75,), 107),
-    Case(*HOPPER, "actuator_gain", "knee", (0.75,), 108, 0.5),
-    Case(*HOPPER, "viscous_friction", "hip", (1.0,), 109, 0.5),
-    Case(*HOPPER, "contact_friction", "ground", (0.5,), 110, 0.5),
-    Case(*HOPPER, seed=111, part=0.5),
-    Case(*WALKER, "body_mass", "right_leg", (0.6,), 112),
-    Case(*WALKER, "actuator_delay", "left_hip", (0.03,), 113),
-)
-
-
-def recorded(
-    plant: MujocoPlant, case: Case, count: int = 5, seconds: float = 5.0
-) -> list[Recording]:
-    """Noisy recordings of the model with the effect, simulated with a quarter of its timestep."""
-    rng, model = np.random.default_rng(case.seed), mujoco.MjModel.from_xml_path(str(path_of(case)))
-    model.opt.timestep = plant.model.opt.timestep / 4.0
-    truth = replace(plant, model=model)
-    if case.effect:
-        hidden = EffectInstance(CATALOGUE[case.effect], case.target)
-        truth = truth.having([(hidden, case.values)])
-    layout, T = plant.layout, round(seconds / HELD_S)
-    found = []
-    for n in range(count):
-        u = commands(plant, rng, T, 5, case.part)
-        y = truth.simulate(plant.rest[None], u[None], HELD_S)[0]
-        y += rng.normal(0.0, 1.0, y.shape) * np.tile(NOISE, len(layout.joints))
-        found.append(
-            Recording(
-                f"run{n}",
-                HELD_S * np.arange(T + 1),
-                y,
-                np.concatenate([u, u[-1:]]),
-                layout.states,
-                layout.inputs,
-                angles=plant.angles,
-                velocities=tuple((k, k + 1) for k in range(0, y.shape[1], 2)),
-            )
-        )
-    return found
-
-
-def path_of(case: Case) -> Path:
-    """The file of its model."""
-    return next(p for pack, name, p in shipped() if (pack, name) == (case.package, case.model))
-
-
-def tried(case: Case) -> dict[str, Any]:
-    """What an investigation finds in a case."""
-    plant = read_plant(path_of(case))
-    assert isinstance(plant, MujocoPlant)
-    recordings = recorded(plant, case)
-    begun = time.perf_counter(), time.process_time()
-    gap = investigate(plant, recordings)
-    found = [
-        {"name": e.name, "target": e.target, "family": list(e.family), "probability": e.probability}
-        | {"values": {k: v.value for k, v in e.parameters.items()}}
-        for e in gap.named
-    ]
-    return {
-        "case": case.name,
-        "truth": [case.effect, case.target, list(case.values)],
-        "verdict": gap.verdict,
-        "found": found,
-        "closest": [str(e.name) + f" ({e.target})" for e in gap.closest.effects]
-        if gap.closest
-        else [],
-        "closed": gap.comparison.closed.value if gap.comparison else None,
-        "wall_s": time.perf_counter() - begun[0],
-        "cpu_s": time.process_time() - begun[1],
-        "machine": machine(),
-    }
-
-
-def judged(result: dict[str, Any]) -> str:
-    """Right, in the family, wrong (and sure), or unknown."""
-    name, target, _ = result["truth"]
-    found = [(each["name"], each["target"]) for each in result["found"]]
-    if result["verdict"] == "unknown":
-        return "unknown"
-    if not name:
-        return "right" if not found else "wrong, sure" if _sure(result) else "wrong"
-    if found == [(name, target)]:
-        return "right"
-    if len(found) == 1 and name in result["found"][0]["family"]:
-        return "in the family"
-    if (name, target) in found:
-        return "right, and more"
-    return "wrong, sure" if _sure(result) else "wrong"
-
-
-def _sure(result: dict[str, Any]) -> bool:
-    return any(each["probability"] > 0.9 for each in result["found"])
-
-
 # The page -----------------------------------------------------------------------------------------
 
 
 def write_page(out: Path) -> None:
     """The tables of all results that are there."""
-    models, speeds, cases = (kept(out / "results" / part) for part in ("models", "speed", "cases"))
+    models, speeds, cases = (kept(out / "results" / part) for part in ("models", "speed", "study"))
     fill(
-        out / "README.md", [*_models(models), *_speeds(speeds), *_cases(cases)], HERE / "README.md"
+        out / "README.md", [*_models(models), *_speeds(speeds), *_study(cases)], HERE / "README.md"
     )
 
 
@@ -328,31 +196,44 @@ def _speeds(results: Sequence[dict[str, Any]]) -> list[str]:
     return [f"### Throughput\n\n{markdown(head, rows)}\n{told}"]
 
 
-def _cases(results: Sequence[dict[str, Any]]) -> list[str]:
+def _study(results: Sequence[dict[str, Any]]) -> list[str]:
     if not results:
         return []
+    head = (
+        *("machine", "cases", "right or in the family", "nothing hidden: nothing named"),
+        *("wrong and sure", "CPU minutes a case: median (most)"),
+    )
     rows = [
         (
-            f"`{each['case']}`",
+            str(each["seed"]),
+            each["machine"],
+            " ".join(each["truth"][:2]) or "nothing",
+            f"{each['truth'][2]:.3g}" if each["truth"][0] else "",
             each["verdict"],
-            ", ".join(
-                f"{e['name']} ({e['target']}), {e['probability']:.2f}" for e in each["found"]
-            ),
+            ", ".join(_named(e) for e in each["found"] or each["closest"]),
             judged(each),
-            f"{each['cpu_s']:.0f}",
-            f"{each['wall_s']:.0f}",
+            f"{each['cpu_s'] / 60.0:.1f}",
         )
-        for each in results
+        for each in sorted(results, key=lambda each: each["seed"])
     ]
-    head = ("hidden", "verdict", "named, with its probability", "judged", "CPU [s]", "wall [s]")
-    return [f"### Hidden effects\n\n{markdown(head, rows)}", places(results)]
+    told = ("seed", "machine", "hidden", "size", "verdict", "named, or what comes closest")
+    return [
+        f"### Hidden effects\n\n{markdown(head, summary(results))}",
+        markdown((*told, "judged", "CPU [min]"), rows),
+        places([{"machine": each["place"]} for each in results]),
+    ]
+
+
+def _named(effect: dict[str, Any]) -> str:
+    values = ", ".join(f"{value:.3g}" for value in effect["values"].values())
+    return f"{effect['name']} ({effect['target']}) {values}, p {effect['probability']:.2f}"
 
 
 def main() -> None:
     """Run what is asked for, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("models", "throughput", "cases", "page"))
-    parser.add_argument("--only", default="", help="cases or models whose name has this part")
+    parser.add_argument("what", choices=("models", "throughput", "study", "page"))
+    parser.add_argument("--seeds", default="1000:1060", help="of the study, as 1000:1060")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     use_one_thread()
@@ -366,17 +247,14 @@ def main() -> None:
                 content = {"package": package, "models": models}
                 keep(out / "results" / "models" / f"{package}.json", content, HERE.name)
     if options.what == "throughput":
-        speeds = {}
-        for case in (Case(*CHEETAH), Case(*HOPPER), Case("gymnasium", "ant.xml")):
-            speeds[f"{case.package}/{case.model}"] = throughput(path_of(case))
-            print(case.model, speeds[f"{case.package}/{case.model}"], flush=True)
+        speeds = {name: throughput(MACHINES[name].path) for name in MEASURED}
         keep(out / "results" / "speed" / "speed.json", {"models": speeds}, HERE.name)
-    if options.what == "cases":
-        for case in CASES:
-            path = out / "results" / "cases" / f"{case.name}.json"
-            if options.only in case.name and not path.exists():
-                keep(path, result := tried(case), HERE.name)
-                print(case.name, judged(result), f"{result['wall_s']:.0f} s", flush=True)
+    if options.what == "study":
+        for seed in parse_seeds(options.seeds):
+            path = out / "results" / "study" / f"{seed}.json"
+            if not path.exists():
+                keep(path, result := tried(seed), HERE.name)
+                print(seed, result["machine"], *result["truth"], judged(result), flush=True)
     write_page(out)
 
 

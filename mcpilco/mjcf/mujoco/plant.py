@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from mujoco.batch import Batch
 
+from mcpilco.mjcf.models import warnings_of_mujoco
 from mcpilco.mjcf.mujoco.coordinates import Coordinates, states
 from mcpilco.mjcf.mujoco.filters import actuate, observe, push
 from mcpilco.mjcf.mujoco.numbers import EditedNumbers
@@ -31,14 +32,15 @@ from mcpilco.plant import (
     RememberingForce,
     Tables,
 )
+from mcpilco.typing import InputError
 
 MOTIONS = 512
 """simulated at a time, so that what is kept of them fits into memory"""
 STEP, PAIR = 2.0, 0.1
 """what a timestep costs of itself, and for each pair of degrees of freedom, in integrator steps of
 an equation, each about a microsecond; each of the stages of an integrator costs as much"""
-FINER = 4
-"""times as short a timestep, beside which the error of the model's own is seen"""
+FINER = 3
+"""times as short a timestep beside which its error is seen, and by which it is made shorter"""
 _DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL) | int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
 
 _TIME = int(mujoco.mjtState.mjSTATE_TIME)
@@ -66,11 +68,50 @@ class MujocoPlant(Plant):
     def simulated_by(self) -> str:
         return f"MuJoCo itself, in timesteps of {1e3 * self.model.opt.timestep:g} ms at most"
 
-    @property
-    def finer(self) -> MujocoPlant:
+    def finely(self, times: int) -> MujocoPlant:
         model = copy.copy(self.model)
-        model.opt.timestep /= FINER
+        model.opt.timestep /= times
         return replace(self, model=model)
+
+    def timesteps(
+        self,
+        start: Float[np.ndarray, "W X"],
+        commands: Float[np.ndarray, "W T_all U"],
+        lead: int,
+        dt: float,
+        every: int,
+        measured: Float[np.ndarray, "W X T"],
+        std: Float[np.ndarray, " X"],
+    ) -> tuple[int, Float[np.ndarray, " X"]]:
+        each = np.arange(len(start))
+
+        def states_at(times: int) -> Float[np.ndarray, "W X T"]:
+            tables, plant = self.tables(self.nominal[None]), self.finely(times)
+            return plant.run(tables, 0 * each, start, each, commands, lead, dt, every=every)
+
+        times, now, then = 1, states_at(1), states_at(FINER)
+        while ((error := self._apart(now, then, measured)) > std).any() and times < FINER:
+            times *= FINER
+            now, then = then, states_at(times * FINER)
+        if np.isfinite(error).all():
+            return times, error
+        raise InputError(
+            f"{self.name} must follow the recordings for a second, but simulated by "
+            f"{self.finely(times).simulated_by}, it flies apart in most windows; choose a shorter "
+            "timestep, softer contacts (solref), or the pose of the recordings (--keyframe)."
+        )
+
+    def _apart(
+        self,
+        now: Float[np.ndarray, "W X T"],
+        then: Float[np.ndarray, "W X T"],
+        measured: Float[np.ndarray, "W X T"],
+    ) -> Float[np.ndarray, " X"]:
+        """By how much motions differ in two timesteps, where there is a measurement."""
+        apart = self.beside(now, then) - then
+        apart[~np.isfinite(apart)] = np.inf
+        apart[~np.isfinite(measured)] = 0.0
+        return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
 
     @property
     def costly(self) -> bool:
@@ -104,8 +145,8 @@ class MujocoPlant(Plant):
             gain, bias = self.model.actuator_gaintype[u], self.model.actuator_biastype[u]
             if isinstance(effect, ActuatorGain) and max(gain, bias) > 1:
                 return "its force is no affine function of its command"
-            if target in self.layout.servos and effect.name.endswith("dead_zone"):
-                return "the command of a servo is a target, and no force"
+            if refused := super().refusal(instance):
+                return refused
         if effect.name in ("center_of_mass", "body_inertia"):
             body = self.model.body(target) if target in self._body_names else None
             if body is not None and self.model.body_simple[body.id]:
@@ -192,7 +233,8 @@ class MujocoPlant(Plant):
         for first in range(0, len(start), MOTIONS):
             some = slice(first, first + MOTIONS)
             how = _Motions(self, tables, system[some], window[some], commands, lead, dt, steps)
-            y[some] = how.measured(start[some], T, every)
+            with warnings_of_mujoco():  # what flies apart is NaN
+                y[some] = how.measured(start[some], T, every)
         if taken is not None:
             n = len(start) * (T - 1) * every * steps
             stages = 4 if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else 1

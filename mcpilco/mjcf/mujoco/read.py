@@ -10,7 +10,14 @@ import mujoco
 import numpy as np
 
 from mcpilco.mjcf.inertials import Inertials
-from mcpilco.mjcf.models import faults_of, load_mjcf, plant_of_model, require_names
+from mcpilco.mjcf.models import (
+    asks_for_force,
+    faults_of,
+    load_mjcf,
+    plant_of_model,
+    require_names,
+    unit_of_target,
+)
 from mcpilco.mjcf.mujoco.coordinates import Coordinates, states
 from mcpilco.mjcf.mujoco.plant import MujocoPlant
 from mcpilco.plant import Layout, Parameter, Plant
@@ -27,7 +34,7 @@ _FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 def read_plant(path: str | Path, physics: Physics = "auto", keyframe: str = "") -> Plant:
     """The plant of an MJCF or URDF file.
 
-    Equations say an open chain of hinges and slides that motors move and that stands on nothing;
+    Equations say an open chain of hinges and slides, on motors or servos, that stands on nothing;
     all else MuJoCo simulates itself. Of a free joint `<joint>_x_position` to
     `<joint>_rz_velocity` are the columns, see `Layout`.
 
@@ -126,7 +133,7 @@ def _layout(model: mujoco.MjModel) -> Layout:
     moved = [b for b in range(1, model.nbody) if model.body_jntnum[b] and model.body_mass[b] > 0.0]
     inputs = tuple(model.actuator(u).name or f"actuator{u}" for u in range(model.nu))
     drives = _drives(model)
-    units = [_unit(model, u, slides[j]) for u, j in enumerate(drives)]
+    units = [unit_of_target(model, u, slides[j]) for u, j in enumerate(drives)]
     bodies = [model.body(b).name or f"body{b}" for b in moved]
     return Layout(
         joints=tuple(joints),
@@ -168,25 +175,9 @@ def _drives(model: mujoco.MjModel) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _asks_for_force(model: mujoco.MjModel, u: int) -> bool:
-    fixed = int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-    return fixed and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_NONE)
-
-
 def _strength(model: mujoco.MjModel, u: int) -> float:
     force = float(model.actuator_gear[u, 0] * model.actuator_gainprm[u, 0])
-    return force if force and _asks_for_force(model, u) else 1.0
-
-
-def _unit(model: mujoco.MjModel, u: int, slides: bool) -> str:
-    """The unit of a servo's target; empty where an actuator asks for a force."""
-    if _asks_for_force(model, u):
-        return ""
-    if int(model.actuator_gaintype[u]) > 1:
-        return "-"  # how far a muscle is excited
-    position = "m" if slides else "rad"
-    follows = model.actuator_biasprm[u, 1] != 0.0
-    return position if follows else f"{position}/s"
+    return force if force and asks_for_force(model, u) else 1.0
 
 
 def _parameters(model: mujoco.MjModel, layout: Layout, inertials: Inertials) -> Iterator[Parameter]:

@@ -6,19 +6,26 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
 from mcpilco.plant.arithmetic import exp, larger, smaller
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol, not_proportional, sizes
 from mcpilco.plant.simulation.layout import (
+    BIAS,
+    DAMPED,
     DEAD_BELOW,
     DEAD_ZONE,
     DELAY,
+    FORCE,
     GAIN,
     LAG,
     LIMIT,
+    MIDDLE,
     PLAY,
     RANGE,
     RATE,
+    STIFF,
+    STRONGEST,
     Layout,
     Tables,
 )
@@ -44,6 +51,11 @@ class ActuatorEffect(Effect):
         tables.actuators[system, at, self.column] += values[0]
 
 
+def _serves(numbers: Float[np.ndarray, " 15"]) -> bool:
+    """Whether an actuator is a servo."""
+    return bool(numbers[[STIFF, DAMPED, BIAS]].any())
+
+
 class ActuatorGain(ActuatorEffect):
     """k times the command; where the nominal gain is not 1, k times that."""
 
@@ -57,7 +69,8 @@ class ActuatorGain(ActuatorEffect):
         return k * x
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
-        tables.actuators[system, at, GAIN] *= values[0]
+        numbers = tables.actuators[system, at]
+        numbers[[FORCE, STIFF, DAMPED, BIAS] if _serves(numbers) else GAIN] *= values[0]
 
     def probes(self, scale: Scale) -> list[Probe]:
         return [sizes(1.02)]
@@ -112,7 +125,8 @@ class ActuatorSaturation(ActuatorEffect):
 
     def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
         numbers = tables.actuators[system, at]
-        numbers[self.column] = min(numbers[self.column], values[0])
+        column = STRONGEST if _serves(numbers) else self.column
+        numbers[column] = min(numbers[column], values[0])
 
     def probes(self, scale: Scale) -> list[Probe]:
         return not_proportional(0.95, 0.8, 0.6, 0.4, unit=scale.command)
@@ -122,13 +136,33 @@ class ActuatorSaturation(ActuatorEffect):
         return None
 
 
-class CommandRange(ActuatorSaturation):
-    """No command beyond c_m, in either direction: known of a plant, so not in the catalogue."""
+class CommandRange(ActuatorEffect):
+    """No command more than c_m from c_0: known of a plant, so not in the catalogue."""
 
     name = "command_range"
-    symbols = (Symbol("c_m", "command", np.inf, 0.0),)
-    column = RANGE
-    write_mjcf = Effect.write_mjcf
+    symbols = (Symbol("c_m", "command", np.inf, 0.0), Symbol("c_0", "command"))
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.actuators[system, at, [RANGE, MIDDLE]] = values
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return []
+
+
+class Servo(ActuatorEffect):
+    """For a unit of gain, the target less k q + d q' - b_0: known of a plant, as `CommandRange`."""
+
+    name = "servo"
+    symbols = (Symbol("k", "-"), Symbol("d", "s"), Symbol("b_0", "command"))
+
+    def install(self, tables: Tables, system: int, at: int, values: Sequence[float]) -> None:
+        tables.actuators[system, at, [STIFF, DAMPED, BIAS]] = values
+
+    def probes(self, scale: Scale) -> list[Probe]:
+        return []
+
+    def in_equations(self) -> bool:
+        return False  # the program of a model's mean has motors
 
 
 class ActuatorDelay(ActuatorEffect):
@@ -210,13 +244,14 @@ def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[...,
 
     `made` makes each formula callable, as `numba.njit` does.
     """
-    within, times, outside = (
-        made(effect.shape) for effect in (CommandRange, ActuatorGain, ActuatorDeadZone)
-    )
+    times, outside = (made(effect.shape) for effect in (ActuatorGain, ActuatorDeadZone))
     limited, follow = made(ActuatorSaturation.shape), made(Backlash.shape)
 
     def shaped(actuator, command, previous):
-        x = times(within(command, actuator[RANGE]), actuator[GAIN])
+        x = limited(command, actuator[RANGE])
+        if actuator[MIDDLE] != 0.0:
+            x = actuator[MIDDLE] + limited(command - actuator[MIDDLE], actuator[RANGE])
+        x = times(x, actuator[GAIN])
         if actuator[DEAD_ZONE] != 0.0 or actuator[DEAD_BELOW] != 0.0:
             x = outside(x, actuator[DEAD_ZONE], actuator[DEAD_BELOW])
         x = limited(x, actuator[LIMIT])
@@ -225,3 +260,17 @@ def shaping(made: Callable[..., Any] = lambda formula: formula) -> Callable[...,
         return x
 
     return shaped
+
+
+def serving(made: Callable[..., Any] = lambda formula: formula) -> Callable[..., Any]:
+    """The force that an actuator gives to its joint, of what it is asked for, position and speed.
+
+    It takes a row of `Tables.actuators`, the force that it is asked for, and q and q' of the joint.
+    """
+    limited = made(ActuatorSaturation.shape)
+
+    def served(actuator, x, q, v):
+        x = actuator[FORCE] * x + actuator[BIAS] - actuator[STIFF] * q - actuator[DAMPED] * v
+        return limited(x, actuator[STRONGEST])
+
+    return served

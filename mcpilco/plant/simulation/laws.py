@@ -16,7 +16,7 @@ from numba.extending import intrinsic, overload
 from mcpilco.bodies import INLINED, INNER
 from mcpilco.plant import arithmetic
 from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, shaping
+from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, serving, shaping
 from mcpilco.plant.effects.joint import JointForce
 from mcpilco.plant.effects.memory import RememberingForce
 from mcpilco.plant.simulation.layout import CONSTANTS
@@ -139,6 +139,8 @@ def remembers(law):
 
 shaped = njit(**INLINED)(shaping(njit(**INLINED)))
 """the force that a command asks for, see `mcpilco.plant.effects.actuator.shaping`"""
+served = njit(**INLINED)(serving(njit(**INLINED)))
+"""the force that a servo gives of it, see `mcpilco.plant.effects.actuator.serving`"""
 ramping = njit(**INLINED)(ActuatorRateLimit.shape)
 lagging = njit(**INLINED)(ActuatorLag.shape)
 """the force of an actuator on its way, see `mcpilco.plant.effects.actuator`"""

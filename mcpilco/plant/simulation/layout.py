@@ -110,11 +110,16 @@ class Layout:
 
 
 GAIN, DEAD_ZONE, LIMIT, DELAY, LAG, PLAY, RANGE, DEAD_BELOW, RATE = range(9)
+MIDDLE, FORCE, STIFF, DAMPED, BIAS, STRONGEST = range(9, 15)
 """columns of `Tables.actuators`: [-], [force], [force], [s], [s], [force], [command], [force],
-[force/s]; a dead zone's ends above 0 and below it may differ"""
+[force/s], [command], [-], [force/position], [force/velocity], [force], [force]; a dead zone's ends
+above 0 and below it may differ; the last five are a servo's, for which the target is the force"""
 OFFSET, SCALE, LATENCY, FILTER, SINE, COSINE = range(6)
 """columns of `Tables.sensors`: [state], [-], [s], [s], [state], [state]"""
-IDEAL_ACTUATOR = (1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf, 0.0, np.inf)
+IDEAL_ACTUATOR = (
+    *(1.0, 0.0, np.inf, 0.0, 0.0, 0.0, np.inf, 0.0, np.inf),
+    *(0.0, 1.0, 0.0, 0.0, 0.0, np.inf),
+)
 IDEAL_SENSOR = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -137,8 +142,8 @@ class Tables(NamedTuple):
     """velocity over which each turns over [m/s or rad/s]; 0 if it is no dry friction"""
     drives: Int[np.ndarray, " U"]
     """the joint that each input drives"""
-    actuators: Float[np.ndarray, "S U 9"]
-    """from command to force, see `GAIN` to `RATE`"""
+    actuators: Float[np.ndarray, "S U 15"]
+    """from command to force, see `GAIN` to `STRONGEST`"""
     sensors: Float[np.ndarray, "S X 6"]
     """from state to measurement, see `OFFSET` to `COSINE`"""
     learned: Learned

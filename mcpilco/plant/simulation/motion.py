@@ -30,6 +30,7 @@ from mcpilco.plant.simulation.laws import (
     lagging,
     ramping,
     remembers,
+    served,
     shaped,
 )
 from mcpilco.plant.simulation.layout import (
@@ -84,6 +85,15 @@ def drive(tables, s, u, actuated, since):
     if rate < np.inf:
         goal = ramping(actuated[u, 0], goal, since, rate)
     return goal
+
+
+@njit(**INLINED)
+def drives_joints(tables, s, q, v, actuated, since, load):
+    """Enters the forces of the actuators on each joint, `since` seconds into a segment."""
+    load[:] = 0.0
+    for u in range(len(tables.drives)):
+        j, x = tables.drives[u], drive(tables, s, u, actuated, since)
+        load[j] += served(tables.actuators[s, u], x, q[j], v[j])
 
 
 @njit(**INLINED)
@@ -148,10 +158,7 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
     else:
         linearise(tables.chains, s, q, v, w)
     factorise(w)
-    for j in range(J):
-        w.load[j] = 0.0
-    for u in range(len(tables.drives)):
-        w.load[tables.drives[u]] += drive(tables, s, u, actuated, since)
+    drives_joints(tables, s, q, v, actuated, since, w.load)
     for j in range(J):
         w.x[j] = w.load[j] - w.bias[j]
     for i in range(len(tables.law)):
@@ -352,14 +359,6 @@ def recall(tables, s, path, dt, past, load):
 
 
 @njit(**INLINED)
-def driving(tables, s, actuated, load):
-    """Enters the forces of the actuators on each joint now into `load`."""
-    load[:] = 0.0
-    for u in range(len(tables.drives)):
-        load[tables.drives[u]] += drive(tables, s, u, actuated, 0.0)
-
-
-@njit(**INLINED)
 def prepare(tables, s, commands, n, lead, dt, forces, actuated):
     """The shaped commands of window n, and where the actuators are at command `lead`."""
     for u in range(len(tables.drives)):
@@ -449,9 +448,10 @@ def _compiled(source: str):
             prepare(tables, s, commands, n, lead - followed, dt, forces, actuated)
             for i in range(followed):
                 switch(tables, s, forces, i, 0.0, dt, actuated)
-                driving(tables, s, actuated, past.load)
+                here, then = path[n, i], path[n, i + 1]
+                drives_joints(tables, s, here[0::2], here[1::2], actuated, 0.0, past.load)
                 hold(tables, s, forces, i, dt, actuated)
-                driving(tables, s, actuated, w.load)
+                drives_joints(tables, s, then[0::2], then[1::2], actuated, 0.0, w.load)
                 recall(tables, s, path[n, i : i + 2], dt, past, w.load)
             for x in range(len(filters)):
                 filters[x, 0] = np.nan

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import mcpilco.gap
@@ -19,6 +20,7 @@ from mcpilco.gap.stability import Repetition
 from mcpilco.recordings import write_recording
 from mcpilco.typing import RunFolderError
 from tests.mcpilco.gap.machines import recorded
+from tests.mcpilco.mjcf.mujoco.models import HOPPER, plant_of_text
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +150,42 @@ def test_a_file_that_is_given_three_times_holds_nothing_out(
     page = (tmp_path / "gap" / "report.html").read_text()
     assert "in-sample: nothing was held out" in page
     assert "eld-out" not in page
+
+
+@pytest.mark.parametrize(
+    ("model", "columns", "more", "said"),
+    [
+        ("<mujoco><worldbody><body><joint/></body></worldbody></mujoco>", {}, (), "can load:"),
+        (HOPPER, {}, ("--keyframe", "low"), "has no keyframe 'low'; it has high."),
+        (HOPPER, {"hip_servo": "hip_target"}, (), "expected a column for each of hip_servo, got"),
+        (
+            HOPPER.replace('<joint name="hip"', '<joint name="hip" stiffness="1e13"'),
+            {},
+            (),
+            "it flies apart in most windows; choose a shorter timestep",
+        ),
+    ],
+    ids=["not compiled", "no such keyframe", "other columns", "explodes"],
+)
+def test_a_model_that_cannot_be_compared_is_told_in_one_sentence(
+    model: str,
+    columns: dict[str, str],
+    more: tuple[str, ...],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plant, rng = plant_of_text(HOPPER), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-0.5, 0.5, (40, 2)), 5, axis=0)
+    y = plant.simulate(plant.rest[None], u[None], 0.02)[0] + rng.normal(0.0, 2e-3, (201, 10))
+    names = [columns.get(name, name) for name in (*plant.layout.states, *plant.layout.inputs)]
+    table = np.column_stack([0.02 * np.arange(201), y, np.append(u, u[-1:], axis=0)])
+    log, robot = tmp_path / "log.csv", tmp_path / "robot.xml"
+    np.savetxt(log, table, delimiter=",", header=",".join(["time", *names]), comments="")
+    robot.write_text(model)
+    asked = ["gap", str(log), "--plant", str(robot), "--out", str(tmp_path / "out"), "--quiet"]
+    assert main([*asked, *more]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("error:") == 1
+    assert told[told.index("error:") :].count("\n") == 1

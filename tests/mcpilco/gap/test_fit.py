@@ -9,7 +9,14 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
-from mcpilco.gap.fit import Fit, fit_initial_states, likelier_clock, misfits, possible_clocks
+from mcpilco.gap.fit import (
+    Fit,
+    fit_initial_states,
+    fit_model,
+    likelier_clock,
+    misfits,
+    possible_clocks,
+)
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
@@ -78,3 +85,21 @@ def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
 def test_without_doubt_there_is_one_timing() -> None:
     recording = replace(stamped(envs.PLANTS["mcpilco/Pendulum-v0"](), True), by_clock=None)
     assert possible_clocks([recording]) == [(recording,)]
+
+
+def test_a_linear_form_that_is_kept_leads_to_the_same_fit(monkeypatch) -> None:
+    recording = record(np.random.default_rng(0), lambda q, v: -0.1 * q, 0)
+    problem = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), [recording], 0.01, (), {})
+    windows = problem.windows()[:6]
+    nominal, spring = problem.model(windows), EffectInstance(CATALOGUE["spring"], "pendulum")
+    model, theta = nominal.grown(np.zeros(nominal.nuisances), spring, [0.02])
+    begun, taken = fit_initial_states(model, windows, theta), []
+    for costly in (False, True):
+        monkeypatch.setattr(type(problem.plant), "costly", costly)
+        before = int(model.budget.used[0])
+        taken.append((fit_model(model, windows, theta, begun), model.budget.used[0] - before))
+    (fresh, steps), (kept, fewer) = taken
+    assert fresh.theta[-1] == pytest.approx(0.1, rel=0.2)
+    assert kept.theta[-1] == pytest.approx(fresh.theta[-1], rel=1e-3)
+    assert kept.chi2 == pytest.approx(fresh.chi2, rel=1e-3)
+    assert fewer < steps

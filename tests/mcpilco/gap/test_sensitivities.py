@@ -2,12 +2,83 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
-from mcpilco.gap.sensitivities import run
+from mcpilco.gap.sensitivities import impulse_responses, linearise, run
+from mcpilco.plant import CATALOGUE, EffectInstance
+from mcpilco.recordings import Recording
+from mcpilco.typing import InputError
 from tests.mcpilco.gap.pendulum import record
+from tests.mcpilco.mjcf.mujoco.models import HOPPER, plant_of_text
+
+FALLING = HOPPER.replace('integrator="implicitfast"/>', '><flag contact="disable"/></option>')
+
+
+def hopping(text: str, truth: str, seconds: float = 4.0) -> GapProblem:
+    """A hopper that MuJoCo simulates, and recordings of another one."""
+    plant, rng = plant_of_text(text), np.random.default_rng(0)
+    recordings = []
+    for n in range(3):
+        u = np.repeat(rng.uniform(-0.5, 0.5, (round(seconds / 0.1), 2)), 5, axis=0)
+        y = plant_of_text(truth).simulate(plant.rest[None], u[None], 0.02)[0]
+        y += rng.normal(0.0, 2e-3, y.shape)
+        time, u = 0.02 * np.arange(len(y)), np.append(u, u[-1:], axis=0)
+        recordings.append(Recording(f"{n}", time, y, u, plant.layout.states, plant.layout.inputs))
+    return GapProblem.of(plant, recordings, 0.01, (), {})
+
+
+def test_responses_to_pulses_are_those_to_forces_along_the_whole_motion() -> None:
+    """A force that is held all the time is the sum of its pulses, behind a sensor that is late."""
+    problem = hopping(FALLING, FALLING)
+    windows = problem.windows()[:3]
+    late = EffectInstance(CATALOGUE["sensor_delay"], "pitch_position")
+    push = EffectInstance(CATALOGUE["constant_force"], "hip")
+    model = problem.model(windows)
+    model, theta = model.grown(np.zeros(model.nuisances), late, [0.03])
+    (found,) = impulse_responses(model, windows, theta, windows.guess, [3], 3)
+    pushed, more = model.grown(theta, push, [1e-4])
+    with_push, without = (
+        run(each, windows, at[None], windows.guess[None], rough=True)[0]
+        for each, at in ((pushed, more), (model, theta))
+    )
+    change = np.where(windows.measured, (with_push - without) / 1e-4, 0.0)
+    change = (change / windows.std[:, None]).reshape(3, -1)
+    np.testing.assert_allclose(found.sum(axis=2), change, atol=5e-3 * np.abs(change).max())
+
+
+def test_columns_of_a_nearby_model_are_taken_over() -> None:
+    recordings = [record(np.random.default_rng(0), lambda q, v: 0.0, 0)]
+    problem = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
+    windows = problem.windows()[:3]
+    model = problem.model(windows)
+    theta = np.zeros(model.nuisances)
+    spring = EffectInstance(CATALOGUE["spring"], "pendulum")
+    larger, more = model.grown(theta, spring, [0.1])
+    near = linearise(model, windows, theta, windows.guess)
+    found = linearise(larger, windows, more, windows.guess, near=near)
+    whole = linearise(larger, windows, more, windows.guess)
+    np.testing.assert_array_equal(found.Jp[..., -1], whole.Jp[..., -1])
+    np.testing.assert_array_equal(found.Jp[..., :-1], near.Jp)
+    np.testing.assert_array_equal(found.r, whole.r)
+
+
+def test_motions_are_compared_in_timesteps_that_do_less_than_the_noise() -> None:
+    coarse = hopping(HOPPER.replace('timestep="0.005"', 'timestep="0.02"'), HOPPER)
+    assert coarse.finer > 1
+    windows = coarse.windows()[:4]
+    model = coarse.model(windows)
+    theta = np.zeros((1, model.nuisances))
+    rough, compared = (
+        run(model, windows, theta, windows.guess[None], rough=each) for each in (True, False)
+    )
+    fine = coarse.plant.finely(27)
+    least = run(replace(model, plant=fine, finer=1), windows, theta, windows.guess[None])
+    assert np.nanmedian(np.abs(compared - least)) < 0.5 * np.nanmedian(np.abs(rough - least))
 
 
 def test_the_beginning_of_windows_is_simulated_like_the_whole() -> None:
@@ -20,3 +91,10 @@ def test_the_beginning_of_windows_is_simulated_like_the_whole() -> None:
     np.testing.assert_array_equal(first.y, windows.y[:, :, :12])
     whole = run(model, windows, theta, x0)
     np.testing.assert_array_equal(run(model, first, theta, x0), whole[..., :12])
+
+
+def test_a_model_that_flies_apart_is_refused_in_one_sentence(caplog) -> None:
+    stiff = HOPPER.replace('<joint name="hip"', '<joint name="hip" stiffness="1e13"')
+    with pytest.raises(InputError, match=r"it flies apart in most windows; choose a shorter"):
+        hopping(stiff, HOPPER)
+    assert caplog.records == []  # MuJoCo's own warnings, thousands of them

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mcpilco.mjcf.models import load_mjcf, plant_of
+from mcpilco.mjcf.mujoco.read import mujoco_plant
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance
 from mcpilco.typing import InputError
@@ -45,6 +46,15 @@ ARM = """
     <motor name="pitch_motor" joint="pitch" gear="-5" ctrlrange="-0.8 0.8" ctrllimited="true"/>
     <general name="reach_motor" joint="reach" gainprm="2" gear="1.5" forcerange="-1.2 1.2"
              forcelimited="true"/>
+  </actuator>
+</mujoco>
+"""
+SERVOS = """<actuator>
+    <position name="yaw_servo" joint="yaw" kp="2" kv="0.3" gear="2" ctrlrange="-0.2 1.4"
+              forcerange="-1.2 1.2" forcelimited="true"/>
+    <velocity name="pitch_servo" joint="pitch" kv="2"/>
+    <general name="reach_servo" joint="reach" gainprm="30" biastype="affine"
+             biasprm="0.5 -25 -3"/>
   </actuator>
 </mujoco>
 """
@@ -123,6 +133,43 @@ def test_an_arm_moves_as_mujoco_steps_it_with_high_order(plant_from):
     assert np.abs(expected - START).max() > 0.5
 
 
+def test_an_arm_on_servos_moves_as_mujoco_steps_it(plant_from):
+    """On a position servo that its force limits, a velocity servo, and an affine actuator."""
+    inputs, text = commands(50), ARM[: ARM.index("<actuator>")] + SERVOS
+    plant = plant_from(text)
+    assert plant.layout.targets == ("rad", "rad/s", "m")
+    found = plant.simulate(START[None], inputs[None], 0.02)[0]
+    expected = stepped(text, START, inputs, 0.02, 1e-4, "RK4")
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=5e-4)  # the limit is a kink
+    free = text.replace('forcerange="-1.2 1.2" forcelimited="true"', "")
+    assert np.abs(stepped(free, START, inputs, 0.02, 1e-3, "RK4") - expected).max() > 0.1
+    q, v = found[:, 0::2], found[:, 1::2]
+    forces = plant.actuation(q[:50], v[:50], inputs)
+    assert np.abs(forces[:, 0]).max() == pytest.approx(1.2 * 2.0)  # its gear times the limit
+
+
+@pytest.mark.parametrize("effect", [("actuator_gain", [0.7]), ("actuator_saturation", [1.0])])
+def test_both_kinds_of_plant_have_the_same_effects_of_servos(plant_from, effect):
+    text = ARM[: ARM.index("<actuator>")] + SERVOS
+    inputs, model = commands(25)[None], mujoco.MjModel.from_xml_string(text)
+    model.opt.timestep, model.opt.integrator = 1e-4, mujoco.mjtIntegrator.mjINT_RK4
+    hidden = (EffectInstance(CATALOGUE[effect[0]], "yaw_servo"), effect[1])
+    plants = plant_from(text), mujoco_plant(model, "robot")
+    without, by_mujoco = (plant.simulate(START[None], inputs, 0.02) for plant in plants)
+    np.testing.assert_allclose(by_mujoco, without, atol=5e-4)
+    by_equations, by_mujoco = (
+        plant.having([hidden]).simulate(START[None], inputs, 0.02) for plant in plants
+    )
+    np.testing.assert_allclose(by_mujoco, by_equations, atol=5e-4)
+    assert np.abs(by_equations - without).max() > 0.02
+
+
+def test_a_servo_has_no_dead_zone(plant_from):
+    plant = plant_from(ARM[: ARM.index("<actuator>")] + SERVOS)
+    with pytest.raises(InputError, match="the command of a servo is a target, and no force"):
+        plant.having([(EffectInstance(CATALOGUE["actuator_dead_zone"], "yaw_servo"), [0.1])])
+
+
 def test_mujocos_own_steps_come_closer_in_proportion_to_their_length(plant_from):
     inputs = commands(25)
     found = plant_from(ARM).simulate(START[None], inputs[None], 0.02)[0]
@@ -190,15 +237,13 @@ def test_effects_at_a_body_without_mass_are_finite(plant_from, effect):
         ({"joint": '<joint name="j" type="ball"/>'}, "1 free or ball joints"),
         ({"joint": '<joint name="j" damping="1 2"/>'}, "1 joints with polynomial damping"),
         ({"joint": '<joint name="j" stiffness="1 2"/>'}, "1 joints with polynomial stiffness"),
-        ({"actuator": '<position joint="j" kp="3"/>'}, "1 servo actuators"),
-        ({"actuator": '<velocity joint="j" kv="3"/>'}, "1 servo actuators"),
+        ({"actuator": '<position joint="j" kp="0" kv="1"/>'}, "1 muscles and other actuators"),
         (
             {"actuator": '<general joint="j" dyntype="filter" dynprm=".1"/>'},
             "actuators with states",
         ),
         ({"actuator": '<motor joint="j" delay="0.01" nsample="5"/>'}, "1 actuators with a delay"),
-        ({"actuator": '<damper joint="j" kv="1" ctrlrange="0 1"/>'}, "with a gain that varies"),
-        ({"actuator": '<motor joint="j" ctrlrange="0 1"/>'}, "not symmetric about 0"),
+        ({"actuator": '<damper joint="j" kv="1" ctrlrange="0 1"/>'}, "no affine function"),
         ({"actuator": '<motor joint="j" forcerange="-1 2"/>'}, "not symmetric about 0"),
         ({"joint": HINGE + '<site name="s"/>', "actuator": '<motor site="s"/>'}, "without a joint"),
         (

@@ -35,8 +35,17 @@ def test_equations_say_what_they_can_and_mujoco_the_rest(file):
     assert isinstance(read_plant(file(ARM), keyframe=""), ChainPlant)
     for text in MODELS.values():
         assert isinstance(read_plant(file(text)), MujocoPlant)
-    with pytest.raises(InputError, match="servo"):
-        read_plant(file(MODELS["hopper"]), "equations")
+    with pytest.raises(InputError, match="free or ball"):
+        read_plant(file(MODELS["box"]), "equations")
+
+
+def test_an_arm_on_servos_in_free_air_becomes_equations(file):
+    servo = '<position name="lift" joint="shoulder" kp="3"/><motor'
+    plant = read_plant(
+        file(ARM.replace('<motor name="lift" joint="shoulder" gear="3"/><motor', servo))
+    )
+    assert isinstance(plant, ChainPlant)
+    assert plant.layout.servos == ("lift",)
 
 
 def test_what_stands_on_the_ground_is_not_simulated_without_it(file):
