@@ -3,10 +3,10 @@
     python runs/rig/crossings.py --seeds 5001:5011
 
 A seed chooses what its rig hides. `mcpilco cross --machine` sees a minute of recordings and the
-nominal plant alone. No machine has a part in the training in the nominal simulation, so the first
-crossing's is that of all. Results are kept in results/crossings/, a file a seed, and README.md is
-rewritten from them; the same command goes on where it was stopped. Other results, such as those of
-seeds below 5000, go elsewhere: `--results runs/out/rig/results`.
+nominal plant alone. No machine has a part in the training in the nominal simulation, so that of the
+first crossing is that of all. Results are kept in results/crossings/, a file a seed, and README.md
+is rewritten from them; the same command goes on where it was stopped. Other results, such as those
+of seeds below 5000, go elsewhere: `--results runs/out/rig/results`.
 """
 
 import argparse
@@ -29,6 +29,8 @@ WORK = ROOT / "runs/out/rig"
 NOMINAL = WORK / "nominal"
 """the training in the nominal simulation"""
 PORT = 20000
+TIMES = 3
+"""in which the command is given, where a fault of the machine ended it"""
 
 
 def crossed(seed: int) -> dict:
@@ -40,19 +42,22 @@ def crossed(seed: int) -> dict:
     command = [sys.executable, "-m", "mcpilco.cli", "cross", "--machine", f"udp://127.0.0.1:{port}"]
     command += ["--sim", "mcpilco/CartPoleSwingUp-v0", "--dt", "0.02", "--out", str(out)]
     command += ["--uncertainty", "0.05", "--accept", "--seed", str(seed)]
-    begun, load = time.time(), os.getloadavg()[0]
+    begun, load, times = time.time(), os.getloadavg()[0], 0
     with subprocess.Popen(rig, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as machine:
-        done = subprocess.run(
-            ["nice", "-n", "5", *command], cwd=ROOT, capture_output=True, text=True, check=False
-        )
+        code = 2
+        while code == 2 and times < TIMES:  # "give the same command again"
+            done = subprocess.run(
+                ["nice", "-n", "5", *command], cwd=ROOT, capture_output=True, text=True, check=False
+            )
+            code, times = done.returncode, times + 1
+            out.mkdir(parents=True, exist_ok=True)
+            with (out / "told.txt").open("a") as told:
+                told.write(done.stdout + done.stderr)
         counts = json.loads(machine.communicate("quit\n")[0].splitlines()[-1])
-    out.mkdir(parents=True, exist_ok=True)
-    with (out / "told.txt").open("a") as told:
-        told.write(done.stdout + done.stderr)
-    found = {"seed": seed, "hidden": hidden(seed), "code": done.returncode, "rig": counts}
+    found = {"seed": seed, "hidden": hidden(seed), "code": code, "times": times, "rig": counts}
     found |= {"minutes": round((time.time() - begun) / 60, 1)}
     found["load"] = [round(load, 1), round(os.getloadavg()[0], 1)]
-    if done.returncode == 0:
+    if code == 0:
         gap = json.loads((out / "gap/gap.json").read_text())
         found["verdict"] = gap["verdict"]
         found["named"] = [f"{e['name']} at {e['target']}" for e in gap["effects"]]
