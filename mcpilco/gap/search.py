@@ -86,6 +86,13 @@ class Tried:
         self.evidence.clear()
         self.windows = self.disturbance.whitened(self.judged(best))
 
+    def follow(self, hints: Sequence[Fit]) -> None:
+        """Fit what was found on other windows to these."""
+        for fit in hints:
+            x0 = fit_initial_states(fit.model, self.windows, fit.theta)
+            self.keep(fit_model(fit.model, self.windows, fit.theta, x0))
+        self.weigh_by(self.best())
+
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
         key, evidence = frozenset(fit.model.effects), self.disturbance.evidence(fit)
@@ -247,7 +254,10 @@ def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_X"]:
 
 
 def search(
-    model: PlantModel, windows: Windows, candidates: Sequence[EffectInstance]
+    model: PlantModel,
+    windows: Windows,
+    candidates: Sequence[EffectInstance],
+    known: Sequence[Fit] = (),
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
 
@@ -261,15 +271,13 @@ def search(
         model: without effects.
         windows: of the recordings.
         candidates: effects that may be missing.
+        known: what a search on other windows of these recordings has found: it is tried first.
     """
     share = model.budget.share(BUDGET.search)
-    tried, scores = _search(model, windows, candidates, share)
+    tried, scores = _search(model, windows, candidates, share, known)
     if tried.judged(tried.best()).deficient and not share.used_up:
         short, _ = _search(model, windows.split(SEARCH.parts), candidates, share)
-        for fit in short.ranked[: SEARCH.hints]:
-            x0 = fit_initial_states(fit.model, tried.windows, fit.theta)
-            tried.keep(fit_model(fit.model, tried.windows, fit.theta, x0))
-        tried.weigh_by(tried.best())
+        tried.follow(short.ranked[: SEARCH.hints])
         scores = _improve(tried, share) or scores
     best = tried.best()
     ranked = tuple((fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit)))
@@ -283,10 +291,13 @@ def _search(
     windows: Windows,
     candidates: Sequence[EffectInstance],
     share: BudgetShare,
+    known: Sequence[Fit] = (),
 ) -> tuple[Tried, list[Score]]:
     """The models that were tried on some windows, and the scores of further effects."""
     null, windows = fit_nominal(model, windows)
     tried = Tried.begun(null, windows, candidates)
+    if known:
+        tried.follow(known)
     return tried, _improve(tried, share)
 
 
