@@ -122,15 +122,15 @@ class Train(options.Learning, options.OnMachine):
             ):
                 learn_rest(run, agent, [*waiting, *callbacks])
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(_saved(run)) from None
+            raise KeyboardInterrupt(_saved(run, self.as_typed)) from None
         except McPilcoError:
-            options.warn(f"stopped; {_saved(run)}")
+            options.warn(f"stopped; {_saved(run, self.as_typed)}")
             raise
         where = shlex.join(_named(run))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
         print(f"Report it:  {_command()} report {where}")
-        print(f"Judge it:   {_command()} evaluate {where}")
+        print(f"Judge it:   {_command()} evaluate {where}{self.as_typed}")
         return 0
 
     @property
@@ -227,10 +227,10 @@ def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
         agent.save(run.agent_path)
 
 
-def _saved(run: RunFolder) -> str:
+def _saved(run: RunFolder, machine: str) -> str:
     trials = run.finished_trials()
     where = shlex.join(_named(run))
-    go_on = f"go on with `mcpilco train --resume {where}`"
+    go_on = f"go on with `mcpilco train --resume {where}{machine}`"
     if trials:
         saved = "trial 1 is" if len(trials) == 1 else f"trials 1 to {trials[-1]} are"
         return f"{saved} saved in {run.path}; see `mcpilco view {where}`, or {go_on}."

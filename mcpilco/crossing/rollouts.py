@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -68,7 +69,7 @@ def record_rollouts(
     def rollouts() -> Iterator[Recording]:
         seeds = np.random.SeedSequence(seed).spawn(len(names))
         for name, own in zip(names, seeds, strict=True):
-            yield from_rollout(name, _whole(name, lambda own=own: rollout(own)), task)
+            yield from_rollout(name, _whole(name, partial(rollout, own)), task)
 
     return rollouts()
 

@@ -97,7 +97,7 @@ class Events(Callback):
 
 
 def test_an_agent_begins_with_the_policy_that_it_took_over(monkeypatch, tmp_path) -> None:
-    """It is tried in place of random inputs, after a stop too, and the first search starts there."""
+    """It is tried in place of random inputs, after a stop too; the first search starts there."""
     source, tried = make_agent().learn(2 * STEPS), []
     run = PolicySearch.run
     monkeypatch.setattr(
