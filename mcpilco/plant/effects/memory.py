@@ -114,8 +114,8 @@ class BackEMF(RememberingForce):
     """-b v behind the lag T of the current, T F' = u - b v - F: a motor driven by a voltage.
 
     Of a motor with the constant k, the resistance R and the inductance L, b is k^2 / R and T is
-    L / R. Where T is 0 this is viscous friction, where b is 0 a lag of the actuator, and R is a gain:
-    recordings cannot tell them.
+    L / R. Where T is 0 this is viscous friction, where b is 0 it is a lag of the actuator, and R is
+    a gain: recordings cannot tell them.
     """
 
     name = "back_emf"
