@@ -96,10 +96,9 @@ class Cross(options.OnMachine):
                 if not self.quiet:
                     print(f"\n{number} of {len(stages)}: {name}", flush=True)
                 stage()
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                f"{self.out} keeps the stages that have ended, and the same command goes on."
-            ) from None
+        except KeyboardInterrupt as stop:  # by a machine with a sentence that says why
+            kept = f"{self.out} keeps the stages that have ended, and the same command goes on."
+            raise KeyboardInterrupt(" ".join([*stop.args, kept])) from None
         return 0
 
     # Stages ---------------------------------------------------------------------------------------

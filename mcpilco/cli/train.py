@@ -121,8 +121,9 @@ class Train(options.Learning, options.OnMachine):
                 run_callbacks(run, not self.quiet, self.tensorboard) as callbacks,
             ):
                 learn_rest(run, agent, [*waiting, *callbacks])
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(_saved(run, self.as_typed)) from None
+        except KeyboardInterrupt as stop:  # by a machine with a sentence that says why
+            saved = _saved(run, self.as_typed)
+            raise KeyboardInterrupt(" ".join([*stop.args, saved])) from None
         except McPilcoError:
             options.warn(f"stopped; {_saved(run, self.as_typed)}")
             raise

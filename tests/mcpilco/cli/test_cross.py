@@ -93,6 +93,7 @@ def test_all_stages_lead_to_the_story(hindered: Path, found, capsys) -> None:
     page = (hindered / "out" / "report.html").read_text()
     assert "coulomb_friction" in page
     assert "2 N (1.9 to 2.1)" in page
+    assert "Over 3 fresh episodes in the simulation and 3 on the system" in page
     assert (hindered / "out" / "crossing.rrd").exists()
 
 
