@@ -89,7 +89,7 @@ class PILCO(ModelBasedAgent):
         dynamics = self.model.moments(self._data)
         problem = Problem(dynamics, self._cost, _start(self.task), self.horizon)
         generator = self.streams.search(trial)
-        first = self.policy if trial > 1 else self._random_policy(generator)
+        first = self.policy if self._begins_with_policy(trial) else self._random_policy(generator)
         fresh = partial(self._random_policy, generator)
         return pilco_search(self.config, problem, first, fresh, generator, events.on_policy_step)
 

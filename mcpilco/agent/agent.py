@@ -128,7 +128,7 @@ class MCPILCO(ModelBasedAgent):
         self, trial: int, perception: Perception | None, events: Callback
     ) -> SearchResult[Candidate]:
         problem, generator = self._problem(trial, perception), self.streams.search(trial)
-        warm = self.config.search.warm_start and trial > 1
+        warm = self.config.search.warm_start and self._begins_with_policy(trial)
         first = self.policy if warm else self._random_policy(generator)
         search = PolicySearch(self.config.search, generator, events.on_policy_step)
         find = search.run if problem.easier is None else partial(follow, search)
@@ -172,7 +172,7 @@ class MCPILCO(ModelBasedAgent):
         self, dynamics: Any, trial: int
     ) -> Callable[[float], Dynamics | UncertainDynamics] | None:
         """Dynamics on the way to these, where effects make them hard."""
-        if trial > 1 or not self.config.search.continuation:  # later ones begin with a policy
+        if self._begins_with_policy(trial) or not self.config.search.continuation:
             return None
         known = isinstance(dynamics, PhysicsDynamics) and dynamics.physics.plant.added
         return dynamics.weakened if known else None

@@ -186,10 +186,11 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
             "cost": _cost_name(agent.task.cost),
             "reference_cost": agent.reference_cost,
             "fitted_rows": agent.fitted_rows,
+            "taught": agent.taught,
             **({} if (name := _own_kernel(agent)) is None else {"kernel": name}),
         }
         groups = {
-            "policy": {name: value.numpy() for name, value in agent.policy.state_dict().items()},
+            "policy": arrays_of(agent.policy),
             "gp": agent.model.to_arrays(),
             "cost": agent.task.cost.to_arrays() if isinstance(agent.task.cost, RewardCost) else {},
             "transitions": {} if agent.transitions is None else vars(agent.transitions),
@@ -226,6 +227,7 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
         if isinstance(agent.task.cost, RewardCost) and "cost" in self.arrays:
             agent.task.cost.load_arrays(self.arrays["cost"])
         agent.trials, agent.reference_cost = trials, reference_cost
+        agent.taught = bool(self.about.get("taught", False))
         if "transitions" in self.arrays:
             rows = Transitions(**self.arrays["transitions"])
             widths = agent.model.width, len(agent.task.input_names)
@@ -256,6 +258,11 @@ class SavedModelBased(SavedAgent["ModelBasedAgent"]):
         if type(rows) is not int or not 0 <= rows <= most:
             raise ValueError(f"its fitted_rows are {rows!r}")
         return rows
+
+
+def arrays_of(policy: nn.Module) -> dict[str, np.ndarray]:
+    """The parameters of a policy by name."""
+    return {name: value.numpy() for name, value in policy.state_dict().items()}
 
 
 def load_policy(policy: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from mcpilco.agent.agent_file import SavedModelBased
+from mcpilco.agent.agent_file import SavedModelBased, arrays_of, difference, load_policy
 from mcpilco.agent.episode import Act, Controller, remembering
 from mcpilco.agent.model import Model
 from mcpilco.agent.trial_agent import TrialAgent
@@ -60,6 +60,35 @@ class ModelBasedAgent(TrialAgent):
         """how many rows the model was fitted to: those of the last trial are not among them"""
         self.tracker = self.model.tracker(None)
         """estimator of the states in which late commands act; None where none is late"""
+        self.taught = False
+        """whether it has the policy of another agent before its first trial"""
+
+    def begin_with(self, source: ModelBasedAgent) -> None:
+        """Take over another agent's policy: it is tried first, and the first search begins with it.
+
+        Its data stay behind: they are of another system, such as a simulation of this one.
+
+        Raises:
+            InputError: this agent has learned already, or the other one's states, inputs or numbers
+                are not those of this one.
+        """
+        if not self._unexplored:
+            raise InputError("A policy is taken over by a new agent, got one that has learned.")
+        if different := difference(source.task, self.task):
+            name, there, here = different
+            raise InputError(
+                f"A policy must be of the same states and inputs; its {name} is {there}, here "
+                f"{here}."
+            )
+        try:
+            load_policy(self.policy, arrays_of(source.policy))
+        except ValueError as error:
+            raise InputError(
+                f"A policy must be of this algorithm and of these numbers: {error}."
+            ) from error
+        if isinstance(self.task.cost, RewardCost) and isinstance(source.task.cost, RewardCost):
+            self.task.cost.load_arrays(source.task.cost.to_arrays())
+        self.reference_cost, self.taught = source.reference_cost, True
 
     @staticmethod
     @abstractmethod
@@ -131,18 +160,25 @@ class ModelBasedAgent(TrialAgent):
         return self.horizon if asked is None else asked
 
     def _explore(self) -> list[Rollout]:
-        """Rollouts of uniform random inputs: as many as it takes, where they end early."""
+        """Rollouts of uniform random inputs, or of the policy that was taken over.
+
+        As many as it takes, where they end early.
+        """
         if not self._unexplored:
             return []
         inputs = self.streams.inputs(trial=0)
         records: list[Rollout] = []
         while (left := self._exploration_steps - sum(map(len, records))) > 0:
-            record, _ = self._random_episode(inputs, 0, left, len(records))
+            if self.taught:
+                record, _ = self._run_episode(self.on_states(), 0, left, len(records))
+            else:
+                record, _ = self._random_episode(inputs, 0, left, len(records))
             records.append(_digested(record, self.perception))
         for record in records:
             self._take(record)
-        self._learn_cost(records)
-        self.policy = self._random_policy(self.streams.search(trial=0))
+        self._learn_cost(() if self.taught else records)
+        if not self.taught:
+            self.policy = self._random_policy(self.streams.search(trial=0))
         return records
 
     def _random_episode(
@@ -166,6 +202,10 @@ class ModelBasedAgent(TrialAgent):
         states = np.array(self.task.start_mean)
         states[list(self.task.measured_states)] = measured
         return bool(self.limits.beyond(torch.from_numpy(states)) > EXPLORED - 1.0)
+
+    def _begins_with_policy(self, trial: int) -> bool:
+        """Whether a trial's search finds a policy that was searched before."""
+        return trial > 1 or self.taught
 
     def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
         """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.

@@ -53,6 +53,18 @@ def algorithm_of(run: RunFolder) -> type[TrialAgent]:
         raise RunFolderError(f"{run.path / 'config.json'} cannot be used: {error}") from error
 
 
+def config_of(run: RunFolder) -> Any:
+    """The numbers that a run's agent was made with.
+
+    Raises:
+        RunFolderError: they are none of its algorithm.
+    """
+    try:
+        return from_dict(algorithm_of(run).config_type, run.config["config"])
+    except InputError as error:
+        raise RunFolderError(f"{run.path / 'config.json'} is damaged: {error}") from error
+
+
 def choose_trial(trials: Sequence[int], asked: int | None, none: str) -> int:
     """The trial asked for, or the last of those that there are.
 
@@ -205,11 +217,7 @@ def _restored(
     run: RunFolder, env: gym.Env, task: TaskSpec | None, prepare: Prepare | None
 ) -> TrialAgent:
     """The agent after the last finished trial; a new one where nothing was measured yet."""
-    kind = algorithm_of(run)
-    try:
-        config, seed = from_dict(kind.config_type, run.config["config"]), run.config["seed"]
-    except InputError as error:
-        raise RunFolderError(f"{run.path / 'config.json'} is damaged: {error}") from error
+    kind, config, seed = algorithm_of(run), config_of(run), run.config["seed"]
     if not run.agent_path.exists():
         agent = kind(kind.policy_name, env, config=config, seed=seed, task=task)
         if prepare is not None:

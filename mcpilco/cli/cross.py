@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli import options
-from mcpilco.cli.gap import show_gap
+from mcpilco.cli.gap import Stages, show_gap
 from mcpilco.config import CART_POLE
 from mcpilco.typing import InputError
 
@@ -96,17 +96,17 @@ class Cross(options.OnMachine):
                 if not self.quiet:
                     print(f"\n{number} of {len(stages)}: {name}", flush=True)
                 stage()
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                f"{self.out} keeps the stages that have ended, and the same command goes on."
-            ) from None
+        except KeyboardInterrupt as stop:  # by a machine with a sentence that says why
+            kept = f"{self.out} keeps the stages that have ended, and the same command goes on."
+            raise KeyboardInterrupt(" ".join([*stop.args, kept])) from None
         return 0
 
     # Stages ---------------------------------------------------------------------------------------
 
     def _find(self, work: Workflow) -> None:
         known = work.verdict
-        found = work.correct(self.accept)
+        with Stages().shown(self.quiet):
+            found = work.correct(self.accept)
         if found is not None:
             show_gap(found, work.gap, ["gap.json", "corrected.json"])
         elif not self.quiet:
@@ -119,7 +119,14 @@ class Cross(options.OnMachine):
         run = work.train(leg, lambda run: run_callbacks(run, progress=not self.quiet))
         if not self.quiet:
             print(f"Run folder: {run.path}")
-        work.attempt(leg)
+        work.attempt(leg, self._show)
+
+    def _show(self, number: int, outcome: Mapping[str, float]) -> None:
+        """An attempt on a system that takes one at a time."""
+        success = outcome.get("is_success")
+        verdict = "" if success is None else ", success" if success else ", no success"
+        if not self.quiet:
+            print(f"attempt {number}: a return of {outcome['return']:.1f}{verdict}", flush=True)
 
     def _tell(self, work: Workflow) -> None:
         from mcpilco.crossing import LEGS

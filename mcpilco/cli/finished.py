@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from mcpilco.cli import options
-from mcpilco.typing import InputError
+from mcpilco.typing import EnvError, InputError
 
 if TYPE_CHECKING:
     from mcpilco.agent import TrialAgent
@@ -57,17 +57,13 @@ class Evaluate(options.OnMachine):
         ):
             agent = agent_of(run, trial, env)
             samples = self._measure(agent, run.config["seed"])
-        report = {
-            "run": str(run.path),
-            "trial": trial,
-            "episodes": self.episodes,
-            **_report(samples),
-        }
+        done = len(samples["return"])
+        report = {"run": str(run.path), "trial": trial, "episodes": done, **_report(samples)}
         if self.json:
             print(json.dumps(report))
         else:
             _print_table(report)
-        return 0
+        return int(done < self.episodes)
 
     def _keywords(self, trained: Mapping[str, Any]) -> dict[str, Any]:
         """To make the env with: its time limit must not be below the steps asked for."""
@@ -77,15 +73,25 @@ class Evaluate(options.OnMachine):
         return {**trained, "max_episode_steps": limit}
 
     def _measure(self, agent: TrialAgent, training_seed: int) -> Mapping[str, Any]:
-        """The outcome of each rollout, by measure; what the env does not tell is absent."""
+        """The outcome of each rollout, by measure; what the env does not tell is absent.
+
+        There are fewer of them than asked for where the system does not begin another one.
+        """
         import numpy as np
 
         from mcpilco.agent import horizon_of
-        from mcpilco.sweep import outcomes_one_by_one
+        from mcpilco.sweep import gathered, outcomes_one_by_one
 
+        done: list[dict[str, float]] = []
         seeds = np.random.SeedSequence((training_seed, self.seed)).generate_state(self.episodes)
         horizon = horizon_of(agent.env, self.horizon or agent.horizon)
-        return outcomes_one_by_one(agent.env, agent.controller, horizon, seeds.tolist())
+        try:
+            return outcomes_one_by_one(agent.env, agent.controller, horizon, seeds.tolist(), done)
+        except EnvError as error:
+            if not done:
+                raise
+            options.warn(f"after {len(done)} of {self.episodes} rollouts: {error}")
+            return gathered(done)
 
 
 def _report(samples: Mapping[str, Any]) -> dict[str, Any]:

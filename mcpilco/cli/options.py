@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -236,6 +237,12 @@ class OnMachine(Command):
         from mcpilco.machine import meeting
 
         return meeting(self.machine, log, self.machine_key)
+
+    @property
+    def as_typed(self) -> str:
+        """The options that another command needs to meet the same machine, if there is one."""
+        given = {"--machine": self.machine, "--machine-key": self.machine_key}
+        return "".join(f" {k} {shlex.quote(str(v))}" for k, v in given.items() if v is not None)
 
     def place(self, env: str, kwargs: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
         """Id and keywords of an env, or of the machine in its place."""

@@ -44,8 +44,9 @@ class Train(options.Learning, options.OnMachine):
     ] = None
     """run folder to make"""
     warm_start: Annotated[Path | None, options.optional("RUN", "none")] = None
-    """sac, tqc: fill the replay buffer from the model of this run of mcpilco first, and train on
-    it"""
+    """mcpilco, pilco: begin with the policy of this run, such as crossing/corrected, and with its
+    numbers, in place of random inputs; sac, tqc: fill the replay buffer from the model of this run
+    of mcpilco first, and train on it"""
     quiet: bool = False
     """show no progress"""
     tensorboard: bool = False
@@ -74,9 +75,7 @@ class Train(options.Learning, options.OnMachine):
             agent = self.agent(env, config, self.seed)
             source = None
             if self.warm_start is not None:
-                from baselines.sb3.from_model import stored_source
-
-                source = stored_source(self.warm_start, agent)
+                source = _source(self.warm_start, agent)
             trials = agent.usual_trials(config) if self.trials is None else self.trials
             files = {"task": self.task, "warm_start": self.warm_start}
             more = {name: str(path) for name, path in files.items() if path is not None}
@@ -84,7 +83,7 @@ class Train(options.Learning, options.OnMachine):
             run = begin_run(path, agent, self.algo, *numbers, more)
             with run.writing():
                 if source is not None and not self.quiet:
-                    print(f"warm start: training in the model of {self.warm_start}", flush=True)
+                    print(f"warm start: from {self.warm_start}", flush=True)
                 _warm_start(run, agent, source)
                 return self._learn(agent, run)
 
@@ -122,17 +121,53 @@ class Train(options.Learning, options.OnMachine):
                 run_callbacks(run, not self.quiet, self.tensorboard) as callbacks,
             ):
                 learn_rest(run, agent, [*waiting, *callbacks])
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(_saved(run)) from None
+        except KeyboardInterrupt as stop:  # by a machine with a sentence that says why
+            saved = _saved(run, self.as_typed)
+            raise KeyboardInterrupt(" ".join([*stop.args, saved])) from None
         except McPilcoError:
-            options.warn(f"stopped; {_saved(run)}")
+            options.warn(f"stopped; {_saved(run, self.as_typed)}")
             raise
         where = shlex.join(_named(run))
         print(f"Run folder: {run.path}")
         print(f"Look at it: {_command()} view {where}")
         print(f"Report it:  {_command()} report {where}")
-        print(f"Judge it:   {_command()} evaluate {where}")
+        print(f"Judge it:   {_command()} evaluate {where}{self.as_typed}")
         return 0
+
+    @property
+    def chosen_preset(self) -> str:
+        """That of the run whose policy it begins with, or the one that is given or suits."""
+        run = self._begun_with
+        return super().chosen_preset if run is None else str(run.config["preset"])
+
+    def numbers(self) -> tuple[Any, dict[str, Any]]:
+        """Those of the run whose policy it begins with, or what was given; the env's keywords."""
+        from mcpilco.agent import config_of
+
+        config, env_kwargs = super().numbers()
+        run = self._begun_with
+        return (config if run is None else config_of(run)), env_kwargs
+
+    @property
+    def _begun_with(self) -> RunFolder | None:
+        """The run whose policy and numbers an agent with a model begins with, where it does."""
+        from mcpilco.agent import ModelBasedAgent, find
+        from mcpilco.logbook import RunFolder
+
+        if self.warm_start is None or not issubclass(find(self.algo), ModelBasedAgent):
+            return None
+        own = "preset", "horizon", "exploration", "model", "prior", "spread", "memory", "delay"
+        if given := [f"--{name}" for name in (*own, "limit") if getattr(self, name)]:
+            raise InputError(
+                f"--warm-start takes the numbers of its run; leave out {', '.join(given)}."
+            )
+        run = RunFolder.open(self.warm_start)
+        if (algo := run.config.get("algo", "mcpilco")) != self.algo:
+            raise InputError(
+                f"--warm-start of {self.algo} takes a run of {self.algo}, got {self.warm_start} of "
+                f"{algo}."
+            )
+        return run
 
     def folder(self) -> Path:
         """The run folder to make; without `--out` its name tells env, preset, seed and time."""
@@ -167,19 +202,36 @@ class Train(options.Learning, options.OnMachine):
                     viewer.wait()
 
 
-def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
-    """Train in the model of the run that `--warm-start` named, if any, and save the agent."""
-    if "warm_start" in run.config:
-        from baselines.sb3.from_model import stored_source, warm_start
+def _source(path: Path, agent: Any) -> Any:
+    """The agent of the run that a warm start names, after its last trial."""
+    from mcpilco.agent import ModelBasedAgent, agent_of, finished_trial
+    from mcpilco.logbook import RunFolder
 
-        warm_start(agent, source or stored_source(Path(run.config["warm_start"]), agent))
+    if isinstance(agent, ModelBasedAgent):
+        run = RunFolder.open(path)
+        return agent_of(run, finished_trial(run))
+    from baselines.sb3.from_model import stored_source
+
+    return stored_source(path, agent)
+
+
+def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
+    """Begin with what the run has that `--warm-start` named, if any, and save the agent."""
+    if "warm_start" in run.config:
+        source = source or _source(Path(run.config["warm_start"]), agent)
+        if hasattr(agent, "begin_with"):
+            agent.begin_with(source)
+        else:
+            from baselines.sb3.from_model import warm_start
+
+            warm_start(agent, source)
         agent.save(run.agent_path)
 
 
-def _saved(run: RunFolder) -> str:
+def _saved(run: RunFolder, machine: str) -> str:
     trials = run.finished_trials()
     where = shlex.join(_named(run))
-    go_on = f"go on with `mcpilco train --resume {where}`"
+    go_on = f"go on with `mcpilco train --resume {where}{machine}`"
     if trials:
         saved = "trial 1 is" if len(trials) == 1 else f"trials 1 to {trials[-1]} are"
         return f"{saved} saved in {run.path}; see `mcpilco view {where}`, or {go_on}."

@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.agent import make_env, run_episode, task_of
+from mcpilco.agent import make_env, task_of
 from mcpilco.logbook import read_json, write_json
-from mcpilco.sweep import Act, FreshEpisodes
+from mcpilco.sweep import Act, FreshEpisodes, Kept, as_far_as_it_goes
 from mcpilco.task import TaskSpec
 from mcpilco.typing import RunFolderError
 
 FORMAT = 1
+
+Over = Callable[[int, Mapping[str, float]], None]
+"""is called with the number and the outcome of an episode on the system, when it is over"""
 
 
 @dataclass(frozen=True)
@@ -77,13 +80,15 @@ def cross(
     seed: int,
     episodes: int,
     attempts: int | None = None,
+    kept: Kept | None = None,
 ) -> Crossing:
     """Choose the best policy of a run by its own simulation, and try it on the system.
 
     The system is met once: no policy is chosen by how it did there. What is promised is of other
     episodes than those that chose it.
 
-    Of the episodes there are `attempts` on the system, None: as many as in the simulation.
+    Of the episodes there are `attempts` on the system, None: as many as in the simulation. Those
+    that are `kept` already are not repeated; the others join them.
 
     `controllers` are what makes a policy act, by trial of the training in the simulation; where
     there are several of these, each sees a part of the episodes.
@@ -98,7 +103,7 @@ def cross(
     return Crossing(
         trial,
         promised=judged(begin, simulation, horizon, (seed, trial, 1), episodes),
-        happened=judged(begin, system, horizon, (seed, trial, 2), attempts or episodes),
+        happened=judged(begin, system, horizon, (seed, trial, 2), attempts or episodes, kept),
         states=tuple(zip(task.state_names, task.state_units, strict=True)),
         inputs=tuple(zip(task.input_names, task.input_units, strict=True)),
         dt=task.dt,
@@ -111,8 +116,11 @@ def judged(
     horizon: int,
     seed: Sequence[int],
     episodes: int,
+    kept: Kept | None = None,
 ) -> Outcome:
     """The outcome of a policy in a place, or in some, over fresh episodes.
+
+    In one place those that are `kept` already are not repeated.
 
     `seed` is run, trial, and which of its judgements this is. The episode that is kept is of the
     first two alone: it begins alike in all places that draw their starts alike.
@@ -124,10 +132,10 @@ def judged(
     each, found = math.ceil(episodes / len(places)), []
     for n, one in enumerate(places):
         with FreshEpisodes(one.env, one.kwargs, each, horizon) as fresh:
-            found.append(fresh.outcomes(begin, first, n))
+            found.append(fresh.outcomes(begin, first, n, kept))
     place = places[0]
     with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
-        shown = run_episode(env, begin(), horizon, _task(place).dt, seed=shown_seed)
+        shown = as_far_as_it_goes(env, begin(), horizon, _task(place).dt, seed=shown_seed)
     told = all("is_success" in outcomes for outcomes in found)
     return Outcome(
         episodes=each * len(places),
@@ -173,3 +181,17 @@ def read_crossing(path: Path) -> Crossing:
         raise RunFolderError(
             f"{path} is damaged: {error}; delete it, and the same command makes it anew."
         ) from error
+
+
+class Attempts(list[dict[str, float]]):
+    """Outcomes of episodes on the system, in a file that has each as soon as it is over."""
+
+    def __init__(self, path: Path, over: Over) -> None:
+        """Those that the file has; `over` is called for each new one."""
+        super().__init__(read_json(path)["attempts"] if path.exists() else [])
+        self._path, self._over = path, over
+
+    def append(self, outcome: dict[str, float]) -> None:
+        super().append(outcome)
+        write_json(self._path, {"attempts": self})
+        self._over(len(self), outcome)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from mcpilco.agent import Act, input_bounds, run_episode, task_of
+from mcpilco.agent import Act, BrokenEpisodeError, input_bounds, run_episode, task_of
+from mcpilco.data import Rollout
 from mcpilco.recordings import Recording, excitation, from_rollout
 from mcpilco.sensing import state_view
 from mcpilco.task import TaskSpec
@@ -20,6 +23,10 @@ if TYPE_CHECKING:
 
 FEWEST, MOST = 10, 10_000_000
 """steps of a rollout; more than the latter take a GB and more"""
+TRIES = 3
+"""to record a rollout"""
+
+logger = logging.getLogger(__name__)
 
 
 def record_rollouts(
@@ -32,10 +39,11 @@ def record_rollouts(
     """Recordings of equal length, one rollout after the other; each begins with a reset.
 
     The env has no time limit below their length; they take `seconds` [s] together. Equal seeds give
-    equal recordings.
+    equal recordings. A rollout that breaks off is recorded again, a warning says why.
 
     Raises:
         McPilcoError: the env, the policy and the time do not fit; before the first rollout.
+        EnvError: a rollout broke off `TRIES` times, or did not begin.
     """
     agent = None if isinstance(policy, str) else policy
     shown = getattr(env.unwrapped, "task", None)
@@ -53,15 +61,27 @@ def record_rollouts(
         )
     act, view = _actor(policy, task, env, steps), state_view(env, task)
 
+    def rollout(own: np.random.SeedSequence) -> Rollout:
+        rng = np.random.default_rng(own)
+        reset_seed = int(rng.integers(2**31))
+        return run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
+
     def rollouts() -> Iterator[Recording]:
         seeds = np.random.SeedSequence(seed).spawn(len(names))
         for name, own in zip(names, seeds, strict=True):
-            rng = np.random.default_rng(own)
-            reset_seed = int(rng.integers(2**31))
-            rollout = run_episode(view, act(rng), steps, task.dt, seed=reset_seed)
-            yield from_rollout(name, rollout, task)
+            yield from_rollout(name, _whole(name, partial(rollout, own)), task)
 
     return rollouts()
+
+
+def _whole(name: str, rollout: Callable[[], Rollout]) -> Rollout:
+    """A rollout that did not break off, which a machine's may for no fault of its own."""
+    for _ in range(TRIES - 1):
+        try:
+            return rollout()
+        except BrokenEpisodeError as error:
+            logger.warning("%s is recorded again: %s", name, error)
+    return rollout()
 
 
 def _actor(

@@ -40,7 +40,15 @@ from mcpilco.agent import (
     task_of,
     with_model,
 )
-from mcpilco.crossing.outcomes import Crossing, Place, cross, read_crossing, write_crossing
+from mcpilco.crossing.outcomes import (
+    Attempts,
+    Crossing,
+    Over,
+    Place,
+    cross,
+    read_crossing,
+    write_crossing,
+)
 from mcpilco.crossing.rollouts import record_rollouts
 from mcpilco.files import make_folder, require_own
 from mcpilco.gap import Gap, investigate, suspicions
@@ -236,8 +244,12 @@ class Workflow:
                 learn_rest(run, agent, callbacks)
         return run
 
-    def attempt(self, leg: str) -> Crossing:
-        """Try the best policy of a leg in its simulation and, once, on the system."""
+    def attempt(self, leg: str, over: Over = lambda number, outcome: None) -> Crossing:
+        """Try the best policy of a leg in its simulation and, once, on the system.
+
+        Attempts on a system that takes one at a time are kept as they end, so that none is asked of
+        it again; then `over` is called with its number and outcome.
+        """
         path = self.out / f"{leg}.json"
         if path.exists():
             return read_crossing(path)
@@ -253,6 +265,7 @@ class Workflow:
                 seed=told.seed,
                 episodes=told.episodes,
                 attempts=told.attempts,
+                kept=Attempts(self.out / f"{leg}-attempts.json", over),
             )
         write_crossing(path, found)
         return found

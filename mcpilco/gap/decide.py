@@ -237,10 +237,6 @@ class Rival:
     behind: float
     """its BIC less that of the best model"""
 
-    def holds(self, instance: EffectInstance) -> bool:
-        """Whether an effect is a special case of the other, which then cannot be worse."""
-        return self.instance.holds(instance)
-
 
 def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
     """The models of a search that differ from its best one by another effect for one of its own."""

@@ -396,7 +396,8 @@ def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
     """
     sentences = _unexcited(result)
     for effect in best.model.effects:
-        tied = [r for r in rivals(result, effect) if r.behind < CHOICE.tied and not r.holds(effect)]
+        near = [rival for rival in rivals(result, effect) if rival.behind < CHOICE.tied]
+        tied = [rival for rival in near if not rival.instance.holds(effect)]
         if tied:
             sentences.append(_told_apart(effect, tied[0], best, windows))
     return sentences

@@ -69,7 +69,7 @@ class Callback:
         """Called once, before the first step on the system; `trials` policies will be learned."""
 
     def on_exploration(self, rollout: Rollout) -> None:
-        """Called after each rollout of random inputs."""
+        """Called after each rollout before the first trial: of random inputs, or a given policy."""
 
     def on_trial_start(self, trial: int) -> None:
         """Called before the models of trial 1, 2, ... are fitted."""

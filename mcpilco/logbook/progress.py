@@ -100,7 +100,7 @@ class Progress(Callback):
         )
         done = self._trials - trials
         self._run = self._bar.add_task("whole run, trials", total=self._trials, completed=done)
-        first = "exploring with random inputs" if self._models else "learning"
+        first = "exploring" if self._models else "learning"
         self._task = self._bar.add_task(first, total=None)
         if self._console.is_terminal:
             self._live = Live(
@@ -109,7 +109,7 @@ class Progress(Callback):
             self._live.start(refresh=True)
 
     def on_exploration(self, rollout: Rollout) -> None:
-        self._say(f"exploration: {len(rollout) * rollout.dt:.1f} s of random inputs")
+        self._say(f"exploration: {len(rollout) * rollout.dt:.1f} s")
 
     def on_trial_start(self, trial: int) -> None:
         self._trial = trial

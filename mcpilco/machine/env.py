@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import json
 import logging
 import os
@@ -208,8 +209,9 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
     the machine to its start by its own routine; the clock runs from the first `step` on, and each
     step returns what was measured when the next one is due. The input of a step acts from when
     `step` is called. A step that is late is counted; one that is later than the watchdog, a silent
-    machine, a sensor that jumps and a stop by hand raise EnvError, with the machine safe. A state
-    beyond its limits terminates the episode.
+    machine and a sensor that jumps raise EnvError, with the machine safe. A stop by hand raises
+    KeyboardInterrupt, so that nothing goes on by itself. A state beyond its limits terminates the
+    episode.
 
     `info` has `machine`, counts since the loop began: `ticks`, `missed` (steps whose command came
     after their end), `late ticks`, `lost` and `late` measurements, `stale` (steps without a
@@ -298,6 +300,7 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
     def _begun(self) -> dict[str, Any]:
         self._met.open(self._told)
         self._met.send({"do": "begin", "ticks": self._ticks, "log": self._met.new_log()})
+        _collect()  # on the machine's way to its start
         while True:
             answer = self._met.hear(self.settings.homing + 2 * PATIENCE_S)
             if answer["is"] in ("ready", "silent", "homing", "stopped"):
@@ -337,6 +340,7 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._met.process is not None and self._met.process.poll() is None:
             with contextlib.suppress(EnvError):
                 self._met.send({"do": "end"})
+        gc.unfreeze()
 
     def _observed(self, answer: Mapping[str, Any]) -> Float[np.ndarray, " Y"]:
         return np.array(answer["values"])
@@ -370,13 +374,22 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
         said = {name: value.item() for name, value in verdict.items()}
         return {**said, "machine": {**self._met.counts, **timing}}
 
-    def _fault(self, answer: Mapping[str, Any]) -> EnvError:
+    def _fault(self, answer: Mapping[str, Any]) -> EnvError | KeyboardInterrupt:
+        told = f"The machine at {self._met.address} was made safe: {answer['why']}."
         if answer["is"] == "stopped":
             self._met.close()
+            return KeyboardInterrupt(told)
         return EnvError(
-            f"The machine at {self._met.address} was made safe: {answer['why']}. Look at it, then "
-            "give the same command again; what was measured before is kept."
+            f"{told} Look at it, then give the same command again; what was measured before is "
+            "kept."
         )
+
+
+def _collect() -> None:
+    """Clears memory before an episode; what is left costs its garbage collections no time."""
+    gc.unfreeze()
+    gc.collect()
+    gc.freeze()
 
 
 def register() -> None:

@@ -64,8 +64,11 @@ class EffectInstance:
         return f"{self.effect.name} ({self.target})"
 
     def holds(self, other: EffectInstance) -> bool:
-        """Whether the other is a special case of this."""
-        return self.target == other.target and other.effect.name in self.effect.special
+        """Whether the other is a special case of this; it may act at another place, as a motor."""
+        elsewhere = self.effect.place is not other.effect.place
+        return other.effect.name in self.effect.special and (
+            elsewhere or self.target == other.target
+        )
 
     def repeats(self, other: EffectInstance) -> bool:
         """Whether one of the two, beside the other, says a part of the same again."""

@@ -151,7 +151,7 @@ def write_run_film(path: Path, reels: Sequence[Reel], trial: int | None = None) 
 
 def _notes(reels: Sequence[Reel], trials: Sequence[PastTrial | None]) -> str:
     number = next(trial.number for trial in trials if trial is not None)
-    title = f"### trial {number}" if number else "### exploration: random inputs"
+    title = f"### trial {number}" if number else "### exploration"
     lines = [
         (f"{_name(reel)}: " if len(reels) > 1 else "") + _told(trial)
         for reel, trial in zip(reels, trials, strict=True)

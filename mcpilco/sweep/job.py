@@ -8,10 +8,11 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import logging
 import math
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,15 +23,29 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from jaxtyping import Float
 
-from mcpilco.agent import find, import_named, load_task, make_env, reported, run_episode, task_of
+from mcpilco.agent import (
+    BrokenEpisodeError,
+    find,
+    import_named,
+    load_task,
+    make_env,
+    reported,
+    run_episode,
+    task_of,
+)
 from mcpilco.config import LONGEST, Checked, Config
-from mcpilco.data import TrialResult
+from mcpilco.data import Rollout, TrialResult
 from mcpilco.logbook import Callback, versions
 from mcpilco.typing import InputError
+
+logger = logging.getLogger(__name__)
 
 Act = Callable[[Float[np.ndarray, "*b Y"]], Float[np.ndarray, "*b U"]]
 Outcomes = dict[str, Float[np.ndarray, " M"]]
 """`return` [-] of each of M episodes, and what the env reports of them (`agent.reported`)"""
+
+Kept = MutableSequence[dict[str, float]]
+"""the same, an entry an episode"""
 
 _BEYOND_TRAINING = 2**32
 """training seeds are below, seeds of fresh episodes above"""
@@ -65,8 +80,12 @@ class FreshEpisodes:
         if self._vector is not None:
             self._vector.close()
 
-    def outcomes(self, begin: Callable[[], Act], seed: int, trial: int) -> Outcomes:
+    def outcomes(
+        self, begin: Callable[[], Act], seed: int, trial: int, kept: Kept | None = None
+    ) -> Outcomes:
         """Returns and outcomes of a policy over the episodes.
+
+        Those that run one after the other are `kept` as they end, and none of these is repeated.
 
         Raises:
             EnvError: the env returned a value that is not finite.
@@ -75,7 +94,7 @@ class FreshEpisodes:
         seeds = [_BEYOND_TRAINING + int(state) for state in states]
         if self._vector is not None:
             return batch_outcomes(self._vector, begin(), self._horizon, seeds[0])
-        return outcomes_one_by_one(self._env, begin, self._horizon, seeds)
+        return outcomes_one_by_one(self._env, begin, self._horizon, seeds, kept)
 
 
 def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcomes:
@@ -99,16 +118,41 @@ def batch_outcomes(env: VectorEnv, act: Act, horizon: int, seed: int) -> Outcome
 
 
 def outcomes_one_by_one(
-    env: gym.Env, begin: Callable[[], Act], horizon: int, seeds: Sequence[int]
+    env: gym.Env,
+    begin: Callable[[], Act],
+    horizon: int,
+    seeds: Sequence[int],
+    kept: Kept | None = None,
 ) -> Outcomes:
-    """The outcomes of one episode for each seed; of what the env tells, what it tells of all."""
-    # dt dates the records, of which nothing is kept
-    rollouts = [run_episode(env, begin(), horizon, dt=1.0, seed=seed) for seed in seeds]
-    outcomes = {"return": np.array([float(rollout.rewards.sum()) for rollout in rollouts])}
-    told = set.intersection(*(set(rollout.outcome) for rollout in rollouts))
-    return outcomes | {
-        name: np.array([rollout.outcome[name] for rollout in rollouts]) for name in sorted(told)
-    }
+    """The outcomes of one episode for each seed; of what the env tells, what it tells of all.
+
+    Each is appended to `kept` as it ends; those that are there already are of the first seeds.
+    """
+    kept = [] if kept is None else kept
+    for seed in seeds[len(kept) :]:
+        # dt dates the records, of which nothing is kept
+        rollout = as_far_as_it_goes(env, begin(), horizon, dt=1.0, seed=seed)
+        kept.append({"return": float(rollout.rewards.sum()), **rollout.outcome})
+    return gathered(kept)
+
+
+def gathered(each: Sequence[Mapping[str, float]]) -> Outcomes:
+    """The outcomes of some episodes by measure, of which there is one at least."""
+    told = set.intersection(*map(set, each)) - {"return"}
+    return {name: np.array([one[name] for one in each]) for name in ("return", *sorted(told))}
+
+
+def as_far_as_it_goes(env: gym.Env, act: Act, horizon: int, dt: float, seed: int) -> Rollout:
+    """An episode, or the steps before it broke off: then it is no success, and a warning says why.
+
+    Raises:
+        EnvError: there is no such step.
+    """
+    try:
+        return run_episode(env, act, horizon, dt, seed=seed)
+    except BrokenEpisodeError as error:
+        logger.warning("An episode broke off and counts as no success: %s", error)
+        return error.rollout
 
 
 def _vector_form(

@@ -25,7 +25,7 @@ from study import judged, summary, tried
 from truth import HELD_S, MACHINES
 
 from mcpilco.mjcf import MujocoPlant, load_mjcf, mujoco_plant, read_plant
-from mcpilco.sweep import machine, markdown
+from mcpilco.sweep import markdown
 from mcpilco.typing import InputError
 
 HERE = Path(__file__).parent

@@ -36,33 +36,33 @@ def write():
 
 
 def crossings(found):
-    def share(leg, place):
-        return f"{100 * leg[place][0]:.0f}"
+    def share(one, leg, place):
+        return f"{100 * one[leg][place][0]:.0f}" if leg in one else "none tried"
 
-    def solved(name):
-        return sum(one[name]["happened"][0] >= 0.9 for one in found)
+    def solved(leg):
+        return sum(leg in one and one[leg]["happened"][0] >= 0.9 for one in found)
 
     rows = [
         [
             one["seed"],
             ", ".join(f"{k} {v:g}" for k, v in one["hidden"].items()),
-            ", ".join(one["named"]) or "none",
-            share(one["nominal"], "happened"),
-            share(one["corrected"], "promised"),
-            share(one["corrected"], "happened"),
+            ", ".join(one.get("named", [])) or one.get("verdict", "none"),
+            share(one, "nominal", "happened"),
+            share(one, "corrected", "promised"),
+            share(one, "corrected", "happened"),
             one["minutes"],
+            one["times"],
             f"{one['load'][0]}, {one['load'][1]}",
         ]
         for one in found
     ]
-    attempts = found[0]["corrected"]["happened"][1]
-    good = {name: solved(name) for name in ("corrected", "nominal")}
+    good = {leg: solved(leg) for leg in ("corrected", "nominal")}
     said = (
-        f"{len(found)} machines. Swung up in at least 90 % of {attempts} attempts: "
+        f"{len(found)} machines. Swung up in at least 9 of 10 attempts: "
         f"{good['corrected']} after the corrected simulation, {good['nominal']} after the nominal."
     )
     head = ["seed", "hidden (SI)", "named", "nominal [%]", "promised [%]", "corrected [%]"]
-    return ["### Crossings", "", said, "", *table([*head, "minutes", "load"], rows)]
+    return ["### Crossings", "", said, "", *table([*head, "minutes", "commands", "load"], rows)]
 
 
 def timing(found):

@@ -114,12 +114,13 @@ class BackEMF(RememberingForce):
     """-b v behind the lag T of the current, T F' = u - b v - F: a motor driven by a voltage.
 
     Of a motor with the constant k, the resistance R and the inductance L, b is k^2 / R and T is
-    L / R. Where T is 0 this is viscous friction, and R is a gain: recordings cannot tell them.
+    L / R. Where T is 0 this is viscous friction, where b is 0 it is a lag of the actuator, and R is
+    a gain: recordings cannot tell them.
     """
 
     name = "back_emf"
     loaded = True
-    special = ("viscous_friction",)
+    special = ("viscous_friction", "actuator_lag")
     repeats = ("viscous_friction", "asymmetric_viscous_friction")
     symbols = (Symbol("b", "{f} s/{q}", low=0.0), Symbol("T", "s", low=0.0, high=0.2))
 

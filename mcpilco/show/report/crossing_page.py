@@ -92,10 +92,11 @@ def _outcomes(legs: Mapping[str, Crossing]) -> Section:
         )
         for leg, found in legs.items()
     ]
-    episodes = next(iter(legs.values())).happened.episodes
+    one = next(iter(legs.values()))
     header = ("trained", "trial", "promised", "on the system", "return promised", "return there")
     text = (
-        f"Each over {episodes} fresh episodes. The policy is that of the trial that did best in "
+        f"Over {one.promised.episodes} fresh episodes in the simulation and "
+        f"{one.happened.episodes} on the system. The policy is that of the trial that did best in "
         "its own simulation; the system had no say in it, and was met for the recordings and for "
         "this table alone."
     )

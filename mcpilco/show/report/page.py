@@ -157,7 +157,7 @@ def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
     if trial.costs is not None or expected is not None:
         pictures.append(draw("cost over time", partial(plot_costs, trial.costs, expected, real.dt)))
     if not trial.number:
-        title = "Exploration: the rollout of random inputs"
+        title = "Exploration: the rollout before the first trial"
     else:
         verdict = {True: ": success", False: ": no success", None: ""}[trial.success]
         title = f"Trial {trial.number}, after {trial.experience_s:g} s{verdict}"

@@ -22,7 +22,7 @@ from hypothesis.extra import numpy as hnp
 from mcpilco.agent import trial_agent
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.agent.episode import run_episode
-from mcpilco.config import PRESETS, Config
+from mcpilco.config import PRESETS, Config, PolicyConfig
 from mcpilco.logbook import Callback, Progress
 from mcpilco.search import PolicySearch, Problem, engine
 from mcpilco.typing import EnvError, InputError, NotPositiveDefiniteError
@@ -94,6 +94,34 @@ class Events(Callback):
 
 
 # --- learning -------------------------------------------------------------------------------------
+
+
+def test_an_agent_begins_with_the_policy_that_it_took_over(monkeypatch, tmp_path) -> None:
+    """It is tried in place of random inputs, after a stop too; the first search starts there."""
+    source, tried = make_agent().learn(2 * STEPS), []
+    run = PolicySearch.run
+    monkeypatch.setattr(
+        PolicySearch, "run", lambda self, *given: tried.append(given[1]) or run(self, *given)
+    )
+    agent = make_agent(seed=1)
+    agent.begin_with(source)
+    agent = MCPILCO.load(agent.save(tmp_path / "agent"), PointEnv())
+    agent.learn(2 * STEPS)
+    states, inputs = agent.transitions.states[:STEPS], agent.transitions.inputs[:STEPS]
+    np.testing.assert_allclose(inputs, source.predict(states)[0], rtol=1e-6)
+    begun, known = tried[0].state_dict(), source.policy.state_dict()
+    assert all(torch.equal(begun[name], known[name]) for name in known)
+    assert agent.num_timesteps == 2 * STEPS
+
+
+def test_a_policy_is_taken_over_where_it_fits_alone() -> None:
+    source = make_agent().learn(2 * STEPS)
+    with pytest.raises(InputError, match="has learned"):
+        source.begin_with(source)
+    with pytest.raises(InputError, match="of these numbers"):
+        make_agent(policy=PolicyConfig(bases=5)).begin_with(source)
+    with pytest.raises(InputError, match="its dt is 0.2"):
+        make_one(task=dataclasses.replace(TASK, dt=0.1)).begin_with(source)
 
 
 def test_the_first_call_explores_and_then_tries_a_policy_in_each_trial() -> None:

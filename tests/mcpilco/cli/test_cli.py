@@ -13,7 +13,8 @@ from mcpilco.agent import algorithm_of, algorithms, find, with_package
 from mcpilco.cli import main
 from mcpilco.config import CART_POLE, PRESETS
 from mcpilco.logbook import RunFolder
-from mcpilco.typing import RunFolderError
+from mcpilco.sweep import job
+from mcpilco.typing import EnvError, RunFolderError
 from tests.mcpilco.fakes import FakeAgent
 
 STRANGE_ENVS = """
@@ -645,6 +646,24 @@ def test_check_env_tells_faults_by_its_exit_code(strange, capsys):
     assert capsys.readouterr().out.endswith("The agent can use this env.\n")
     assert "Cannot make the env" in refused(capsys, "check-env", "nowhere/Nothing-v0")
     assert "--steps" in refused(capsys, "check-env", "Pendulum-v1", "--steps", "0")
+
+
+def test_evaluate_tells_the_rollouts_before_a_system_stopped_answering(
+    trained, capsys, monkeypatch
+):
+    episodes, run = [], job.run_episode
+
+    def failing(*arguments, **keywords):
+        episodes.append(arguments)
+        if len(episodes) == 3:
+            raise EnvError("No machine answers.")
+        return run(*arguments, **keywords)
+
+    monkeypatch.setattr(job, "run_episode", failing)
+    assert main(["evaluate", str(trained), "--episodes", "4", "--json"]) == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["episodes"] == 2
+    assert "after 2 of 4 rollouts: No machine answers." in told.err
 
 
 def test_evaluate_judges_on_episodes_of_another_length(trained, capsys):

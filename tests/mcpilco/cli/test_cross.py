@@ -14,6 +14,7 @@ from mcpilco.cli import main
 from mcpilco.crossing import workflow
 from mcpilco.gap import require_plausible
 from mcpilco.logbook import RunFolder
+from mcpilco.sweep import job
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent
 from tests.mcpilco.rigs import rig
@@ -92,6 +93,7 @@ def test_all_stages_lead_to_the_story(hindered: Path, found, capsys) -> None:
     page = (hindered / "out" / "report.html").read_text()
     assert "coulomb_friction" in page
     assert "2 N (1.9 to 2.1)" in page
+    assert "Over 3 fresh episodes in the simulation and 3 on the system" in page
     assert (hindered / "out" / "crossing.rrd").exists()
 
 
@@ -157,6 +159,25 @@ def test_an_interruption_keeps_the_stages_and_names_the_same_command(
     assert "the same command goes on" in error
     assert "--resume" not in error
     assert (hindered / "out" / "nominal" / "summary.json").exists()
+
+
+def test_no_attempt_is_asked_again_of_a_system_that_takes_one_at_a_time(
+    hindered: Path, found, monkeypatch, capsys
+) -> None:
+    show, asked = command.Cross._show, []
+
+    def stop(*told: Any) -> None:
+        asked.append(told[1])
+        show(*told)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(job, "_vector_form", lambda *arguments: None)
+    monkeypatch.setattr(command.Cross, "_show", stop)
+    assert crossed() == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    assert crossed() == 0
+    assert asked == [1, 2, 3, 1, 2, 3]
 
 
 def test_a_plant_without_an_env_is_not_offered_as_a_simulation(hindered: Path, capsys) -> None:

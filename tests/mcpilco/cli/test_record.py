@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mcpilco.crossing.rollouts as rollouts_module
+from mcpilco.agent import BrokenEpisodeError
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
 from mcpilco.data import Rollout
@@ -55,6 +56,24 @@ def test_a_machine_is_recorded_and_its_own_log_kept(tmp_path) -> None:
         assert record(tmp_path, *typed, "--rollouts", "1") == 0
     assert read(tmp_path / "excitation-seed0-00.csv").time[-1] == pytest.approx(1.0)
     assert np.isfinite(read(tmp_path / "machine" / "episode-0000.csv").states).all()
+
+
+def test_a_rollout_that_breaks_off_is_recorded_again(tmp_path, monkeypatch, caplog) -> None:
+    run, tried = rollouts_module.run_episode, []
+
+    def fragile(env, act, steps, dt, seed):
+        tried.append(seed)
+        if len(tried) == 1:
+            raise BrokenEpisodeError("a sensor jumped", run(env, act, 3, dt, seed=seed))
+        return run(env, act, steps, dt, seed=seed)
+
+    monkeypatch.setattr(rollouts_module, "run_episode", fragile)
+    assert record(tmp_path, "--rollouts", "1") == 0
+    assert record(tmp_path / "again", "--rollouts", "1") == 0
+    assert tried == [tried[0]] * 3
+    assert "excitation-seed0-00 is recorded again: a sensor jumped" in caplog.text
+    first, second = sorted(tmp_path.rglob("*.csv"))
+    assert first.read_bytes() == second.read_bytes()
 
 
 def test_an_address_that_is_none_is_refused(tmp_path, capsys) -> None:

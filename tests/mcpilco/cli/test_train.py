@@ -7,10 +7,14 @@ import pytest
 
 import mcpilco.agent.agent
 import mcpilco.show
+from mcpilco.agent import MCPILCO, begin_run, learn_rest
 from mcpilco.cli import main
 from mcpilco.cli.view import View
+from mcpilco.config import CART_POLE
 from mcpilco.logbook import RunFolder
+from mcpilco.show import run_callbacks
 from tests.mcpilco.fakes import FakeAgent
+from tests.mcpilco.point import TINY
 
 PNG = b"\x89PNG\r\n"
 
@@ -27,6 +31,23 @@ def told(capsys: pytest.CaptureFixture[str], name: str) -> Path:
     """The path that a line of what was printed names."""
     lines = capsys.readouterr().out.splitlines()
     return Path(next(line for line in lines if line.startswith(name)).split()[-1])
+
+
+def test_a_warm_start_begins_with_policy_and_numbers_of_a_run(tmp_path: Path, capsys) -> None:
+    source, more = tmp_path / "source", tmp_path / "more"
+    agent = MCPILCO("SumOfGaussians", CART_POLE, config=TINY)
+    run = begin_run(source, agent, "mcpilco", CART_POLE, {}, "thesis", 1)
+    with run_callbacks(run, progress=False) as callbacks:
+        learn_rest(run, agent, callbacks)
+    command = ["train", "--warm-start", str(source), "--out", str(more), "--quiet"]
+    assert main([*command, "--trials", "1"]) == 0
+    run = RunFolder.open(more)
+    assert run.config["config"] == RunFolder.open(source).config["config"]
+    assert run.config["preset"] == "thesis"
+    learned = MCPILCO.load(more / "agent.npz", CART_POLE)
+    assert learned.taught
+    assert main([*command, "--memory", "1", "--horizon", "5"]) == 2
+    assert "leave out --horizon, --memory" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("fake")

@@ -41,7 +41,7 @@ def test_the_policy_is_chosen_by_its_own_simulation(
     """The system, where another does better, has no say."""
     share = {("sim", 1): 0.2, ("sim", 2): 0.9, ("sim", 3): 0.5, ("real", 2): 0.1, ("real", 3): 1.0}
 
-    def judged(begin, place, horizon, seed, episodes):
+    def judged(begin, place, horizon, seed, episodes, kept=None):
         return replace(crossing.promised, success=share[place.kwargs["kind"], seed[1]])
 
     monkeypatch.setattr(outcomes, "judged", judged)

@@ -11,6 +11,7 @@ import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit
+from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.search import Tried, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
@@ -156,3 +157,16 @@ def test_the_better_of_two_fits_of_the_same_effects_is_kept(
     bad = replace(good, theta=theta + 0.5)
     assert tried.keep(bad) is good
     assert tried.fits[frozenset({LAG})] is good
+
+
+def test_a_search_whose_budget_is_used_up_has_what_was_found_before(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    known, windows, null = lagging
+    model, theta = null.model.grown(null.theta, LAG, [0.08])
+    before = fitted(model, windows, theta)
+    spent = replace(
+        known.model(windows), budget=ComputeBudget(most=1.0, used=np.ones(1, dtype=int))
+    )
+    assert not search(spent, windows, [LAG]).best.model.effects
+    assert {*search(spent, windows, [LAG], (before,)).best.model.effects} == {LAG}

@@ -139,7 +139,7 @@ def test_progress_writes_one_line_a_trial_where_there_is_no_terminal():
     screen = console(terminal=False)
     play(Progress(screen), trials=2)
     lines = screen.file.getvalue().splitlines()
-    assert lines[0] == "exploration: 0.6 s of random inputs"
+    assert lines[0] == "exploration: 0.6 s"
     assert len(lines) == 3
     assert lines[1].startswith("trial 1, experience [s] 0.6, predicted cost 3.33 ± 0.50, real cost")
     assert "success yes" in lines[1]

@@ -159,12 +159,12 @@ def test_a_loop_that_was_killed_is_told_and_another_one_begins(met: Rig) -> None
         push(env, 1)
 
 
-def test_ctrl_c_stops_the_machine(met: Rig) -> None:
+def test_a_stop_by_hand_interrupts_and_is_no_fault_that_is_tried_again(met: Rig) -> None:
     with contextlib.closing(machine()) as env:
         env.reset()
         push(env, 1)
         os.kill(machine_env._met.process.pid, signal.SIGINT)
-        with pytest.raises(EnvError, match="stopped by hand"):
+        with pytest.raises(KeyboardInterrupt, match="stopped by hand"):
             push(env, 60)
 
 

@@ -17,7 +17,7 @@ from mcpilco.logbook import Callback
 from mcpilco.sweep import job
 from mcpilco.sweep.job import FreshEpisodes, Settings, batch_outcomes, run_seed
 from mcpilco.typing import EnvError, InputError
-from tests.mcpilco.sweep.strange import HERE, HORIZON, TINY
+from tests.mcpilco.sweep.strange import HERE, HORIZON, TINY, Short
 
 SWINGS = Settings(
     "envs:mcpilco/CartPoleSwingUp-v0", {"max_episode_steps": 8}, config=TINY, trials=2, fresh=3
@@ -193,3 +193,33 @@ def test_an_env_that_tells_no_success_has_a_return_alone():
 def test_values_that_are_not_finite_are_refused():
     with pytest.raises(EnvError, match="must return finite numbers"):
         outcomes(f"{HERE}:Sweep/Broken-v0", idle)
+
+
+class Fragile(gym.Wrapper):
+    """Breaks in the second step of its second episode; then it does not begin another one."""
+
+    episodes = steps = 0
+
+    def reset(self, **keywords):
+        self.episodes, self.steps = self.episodes + 1, 0
+        if self.episodes == 3:
+            raise EnvError("No machine answers.")
+        return super().reset(**keywords)
+
+    def step(self, action):
+        self.steps += 1
+        if (self.episodes, self.steps) == (2, 2):
+            raise EnvError("a sensor jumped")
+        return super().step(action)
+
+
+def test_an_episode_that_breaks_off_is_told_and_no_success_and_none_is_repeated(caplog):
+    """What was kept before the system did not begin another one is no more asked of it."""
+    kept = []
+    with pytest.raises(EnvError, match="No machine answers"):
+        job.outcomes_one_by_one(Fragile(Short()), lambda: idle, 5, [1, 2, 3], kept)
+    assert [one["return"] for one in kept] == [2.0, 1.0]
+    assert "a sensor jumped" in caplog.text
+    found = job.outcomes_one_by_one(Short(), lambda: idle, 5, [1, 2, 3], kept)
+    assert found["is_success"].tolist() == [1.0, 0.0, 1.0]
+    assert len(kept) == 3

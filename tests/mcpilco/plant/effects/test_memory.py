@@ -50,7 +50,9 @@ def pendulum() -> Plant:
 
 
 def having(name: str, values: list[float]) -> Plant:
-    return pendulum().having([(EffectInstance(CATALOGUE[name], "pendulum"), values)])
+    plant, effect = pendulum(), CATALOGUE[name]
+    (target,) = effect.targets(plant.layout)
+    return plant.having([(EffectInstance(effect, target), values)])
 
 
 def torques() -> np.ndarray:
@@ -131,12 +133,14 @@ def test_a_stepper_remembers_what_a_simulation_does(effect):
         ("dahl_friction", [0.1, 1e-5], "coulomb_friction", [0.1, 5e-4]),
         ("back_emf", [0.1, 1e-6], "viscous_friction", [0.1]),
         ("back_emf", [0.1, 0.0], "viscous_friction", [0.1]),
+        ("back_emf", [0.0, 0.05], "actuator_lag", [0.05]),
         ("elastic_joint", [0.03, 1e4, 0.1], "armature", [0.03]),
         ("joint_backlash", [0.03, 30.0, 0.1, 0.0], "elastic_joint", [0.03, 30.0, 0.1]),
     ],
 )
 def test_a_limit_of_an_effect_is_its_special_case(name, values, limit, theirs):
-    assert limit in CATALOGUE[name].special
+    (general,), (special,) = (having(*each).added for each in ((name, values), (limit, theirs)))
+    assert general[0].holds(special[0])
     start, u = np.array([[0.2, 1.0]]), torques()[None, :, None]
     found = having(name, values).simulate(start, u, DT)
     np.testing.assert_allclose(found, having(limit, theirs).simulate(start, u, DT), atol=3e-2)

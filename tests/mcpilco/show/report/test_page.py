@@ -76,7 +76,7 @@ def test_page_holds_every_section(whole) -> None:
         "Where the policy holds",
         "Policy search",
         "Timings",
-        "Exploration: the rollout of random inputs",
+        "Exploration: the rollout before the first trial",
     ]
     assert [h for h in headings if h in expected] == expected
     assert any(h.startswith("Trial 2, after 1.6 s") for h in headings)
@@ -130,7 +130,7 @@ def test_run_without_a_trial_shows_its_exploration(undrawn, run) -> None:
     page = read(run)
     assert page.headings == [
         "What went wrong",
-        "Exploration: the rollout of random inputs",
+        "Exploration: the rollout before the first trial",
         "Configuration",
     ]
     assert len(page.images) == 6
