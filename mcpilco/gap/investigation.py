@@ -58,7 +58,7 @@ from mcpilco.gap.suspicion import (
     suspicions,
     unchanging,
 )
-from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
+from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording
 
@@ -294,18 +294,22 @@ def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
     return _explain(problem, clean[~far], clean[far])
 
 
-def _explain(problem: GapProblem, everything: Windows, masked: Windows) -> _Explanation:
+def _explain(
+    problem: GapProblem, everything: Windows, masked: Windows, hints: Sequence[Fit] = ()
+) -> _Explanation:
     """The search for effects, and its best model on all windows that it can explain.
 
     Args:
         problem: plant and recordings.
         everything: windows without events, of all recordings.
         masked: windows that seem to hold an event.
+        hints: as `search` takes them.
     """
     windows = everything[everything.of(problem.train)]
     candidates = problem.candidates(windows)
     _tell("search for effects")
-    result = search(problem.model(everything), _spread(windows, problem.searched), candidates)
+    some = _spread(windows, problem.searched)
+    result = search(problem.model(everything), some, candidates, hints)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 
@@ -360,7 +364,8 @@ def _leave_out_pushes(
     if place is not None or not pushes:
         return problem, explained, (), place
     everything = _without_spikes(explained.best, _windows(quiet))
-    anew = _explain(quiet, everything, everything[:0])
+    known = explained.result.fits[: SEARCH.hints]
+    anew = _explain(quiet, everything, everything[:0], known)
     problem, pushes = without_bursts(problem, anew.best)
     everything = _without_spikes(anew.best, _windows(problem))
     fitted = _fit_all_windows(problem, anew.best, everything, everything[:0])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -75,8 +75,15 @@ class Tried:
         null = fit_model(null.model, white, null.theta, null.x0, iterations=8)
         tried = cls(null, candidates, disturbance, white)
         tried.keep(null)
-        tried.weigh_by(null)
-        return tried
+        return tried.following(())
+
+    def following(self, hints: Sequence[Fit]) -> Tried:
+        """With fits to other windows, on these; the best one's random forces weigh them."""
+        for fit in hints:
+            x0 = fit_initial_states(fit.model, self.windows, fit.theta)
+            self.keep(fit_model(fit.model, self.windows, fit.theta, x0))
+        self.weigh_by(self.best())
+        return self
 
     def weigh_by(self, best: Fit) -> None:
         """Let its random forces weigh what is fitted from now on; forget the worst models."""
@@ -187,7 +194,9 @@ class Tried:
             exchange: whether effects may be dropped and exchanged too.
         """
         self.grown.add((frozenset(fit.model.effects), exchange))
-        exchanges = []
+        strained = fit.model.penalty(fit.theta) > SEARCH.strained
+        least = SEARCH.strained if strained else SEARCH.promising
+        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, least)
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
@@ -196,13 +205,6 @@ class Tried:
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
             least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
             self._add(rest, related, len(related), share, least)
-            exchanges.append((rest, others, least))
-        strained = fit.model.penalty(fit.theta) > SEARCH.strained
-        least = SEARCH.strained if strained else SEARCH.promising
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, least)
-        for rest, others, least in exchanges:
-            if share.used_up:
-                break
             self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
@@ -237,12 +239,8 @@ class Tried:
         for grown in closest[: SEARCH.refined]:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
-            self.keep(self.refitted(replace(grown, x0=x0, by_window=fit.by_window)))
+            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, iterations=8))
         return scores
-
-    def refitted(self, fit: Fit) -> Fit:
-        """The fit of a model to all windows."""
-        return fit_model(fit.model, self.windows, fit.theta, fit.x0, iterations=8)
 
 
 def _numbers(fit: Fit) -> int:
@@ -258,7 +256,10 @@ def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_X"]:
 
 
 def search(
-    model: PlantModel, windows: Windows, candidates: Sequence[EffectInstance]
+    model: PlantModel,
+    windows: Windows,
+    candidates: Sequence[EffectInstance],
+    hints: Sequence[Fit] = (),
 ) -> SearchResult:
     """Changes models as long as the evidence grows, the best ones first.
 
@@ -272,21 +273,18 @@ def search(
         model: without effects.
         windows: of the recordings.
         candidates: effects that may be missing.
+        hints: fits to other windows of the machine, from which the search goes on.
     """
     share = model.budget.share(BUDGET.search)
-    tried, scores = _search(model, windows, candidates, share)
+    tried, scores = _search(model, windows, candidates, share, hints)
     if tried.judged(tried.best()).deficient and not share.used_up:
         short, _ = _search(model, windows.split(SEARCH.parts), candidates, share)
-        for fit in short.ranked[: SEARCH.hints]:
-            x0 = fit_initial_states(fit.model, tried.windows, fit.theta)
-            tried.keep(fit_model(fit.model, tried.windows, fit.theta, x0))
-        tried.weigh_by(tried.best())
-        scores = _improve(tried, share) or scores
+        scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
     best = tried.best()
-    ranked = tuple((fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit)))
-    return SearchResult(
-        best, tried.null, _first(best, ranked), tuple(scores), tried.windows, tried.judged(best)
-    )
+    ranked = [(fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit))]
+    ranked.sort(key=lambda pair: pair[0] is not best)
+    told = tuple(ranked), tuple(scores), tried.windows, tried.judged(best)
+    return SearchResult(best, tried.null, *told)
 
 
 def _search(
@@ -294,10 +292,11 @@ def _search(
     windows: Windows,
     candidates: Sequence[EffectInstance],
     share: BudgetShare,
+    hints: Sequence[Fit] = (),
 ) -> tuple[Tried, list[Score]]:
     """The models that were tried on some windows, and the scores of further effects."""
     null, windows = fit_nominal(model, windows)
-    tried = Tried.begun(null, windows, candidates)
+    tried = Tried.begun(null, windows, candidates).following(hints)
     return tried, _improve(tried, share)
 
 
@@ -318,11 +317,6 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
         else:
             idle += 1
     return scores
-
-
-def _first(best: Fit, ranked: Sequence[tuple[Fit, float]]) -> tuple[tuple[Fit, float], ...]:
-    own = [pair for pair in ranked if pair[0] is best]
-    return (*own, *(pair for pair in ranked if pair[0] is not best))
 
 
 def _next(tried: Tried, best: Fit) -> list[Fit]:

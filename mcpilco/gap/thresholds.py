@@ -174,9 +174,8 @@ class SearchThresholds:
     same_bic: float = 0.01
     """difference in BIC below which models do the same: rounding"""
     least_force: float = 0.01
-    """random force in a joint below which nothing is left of its forces [usual forces]: half of
-    `VERDICT.force`. The right effects leave 0.004 to 0.008 in `runs/hidden_effects`, tier `rough`,
-    seeds below 100"""
+    """random force in a joint below which nothing is left of its forces [usual forces]: the right
+    effects leave 0.004 to 0.008 in `runs/hidden_effects`, tier `rough`, seeds below 100"""
     least_noise: float = 2.0
     """variance of the noise beyond the reported one below which nothing is left of it [-]: that of
     tier `rough` is correlated, and reported too small by a factor of 1.3 to 1.5 in its std"""
