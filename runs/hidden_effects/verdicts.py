@@ -49,6 +49,12 @@ def asked(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
 
 
+def only_right(case: Mapping[str, Any]) -> bool:
+    """Whether no effect was named that is not there, or not in a family with one that is."""
+    names = {name for effect in case["truth"] for name, _ in same(case, effect)}
+    return all(names & set(effect["family"]) for effect in asked(case))
+
+
 def by_name(case: Mapping[str, Any]) -> bool:
     """Whether the verdict is right and each effect has the very name under which it was hidden."""
     truth = {(e["name"], e["target"]) for e in case["truth"]}
@@ -68,8 +74,8 @@ def in_family(case: Mapping[str, Any]) -> bool:
 
 def misnamed(case: Mapping[str, Any]) -> bool:
     """Whether a wrong effect was named, and confidently."""
-    names = {name for effect in case["truth"] for name, _ in same(case, effect)}
-    return any(e["probability"] > CONFIDENT for e in asked(case) if not names & set(e["family"]))
+    sure = [effect for effect in case["found"] if effect["probability"] > CONFIDENT]
+    return not only_right({**case, "found": sure})
 
 
 def in_joint(case: Mapping[str, Any]) -> bool | None:
