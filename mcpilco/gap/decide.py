@@ -78,9 +78,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
     """Whether effects that fit their recordings take too little of the held-out error away.
 
-    Args:
-        judged: the model with these effects, and the one without.
-        clear: held-out windows without events.
+    The held-out windows `clear` are those without events.
     """
     best, windows, evidence = judged.best, judged.windows.plain, judged.evidence
     if not best.model.effects or judged.closed(clear).value >= VERDICT.closed:

@@ -78,7 +78,7 @@ class Tried:
         return tried.following(())
 
     def following(self, hints: Sequence[Fit]) -> Tried:
-        """With fits to other windows, on these; the best one's random forces weigh them."""
+        """With fits to other windows, on these; weighed by the best one."""
         for fit in hints:
             x0 = fit_initial_states(fit.model, self.windows, fit.theta)
             self.keep(fit_model(fit.model, self.windows, fit.theta, x0))
@@ -125,10 +125,9 @@ class Tried:
         return evidence.deviance + prior + _numbers(fit) * math.log(evidence.samples)
 
     def prefers(self, larger: Fit, smaller: Fit) -> bool:
-        """Whether a model with more effects is worth them.
+        """Whether a model with more effects is worth them: far likelier, and it explains enough.
 
-        It is far likelier and explains enough. Or it is likelier by the prior alone: the smaller
-        one takes masses, lengths or gains where these were not meant to be.
+        Or it is likelier by the prior alone: the smaller one takes masses far from what is known.
         """
         gain = self.bic(smaller) - self.bic(larger)
         cost = (_numbers(larger) - _numbers(smaller)) * math.log(self.judged(larger).samples)

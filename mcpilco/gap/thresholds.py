@@ -128,9 +128,9 @@ class DisturbanceThresholds:
     turns: int = 5
     """in which the noise of each reading and its correlation are estimated, at most"""
     same_noise: float = 0.05
-    """change of its log, and of its correlation, below which a turn is the last"""
+    """change of its log or correlation below which a turn is the last"""
     most_correlated: float = 0.6
-    """correlation of noise from one sample to the next, at most [-]: more is what a force does"""
+    """of noise with that of the sample before, at most [-]: more is what a force does"""
     least_freedom: float = 10.0
     """readings beyond what forces and initial states explain, with which it is estimated"""
 
@@ -165,20 +165,18 @@ class SearchThresholds:
     """least gain in BIC for which an effect is added; above 10 is very strong evidence (Kass &
     Raftery, JASA 90, 1995)"""
     prior_gain: float = 3.0
-    """the same where it is due to the prior of masses, lengths, frictions and gains alone, which no
-    form of what is left imitates; positive evidence (ibid.). `runs/hidden_effects`, tier `rough`,
-    seeds below 100: machines wrong by 1 to 3 % pull a prior of 3 % by 3 at most, beside the right
-    effects, and a length wrong by 10 % by 13"""
+    """the same by the prior alone; positive evidence (ibid.). Beside the right effects errors of
+    1 to 3 % pull a prior of 3 % by 3 at most, a length 10 % off by 13 (rough seeds below 100)"""
     strained: float = 10.0
-    """-2 log prior density of a fit beyond which what promises as much is fitted [-]"""
+    """-2 log prior of a fit beyond which what promises as much is fitted [-]"""
     same_bic: float = 0.01
     """difference in BIC below which models do the same: rounding"""
     least_force: float = 0.01
-    """random force in a joint below which nothing is left of its forces [usual forces]: the right
-    effects leave 0.004 to 0.008 in `runs/hidden_effects`, tier `rough`, seeds below 100"""
+    """random force in a joint below which nothing is left of its forces [usual forces]; the right
+    effects leave 0.004 to 0.008 in tier `rough` of `runs/hidden_effects`, seeds below 100"""
     least_noise: float = 2.0
-    """variance of the noise beyond the reported one below which nothing is left of it [-]: that of
-    tier `rough` is correlated, and reported too small by a factor of 1.3 to 1.5 in its std"""
+    """variance of the noise beyond the reported one below which nothing is left of it [-]; where it
+    is correlated its std is reported too small, by a factor of 1.3 to 1.5 in tier `rough`"""
     shortlist: int = 6
     """effects that are tried on a model, for the cost"""
     thinned: int = 2
