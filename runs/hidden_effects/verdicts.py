@@ -75,7 +75,7 @@ def in_family(case: Mapping[str, Any]) -> bool:
 def misnamed(case: Mapping[str, Any]) -> bool:
     """Whether a wrong effect was named, and confidently."""
     sure = [effect for effect in case["found"] if effect["probability"] > CONFIDENT]
-    return not only_right({**case, "found": sure})
+    return case["verdict"] in ("named", "partly") and not only_right({**case, "found": sure})
 
 
 def in_joint(case: Mapping[str, Any]) -> bool | None:
