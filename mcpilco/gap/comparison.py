@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy import stats
 
 from mcpilco.gap.data import Windows, cut
-from mcpilco.gap.fit import Fit, fit_initial_states, truncated
+from mcpilco.gap.disturbance import Disturbance, Evidence
+from mcpilco.gap.fit import Fit, fit_initial_states, on_windows, truncated
 from mcpilco.gap.plant_model import PlantModel, Theta
-from mcpilco.gap.sensitivities import residual, run
+from mcpilco.gap.sensitivities import lean, residual, run
 from mcpilco.gap.thresholds import COMPARISON
 from mcpilco.recordings import Recording, smoothed
+from mcpilco.sweep import jackknife
 from mcpilco.typing import InputError
 
 
@@ -138,7 +139,7 @@ def compare(
     plants = models.plants()
     runs = {name: free_run(model, theta, windows) for name, (model, theta) in plants.items()}
     errors = {name: scaled_errors(windows, y) for name, y in runs.items()}
-    (errors["noise_floor"],) = noise_floor(best.model, best.theta, windows)
+    errors["noise_floor"] = noise_floor(best.model, best.theta, windows)
     by_window = {name: squares_at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
     without = _leaving_out_one(len(windows))
@@ -198,26 +199,38 @@ def scaled_errors(
     return np.where(windows.measured, r, np.nan)
 
 
-def noise_floor(
-    model: PlantModel, theta: Theta, windows: Windows, noises: int = 1
-) -> Float[np.ndarray, "R W X T"]:
-    """Errors of a model on its own motions with noise: no model has smaller ones.
-
-    Args:
-        model: the one that is simulated.
-        theta: its parameters.
-        windows: whose commands it gets.
-        noises: how often its motions are measured anew.
-    """
+def noise_floor(model: PlantModel, theta: Theta, windows: Windows) -> Float[np.ndarray, "W X T"]:
+    """Errors of a model on its own motions with noise: no model has smaller ones."""
     rng = np.random.default_rng(0)
     x0 = fit_initial_states(model, windows, theta)
     truth = run(model, windows, theta[None], x0[None])[0]
-    errors = []
-    for _ in range(noises):
-        noise = rng.standard_normal(truth.shape) * windows.std[:, None]
-        own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
-        errors.append(scaled_errors(own, free_run(model, theta, own)))
-    return np.stack(errors)
+    noise = rng.standard_normal(truth.shape) * windows.std[:, None]
+    own = replace(windows, y=np.where(windows.measured, truth + noise, np.nan))
+    return scaled_errors(own, free_run(model, theta, own))
+
+
+def expected_squares(fit: Fit, windows: Windows, evidence: Evidence) -> Float[np.ndarray, "W J"]:
+    """Mean squared error of each position at the end of each window that a model itself expects.
+
+    With J the response to the initial state, which the readings of the first part determine by
+    their pseudo-inverse P, and G that to random forces, what noise e and forces z lead to is
+
+        (I - J P) (e + G z).
+
+    Near an unstable rest that is a large part of the motion, which then says little of a model.
+    The evidence holds the sizes of noise and random forces.
+    """
+    fit = on_windows(fit, windows)
+    J = lean(fit.model, windows, fit.theta, fit.x0).Jx
+    disturbance = Disturbance.of(fit, windows)
+    noise = np.repeat(evidence.noise, windows.y.shape[2])
+    begins = np.arange(windows.y.shape[2]) < round(COMPARISON.start_s / windows.dt)
+    early = (windows.measured & begins).reshape(len(windows), -1) / noise
+    left = np.eye(len(noise)) - J @ (np.linalg.pinv(early[:, :, None] * J) * early[:, None])
+    forced = left @ (disturbance.columns * evidence.std[disturbance.joint])
+    squares = np.square(left * noise).sum(axis=2) + np.square(forced).sum(axis=2)
+    seen = np.where(windows.measured, squares.reshape(windows.y.shape), np.nan)
+    return squares_at_end(np.sqrt(seen))
 
 
 def squares_at_end(e: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W J"]:
@@ -254,35 +267,23 @@ def _squares(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
     return squares_at_end(scaled_errors(windows, free_run(fit.model, fit.theta, windows)))
 
 
-def error_reduction(before: Fit, after: Fit, windows: Windows) -> Interval:
+def error_reduction(before: Fit, after: Fit, windows: Windows, evidence: Evidence) -> Interval:
     """By which part the error at the end of windows is smaller, with an interval; below 0: larger.
 
-    Args:
-        before: a fit.
-        after: another.
-        windows: that neither has seen.
+    Of each window, which neither fit has seen, in parts of the error that can be expected there
+    with random forces and noise of such sizes; see `expected_squares`.
     """
     windows = predictable(after, windows)
-    ends = [_squares(fit, windows) for fit in (before, after)]
-
-    def left(weights: np.ndarray) -> np.ndarray:
-        old, new = (_mean_rms(squares, weights) for squares in ends)
-        return new / old
-
-    W = len(windows)
-    return _without(_ratio_interval(left(np.ones((1, W)))[0], left(_leaving_out_one(W)), windows))
+    usual = expected_squares(after, windows, evidence)
+    old, new = (_squares(fit, windows) / usual for fit in (before, after))
+    squares = {"before": old, "corrected": new, "noise_floor": np.zeros_like(usual)}
+    return closed_interval(squares, "before", windows)
 
 
-def error_over_noise(fit: Fit, windows: Windows) -> float:
-    """The error at the end of windows, in parts of that of a model without error [-].
-
-    Of each window in parts of its own: where a motion diverges, the noise alone leads it far away.
-    """
+def error_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> float:
+    """The error at the end of windows, in parts of the one to be expected in each [-]."""
     windows = predictable(fit, windows)
-    squares = _squares(fit, windows)
-    floors = noise_floor(fit.model, fit.theta, windows, COMPARISON.noises)
-    usual = np.mean([squares_at_end(floor) for floor in floors], axis=0)
-    return _rms(squares / usual)
+    return _rms(_squares(fit, windows) / expected_squares(fit, windows, evidence))
 
 
 def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:
@@ -291,31 +292,17 @@ def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:
 
 
 def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, "*b"]:
-    """Half of a 95 % interval, by the jackknife and Student's t; infinity for a single window.
+    """Half of a 95 % interval; infinity for a single window.
 
     Windows share data where they overlap, by a part r, and their squared errors correlate by r^2.
-    With R these correlations, C what centers, and S the sum of squares of W pseudo-values,
-
-        variance of the mean = 1'R 1 / W^2 / tr(C R) S,    degrees of freedom = tr(CR)^2 / tr(CR CR)
 
     Args:
         left: a number without each of the windows.
         windows: these.
-
-    Reference: Miller, The jackknife: a review, Biometrika 61 (1974); Satterthwaite, An approximate
-        distribution of estimates of variance components, Biometrics Bulletin 2 (1946).
     """
-    W = len(windows)
     apart = np.abs(windows.start_s[:, None] - windows.start_s) / (windows.y.shape[2] * windows.dt)
     same = windows.recording[:, None] == windows.recording
-    R = np.where(same, np.maximum(1.0 - apart, 0.0), 0.0) ** 2
-    CR = R - R.mean(axis=0)
-    trace = np.trace(CR)
-    if not trace > 0.0:
-        return np.full(left.shape[1:], np.inf)
-    S = np.square((W - 1) * (left - left.mean(axis=0))).sum(axis=0)
-    width = stats.t.ppf(0.975, trace**2 / (CR * CR.T).sum())
-    return np.asarray(width * np.sqrt(R.mean() / trace * S))
+    return jackknife(left, np.where(same, np.maximum(1.0 - apart, 0.0), 0.0) ** 2)
 
 
 def _factors(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, "2 ..."]:

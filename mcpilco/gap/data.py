@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,31 +18,16 @@ from jaxtyping import Bool, Float, Int
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
 from mcpilco.gap.thresholds import BUDGET, DATA
 from mcpilco.plant import EffectInstance, Plant, Scale, scales_of
-from mcpilco.recordings import Recording, first_state, noise_std, states_at_commands
+from mcpilco.recordings import (
+    Recording,
+    Whitening,
+    first_state,
+    noise_std,
+    states_at_commands,
+)
 from mcpilco.typing import InputError
 
 _BY_WINDOW = "y", "commands", "path", "guess", "recording", "start_s"
-
-
-class Whitening(NamedTuple):
-    """The inverse root (I - U diag(c) U^T) diag(a) of the covariance of residuals."""
-
-    a: Float[np.ndarray, " n"]
-    """one over the noise std of each reading [reported ones]"""
-    U: Float[np.ndarray, "W n m"]
-    """orthonormal directions in which random forces move a window's measurements"""
-    c: Float[np.ndarray, "W m"]
-    """part of each that is taken off [-]"""
-
-    def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
-        """White residuals."""
-        flat = (self.a * r).reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
-        coloured = self.U @ (self.c[:, :, None] * (self.U.transpose(0, 2, 1) @ flat))
-        return (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
-
-    def of(self, chosen: Any) -> Whitening:
-        """That of some windows."""
-        return Whitening(self.a, self.U[chosen], self.c[chosen])
 
 
 @dataclass(frozen=True)

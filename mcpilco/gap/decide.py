@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from mcpilco.gap.comparison import Interval, error_over_noise, error_reduction
+from mcpilco.gap.comparison import Interval, error_over_expected, error_reduction
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
@@ -17,31 +18,6 @@ from mcpilco.gap.search import SearchResult, Tried, without
 from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import CHOICE, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant, name_of
-
-
-def mispredicts(best: Fit, null: Fit, windows: Windows, clear: Windows) -> bool:
-    """Whether effects that fit their recordings take too little of the held-out error away.
-
-    Args:
-        best: the effects' fit.
-        null: the fit of none.
-        windows: those of the fits.
-        clear: held-out windows without events.
-    """
-    if not best.model.effects or error_reduction(null, best, clear).value >= VERDICT.closed:
-        return False
-    return error_over_noise(best, clear) > VERDICT.far * max(1.0, error_over_noise(best, windows))
-
-
-def closes_most(best: Fit, null: Fit, clear: Windows) -> bool:
-    """Whether effects surely take away most of the error on held-out windows without events."""
-    closed = error_reduction(null, best, clear)
-    return closed.low > 0.0 and closed.value >= VERDICT.most
-
-
-def surely_better(fit: Fit, others: tuple[Fit, ...], clear: Windows) -> bool:
-    """Whether a model's error on held-out windows without events is surely less than others'."""
-    return all(error_reduction(other, fit, clear).low > 0.0 for other in others)
 
 
 @dataclass(frozen=True)
@@ -65,6 +41,10 @@ class Weighed:
         without, nominal, best = (_missed(fit, self.windows) for fit in ends)
         return float(np.clip((without - best) / max(nominal - best, 1e-12), 0.0, 1.0))
 
+    def closed(self, clear: Windows) -> Interval:
+        """The part of the error on held-out windows without events that the effects take away."""
+        return error_reduction(self.null, self.best, clear, self.evidence)
+
 
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
     """The fits on all windows, without effects that are not worth it on these.
@@ -79,7 +59,10 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     """
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
-    best, null = (tried.keep(_refitted(fit, tried.windows)) for fit in (best, null))
+    best, null = (
+        tried.keep(fit_model(fit.model, tried.windows, fit.theta, fit.x0, iterations=15))
+        for fit in (best, null)
+    )
     while True:
         fewer = {
             instance: tried.keep(without(best, instance, tried.windows, result.null))
@@ -92,14 +75,33 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null), fewer)
 
 
+def mispredicts(judged: Weighed, clear: Windows) -> bool:
+    """Whether effects that fit their recordings take too little of the held-out error away.
+
+    The held-out windows `clear` are those without events.
+    """
+    best, windows, evidence = judged.best, judged.windows.plain, judged.evidence
+    if not best.model.effects or judged.closed(clear).value >= VERDICT.closed:
+        return False
+    unseen, seen = (error_over_expected(best, some, evidence) for some in (clear, windows))
+    return unseen > VERDICT.far * max(1.0, seen)
+
+
+def closes_most(judged: Weighed, clear: Windows) -> bool:
+    """Whether effects surely take away most of the error on held-out windows without events."""
+    closed = judged.closed(clear)
+    return closed.low > 0.0 and closed.value >= VERDICT.most
+
+
+def surely_better(fit: Fit, others: Sequence[Fit], clear: Windows, evidence: Evidence) -> bool:
+    """Whether a model's error on held-out windows without events is surely less than others'."""
+    return all(error_reduction(other, fit, clear, evidence).low > 0.0 for other in others)
+
+
 def _missed(fit: Fit, windows: Windows) -> float:
     """Root mean square of the misfit, in noise std, random forces or not."""
     by_window = unweighed(fit, windows).by_window
     return math.sqrt(float(by_window.sum() / windows.samples.sum()))
-
-
-def _refitted(fit: Fit, windows: Windows) -> Fit:
-    return fit_model(fit.model, windows, fit.theta, fit.x0, iterations=15)
 
 
 def unweighed(fit: Fit, windows: Windows) -> Fit:

@@ -245,12 +245,14 @@ def unforeseen(
     smooth = [explained_by_forces(response, response.weights, folds, n).unpredicted for n in (1, 2)]
     narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).unpredicted
     before, samples = part.by_window / windows.samples, windows.samples
+    usual = EVENT.ordinary * float(np.median(before[touched < 0]))
 
     def strange(number: int) -> bool:
         own = touched == number
-        missed = min(rest[own].sum() for rest in smooth) >= EVENT.strange * before[own].sum()
-        if not (missed and own.any()):
-            return bool(missed)
+        if before[own].sum() <= usual * own.sum():  # it shows over longer times alone
+            return True
+        if min(rest[own].sum() for rest in smooth) < EVENT.strange * before[own].sum():
+            return False
         logs = [log_misfit(rest[own], samples[own]) for rest in (narrow, before)]
         return logs[0] >= EVENT.strange * logs[1]
 

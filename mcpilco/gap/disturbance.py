@@ -28,10 +28,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import minimize
 
-from mcpilco.gap.data import Whitening, Windows
+from mcpilco.gap.data import Windows
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.sensitivities import impulse_responses, lean
 from mcpilco.gap.thresholds import DISTURBANCE, FORCE, VERDICT
+from mcpilco.recordings import NoiseFilter, Whitening, following
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class Evidence:
     """std of each state's measurement noise over the reported one [-]"""
     samples: int
     """measured values beyond those that fix the initial states"""
+    correlation: Float[np.ndarray, " X"]
+    """of each state's measurement noise from one sample to the next [-]"""
 
     @property
     def deficient(self) -> bool:
@@ -69,10 +72,10 @@ class Disturbance:
     """of each column"""
 
     @classmethod
-    def of(cls, fit: Fit, windows: Windows) -> Disturbance:
-        """The responses along the motions of a fit."""
+    def of(cls, fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> Disturbance:
+        """The responses along the motions of a fit, to forces held for `hold_s` [s]."""
         layout, model = fit.model.plant.layout, fit.model
-        hold = max(1, round(FORCE.hold_s / windows.dt))
+        hold = max(1, round(hold_s / windows.dt))
         joints = range(len(layout.joints))
         responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold)
         each = [
@@ -80,7 +83,7 @@ class Disturbance:
             for joint, response in zip(layout.joints, responses, strict=True)
         ]
         joint = np.repeat(np.arange(len(each)), each[0].shape[2])
-        return cls(replace(windows, whitening=None), np.concatenate(each, axis=2), joint)
+        return cls(windows.plain, np.concatenate(each, axis=2), joint)
 
     def evidence(self, fit: Fit) -> Evidence:
         """The evidence for a fit, its initial states and random forces eliminated."""
@@ -89,7 +92,7 @@ class Disturbance:
         G = np.where(lin.lost[:, :, None], 0.0, self.columns)
         seen = windows.measured.reshape(lin.r.shape)
         G, r = (np.where(seen[:, :, None], part, 0.0) for part in (G, lin.r[:, :, None]))
-        return _Likelihood(r[:, :, 0], G, lin.basis, seen, self.joint, fit.x0.shape[1]).largest()
+        return _Likelihood(r, G, lin.basis, windows.measured, self.joint).largest()
 
     def whitened(self, evidence: Evidence) -> Windows:
         """The windows, what the random forces of a model may do weighing little in them.
@@ -98,30 +101,26 @@ class Disturbance:
         have more of it in every reading, which is no reason to trust its data less; in some of them
         it is.
         """
-        noise = np.maximum(evidence.noise, DISTURBANCE.least_noise)
+        noise, measured = np.maximum(evidence.noise, DISTURBANCE.least_noise), self.windows.measured
         common = max(float(noise.min()), 1.0)
-        weight = np.repeat(common / noise, self.windows.y.shape[2])
+        F = NoiseFilter.of(measured, noise / common, evidence.correlation)
         std = np.minimum(evidence.std, DISTURBANCE.most) / common
-        measured = self.windows.measured.reshape(len(self.windows), -1)
-        G = (measured * weight)[:, :, None] * (self.columns * std[self.joint])
-        U, d, _ = np.linalg.svd(np.where(measured[:, :, None], G, 0.0), full_matrices=False)
-        white = Whitening(weight, U, 1.0 - 1.0 / np.sqrt(1.0 + d**2))
-        return replace(self.windows, whitening=white)
+        G = np.where(measured.reshape(*F.a.shape, 1), self.columns * std[self.joint], 0.0)
+        U, d, _ = np.linalg.svd(F.columns(G), full_matrices=False)
+        return replace(self.windows, whitening=Whitening(F, U, 1.0 - 1.0 / np.sqrt(1.0 + d**2)))
 
 
 @dataclass(frozen=True)
 class _Likelihood:
     """That of the sizes of random forces and noise, with residuals in reported noise std."""
 
-    r: Float[np.ndarray, "W n"]
+    r: Float[np.ndarray, "W n 1"]
     G: Float[np.ndarray, "W n m"]
     basis: Float[np.ndarray, "W n X"]
     """orthonormal, of what initial states can make"""
-    seen: Bool[np.ndarray, "W n"]
+    seen: Bool[np.ndarray, "W X T"]
     """where there is a measurement"""
     joint: Int[np.ndarray, " m"]
-    states: int
-    """X"""
 
     def largest(self) -> Evidence:
         """The evidence with the sizes that fit best, those of the noise in a few turns.
@@ -129,23 +128,27 @@ class _Likelihood:
         Reference: MacKay, Bayesian interpolation, Neural Computation 4 (1992), eq. (4.8), for a
             noise's size by the squares over the degrees of freedom that they have.
         """
-        noise = np.ones(self.states)
-        given = _GivenNoise.of(self, noise)
+        X = self.seen.shape[1]
+        noise, correlation = np.ones(X), np.zeros(X)
+        given = _GivenNoise.of(self, noise, correlation)
         ratios = given.largest(np.full(int(self.joint.max()) + 1, -2.0))
-        read = self.seen.reshape(len(self.seen), self.states, -1).any(axis=(0, 2))
-        for _ in range(DISTURBANCE.turns if read.sum() > 1 else 0):
-            squares, freedom = given.by_state(ratios)
+        for _ in range(DISTURBANCE.turns):
+            squares, freedom, lagged, pairs = given.by_state(ratios)
             known = freedom > DISTURBANCE.least_freedom
-            turned = np.where(known, np.sqrt(squares / np.where(known, freedom, 1.0)), 1.0)
-            turned = np.maximum(turned, DISTURBANCE.least_noise)
-            near = np.abs(np.log(turned / noise)).max() < DISTURBANCE.same_noise
-            noise, given = turned, _GivenNoise.of(self, turned)
+            variance = np.where(known, squares / np.where(known, freedom, 1.0), 1.0)
+            turned = np.maximum(np.sqrt(variance), DISTURBANCE.least_noise)
+            slope = np.where(known, lagged / np.maximum(variance * pairs, 1e-12), 0.0)
+            step = (1.0 - correlation**2) * slope
+            correlated = np.clip(correlation + step, 0.0, DISTURBANCE.most_correlated)
+            near = max(np.abs(np.log(turned / noise)).max(), np.abs(correlated - correlation).max())
+            noise, correlation = turned, correlated
+            given = _GivenNoise.of(self, noise, correlation)
             ratios = given.largest(ratios)
-            if near:
+            if near < DISTURBANCE.same_noise:
                 break
         deviance, _, common = given(ratios)
         std = common * np.exp(0.5 * ratios)
-        return Evidence(deviance, std, common * noise, given.samples)
+        return Evidence(deviance, std, common * noise, given.samples, correlation)
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ class _GivenNoise:
     """orthonormal, of what initial states can make"""
     noise: Float[np.ndarray, " n"]
     """std of each reading [reported ones]"""
-    seen: Bool[np.ndarray, "W n"]
+    seen: Bool[np.ndarray, "W X T"]
     joint: Int[np.ndarray, " m"]
     A: Float[np.ndarray, "W m m"]
     b: Float[np.ndarray, "W m"]
@@ -169,19 +172,23 @@ class _GivenNoise:
     """readings beyond those that fix the initial states"""
 
     @classmethod
-    def of(cls, whole: _Likelihood, noise: Float[np.ndarray, " X"]) -> _GivenNoise:
-        """That with some sizes of the noise."""
-        rows = np.repeat(noise, whole.r.shape[1] // len(noise))
-        Q, R = np.linalg.qr(whole.basis / rows[:, None])
-        r, G = whole.r / rows, whole.G / rows[:, None]
-        r = r - np.einsum("wnx,wx->wn", Q, np.einsum("wnx,wn->wx", Q, r))
-        G = G - Q @ (Q.transpose(0, 2, 1) @ G)
-        samples = np.maximum(whole.seen.sum(axis=1) - whole.states, 0).sum()
+    def of(
+        cls,
+        whole: _Likelihood,
+        noise: Float[np.ndarray, " X"],
+        correlation: Float[np.ndarray, " X"],
+    ) -> _GivenNoise:
+        """That with some sizes of the noise, and correlations from one sample to the next."""
+        seen = whole.seen
+        F = NoiseFilter.of(seen, noise, correlation)
+        Q, R = np.linalg.qr(F.columns(whole.basis))
+        r, G = (A - Q @ (Q.transpose(0, 2, 1) @ A) for A in map(F.columns, (whole.r, whole.G)))
+        samples = np.maximum(seen.sum(axis=(1, 2)) - len(noise), 0).sum()
         sizes = 2.0 * np.log(np.maximum(np.abs(np.einsum("wxx->wx", R)), 1e-300)).sum()
-        constant = 2.0 * float((whole.seen * np.log(rows)).sum()) + float(sizes)
-        A = np.matmul(G.transpose(0, 2, 1), G)
-        b = np.einsum("wni,wn->wi", G, r)
-        return cls(r, G, Q, rows, whole.seen, whole.joint, A, b, constant, int(samples))
+        constant = float(sizes) - 2.0 * float(np.log(F.a)[seen.reshape(F.a.shape)].sum())
+        A, rows = np.matmul(G.transpose(0, 2, 1), G), np.repeat(noise, seen.shape[2])
+        b = np.einsum("wni,wn->wi", G, r[:, :, 0])
+        return cls(r[:, :, 0], G, Q, rows, seen, whole.joint, A, b, constant, int(samples))
 
     def largest(self, start: Float[np.ndarray, " J"]) -> Float[np.ndarray, " J"]:
         """Logs of the variances that fit best, over that of the noise."""
@@ -216,15 +223,24 @@ class _GivenNoise:
         noise = float(np.sqrt(quad / self.samples))
         return float(deviance), np.bincount(self.joint, slope, len(log_ratio)), noise
 
-    def by_state(
-        self, log_ratio: Float[np.ndarray, " J"]
-    ) -> tuple[Float[np.ndarray, " X"], Float[np.ndarray, " X"]]:
-        """Squares that each state's readings leave [reported variances], and their freedom."""
+    def by_state(self, log_ratio: Float[np.ndarray, " J"]) -> Float[np.ndarray, "4 X"]:
+        """Squares that each state's readings leave, and their freedom; products with those before.
+
+        Squares and products [reported variances]; last, how many of these there are. What forces
+        and initial states take away from them is added.
+        """
         s, _, inverse, z = self._forces(log_ratio)
         left = self.noise * (self.r - np.einsum("wni,wi->wn", self.G, s * z))
-        G = self.G * s
-        taken = np.square(self.Q).sum(axis=2) + np.einsum("wni,wni->wn", G @ inverse, G)
-        parts = np.square(left), np.where(self.seen, 1.0 - taken, 0.0)
-        W, X = len(self.r), self.Q.shape[2]
-        squares, freedom = (part.reshape(W, X, -1).sum(axis=(0, 2)) for part in parts)
-        return squares, freedom
+        G, behind = self.G * s, following(self.seen)
+
+        def taken(lag: int) -> Float[np.ndarray, "W n"]:
+            Q_lag, G_lag = (np.roll(part, lag, axis=1) for part in (self.Q, G))
+            return (self.Q * Q_lag).sum(axis=2) + np.einsum("wni,wni->wn", G @ inverse, G_lag)
+
+        def total(part: np.ndarray, where: np.ndarray) -> Float[np.ndarray, " X"]:
+            return np.where(where, part.reshape(self.seen.shape), 0.0).sum(axis=(0, 2))
+
+        squares, freedom = total(left**2, self.seen), total(1.0 - taken(0), self.seen)
+        variance = squares / np.maximum(freedom, 1e-12)
+        lagged = total(left * np.roll(left, 1, axis=1), behind) + variance * total(taken(1), behind)
+        return np.stack([squares, freedom, lagged, behind.sum(axis=(0, 2))])

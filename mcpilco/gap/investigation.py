@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, compare, error_reduction
+from mcpilco.gap.comparison import ComparedModels, compare
 from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of
 from mcpilco.gap.decide import (
     Closest,
+    Weighed,
     closes_most,
     left_forces,
     mispredicts,
@@ -133,15 +134,16 @@ def investigate(
         place is not None
         or judged.evidence.deficient
         or foreseen(missed, problem, best)
-        or mispredicts(best, null, windows, clear)
+        or mispredicts(judged, clear)
     )
     foreign = judged.evidence.foreign
-    helps = bool(named) and not foreign and closes_most(best, null, clear)
+    helps = bool(named) and not foreign and closes_most(judged, clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
     base = best if helps else null
-    if unknown and (learned := _learn_force(problem, base, null, explained, decisive)) is not None:
+    learned = _learn_force(problem, base, judged, explained, decisive) if unknown else None
+    if learned is not None:
         final, unexplained = learned
         events = (*pushes, *unexplained)
         where = (*located_force(final, windows), *where)
@@ -149,8 +151,7 @@ def investigate(
         final = base
     clear, closest = _clear(reported, problem, events, final), None
     if unknown and named and not helps:
-        reduction = error_reduction(null, best, clear)
-        named, closest = (), Closest(named, reduction, _corrected(best))
+        named, closest = (), Closest(named, judged.closed(clear), _corrected(best))
 
     known = "named" if named else "none"
     verdict = ("partly" if named else "unknown") if unknown else known
@@ -372,7 +373,7 @@ def _leave_out_pushes(
 
 
 def _learn_force(
-    problem: GapProblem, base: Fit, null: Fit, explained: _Explanation, decisive: Windows
+    problem: GapProblem, base: Fit, judged: Weighed, explained: _Explanation, decisive: Windows
 ) -> tuple[Fit, tuple[Event, ...]] | None:
     """A fit with the residual as a force, and the events that this does not explain either.
 
@@ -391,4 +392,5 @@ def _learn_force(
     missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _clear(decisive, problem, events, fit)
-    return (fit, events) if surely_better(fit, (null, base), clear) else None
+    better = surely_better(fit, (judged.null, base), clear, judged.evidence)
+    return (fit, events) if better else None

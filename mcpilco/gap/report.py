@@ -126,7 +126,11 @@ def to_json(gap: Gap) -> dict[str, Any]:
         "left": [vars(force) for force in gap.left],
         "shifted": [vars(parameter) for parameter in gap.shifted],
         "on_bounds": list(gap.on_bounds),
-        "closest": None if gap.closest is None else _closest(gap.closest),
+        "closest": gap.closest
+        and {
+            "effects": [asdict(effect) for effect in gap.closest.effects],
+            "reduction": vars(gap.closest.reduction),
+        },
         "events": [vars(event) for event in gap.events],
         "experiments": list(gap.experiments),
         "recordings": {
@@ -145,11 +149,6 @@ def errors_are(gap: Gap) -> str:
         return IN_SAMPLE
     decided = "decided nothing" if gap.apart else "also decided the verdict, as they are few"
     return f"of held-out windows that {decided}"
-
-
-def _closest(closest: Closest) -> dict[str, Any]:
-    effects = [asdict(effect) for effect in closest.effects]
-    return {"effects": effects, "reduction": vars(closest.reduction)}
 
 
 def _error(gap: Gap) -> dict[str, Any] | None:

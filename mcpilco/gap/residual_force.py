@@ -19,9 +19,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
+from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, Robust
 from mcpilco.gap.plant_model import PerWindow
-from mcpilco.gap.sensitivities import impulse_responses, linearise, motion
+from mcpilco.gap.sensitivities import linearise, motion
 from mcpilco.gap.thresholds import FORCE
 
 
@@ -78,14 +79,10 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
     """The response of residuals to forces in the joints, each held for `hold_s` [s]."""
     windows = windows.plain
     lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
-    layout = fit.model.plant.layout
+    layout, disturbance = fit.model.plant.layout, Disturbance.of(fit, windows, hold_s)
     J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
-    usual = np.array([fit.model.scales[name].force for name in layout.joints])
-    model, theta, x0 = fit.model, fit.theta, fit.x0
-    each = impulse_responses(model, windows, theta, x0, range(J), hold)
-    columns = np.stack([usual[j] * response for j, response in enumerate(each)], 2)
-    G = columns.reshape(*columns.shape[:2], -1)
+    G = disturbance.columns
     G[lin.lost.any(axis=1)] = 0.0
     x, turns = _coordinates(windows, first, hold, layout.slides)
     return ForceResponse(
@@ -93,7 +90,7 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
         G=lin.cleaned(G),
         x=np.tile(x, (1, J, 1)),
         turns=np.tile(turns, (1, J, 1)),
-        joint=np.repeat(np.arange(J), len(first)),
+        joint=disturbance.joint,
         samples=windows.samples,
     )
 

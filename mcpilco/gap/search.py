@@ -121,23 +121,26 @@ class Tried:
     def _criterion(self, fit: Fit, evidence: Evidence) -> float:
         if not fit.model.plausible(fit.theta):
             return math.inf
-        numbers = len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
         prior = fit.model.penalty(fit.theta)
-        return evidence.deviance + prior + numbers * math.log(evidence.samples)
+        return evidence.deviance + prior + _numbers(fit) * math.log(evidence.samples)
 
     def prefers(self, larger: Fit, smaller: Fit) -> bool:
-        """Whether a model with more effects is worth them: likelier, and it explains enough."""
-        if self.bic(smaller) - self.bic(larger) < SEARCH.bic_gain:
-            return False
-        freed = len(larger.model.freed) > len(smaller.model.freed)
-        return freed or self._explains(larger, smaller)
+        """Whether a model with more effects is worth them: far likelier, and it explains enough.
+
+        Or it is likelier by the prior alone: the smaller one takes masses far from what is known.
+        """
+        gain = self.bic(smaller) - self.bic(larger)
+        cost = (_numbers(larger) - _numbers(smaller)) * math.log(self.judged(larger).samples)
+        relief = smaller.model.penalty(smaller.theta) - larger.model.penalty(larger.theta)
+        if min(gain, relief - cost) >= SEARCH.prior_gain:
+            return True
+        return gain >= SEARCH.bic_gain and self._explains(larger, smaller)
 
     def _explains(self, larger: Fit, smaller: Fit) -> bool:
         """Whether further effects explain as much as they leave over, in some joint or reading.
 
         What is left of a machine's forces has a form of its own, which an effect that explains less
-        than that would but imitate. Where nothing is left the evidence decides alone, and so it
-        does of a freed parameter: its prior says what is small.
+        than that would but imitate. Where nothing is left the evidence decides alone.
         """
         before, after = (_left_over(self.judged(fit)) for fit in (smaller, larger))
         halved = (before > 0.0) & (before >= 2.0 * after)
@@ -190,7 +193,9 @@ class Tried:
             exchange: whether effects may be dropped and exchanged too.
         """
         self.grown.add((frozenset(fit.model.effects), exchange))
-        exchanges = []
+        strained = fit.model.penalty(fit.theta) > SEARCH.strained
+        least = SEARCH.strained if strained else SEARCH.promising
+        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, least)
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
@@ -199,11 +204,6 @@ class Tried:
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
             least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
             self._add(rest, related, len(related), share, least)
-            exchanges.append((rest, others, least))
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
-        for rest, others, least in exchanges:
-            if share.used_up:
-                break
             self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
@@ -240,6 +240,11 @@ class Tried:
             x0[some] = grown.x0
             self.keep(fit_model(grown.model, self.windows, grown.theta, x0, iterations=8))
         return scores
+
+
+def _numbers(fit: Fit) -> int:
+    """Of a fit's numbers those that its effects bring."""
+    return len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
 
 
 def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_X"]:
@@ -317,16 +322,18 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     """The best model and the next ones by their evidence, whose neighbours are not known yet.
 
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
-    it. That costs it its rank, but it is one effect away from what is there.
+    it. That costs it its rank, but it is one effect away from what is there. And of three effects
+    none may explain as much as the others leave over before these are known: models that are far
+    likelier than the best one go on, though they are not preferred to it yet.
     """
-    most = tried.judged(best).deviance - SEARCH.bic_gain
+    most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
     ours = frozenset(best.model.effects)
     open_ = [
         fit
         for fit in tried.ranked
-        if (frozenset(fit.model.effects), tried.bic(fit) <= tried.bic(best)) not in tried.grown
-        and (tried.judged(fit).deviance < most or tried.bic(fit) <= tried.bic(best))
-        and not ours < frozenset(fit.model.effects)
+        if (frozenset(fit.model.effects), tried.bic(fit) <= known) not in tried.grown
+        and (tried.judged(fit).deviance < most or tried.bic(fit) <= known)
+        and not (ours < frozenset(fit.model.effects) and known - tried.bic(fit) < SEARCH.bic_gain)
     ]
     rest = [fit for fit in open_ if fit is not best]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]

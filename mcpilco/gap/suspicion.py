@@ -91,8 +91,10 @@ def _same(one: Recording, other: Recording) -> bool:
 
 def at_rest(recordings: Sequence[Recording], std: Float[np.ndarray, " X"]) -> bool:
     """Whether no position moves by more than its noise, of std in its unit."""
-    ranges = [np.ptp(_percentiles(one.states[:, 0::2]), axis=0) for one in recordings]
-    return not (np.array(ranges) > SUSPICION.at_rest * std[0::2]).any()
+    q = [one.states[:, 0::2] for one in recordings]
+    known = [np.where(np.isfinite(each).any(axis=0), each, 0.0) for each in q]
+    ends = [np.nanpercentile(each, [2.5, 97.5], axis=0) for each in known]
+    return not (np.ptp(ends, axis=1) > SUSPICION.at_rest * std[0::2]).any()
 
 
 def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -103,12 +105,6 @@ def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
     named = zip(recordings[0].input_names, commands[0], strict=True)
     held = " and ".join(f"{name} is {value + 0.0:g}" for name, value in named)  # no -0
     return (f"{held} throughout, which excites nothing: is it the right column?",)
-
-
-def _percentiles(y: Float[np.ndarray, "T J"]) -> Float[np.ndarray, "2 J"]:
-    """The ends of the range of most values of each column; 0 of one that is not measured."""
-    known = np.where(np.isfinite(y).any(axis=0), y, 0.0)
-    return np.nanpercentile(known, [2.5, 97.5], axis=0)
 
 
 def _beyond_limits(

@@ -11,7 +11,7 @@ read becomes one of
 - `MarkerRecording`: poses of markers that a camera saw (`read_markers`);
 - `Series`: inputs and outputs, sample by sample (`read_series`).
 
-Read `table`, `reader`, `recording`; then `resample`, `smoothing` and `suspicion`, or the
+Read `table`, `reader`, `recording`; then `resample`, `smoothing`, `noise` and `suspicion`, or the
 module of the kind that you need. `excitations` makes inputs that are worth recording.
 """
 

@@ -21,6 +21,7 @@ from .joints import (
     read_joint_recordings,
 )
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
+from .noise import NoiseFilter, Whitening, following
 from .reader import read_recording, read_recordings
 from .recording import Recording, bridged, from_rollout, runs, write_recording
 from .resample import sampling_time
@@ -48,11 +49,13 @@ __all__ = [
     "JointData",
     "JointMotion",
     "MarkerRecording",
+    "NoiseFilter",
     "Part",
     "Recording",
     "RunningSlope",
     "Segment",
     "Series",
+    "Whitening",
     "arm_samples",
     "bridged",
     "check_joint_data",
@@ -61,6 +64,7 @@ __all__ = [
     "encoder_noise",
     "excitation",
     "first_state",
+    "following",
     "from_rollout",
     "held_out",
     "joint_data",

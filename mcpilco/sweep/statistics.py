@@ -50,6 +50,33 @@ def mean(values: Iterable[float | None]) -> dict[str, Any] | None:
     return {"n": len(told), "mean": float(told.mean()), "low": low, "high": high}
 
 
+def jackknife(
+    left: Float[np.ndarray, "W ..."], R: Float[np.ndarray, "W W"]
+) -> Float[np.ndarray, "*b"]:
+    """Half of the interval of a number, by Student's t; infinity where there is one value only.
+
+    With R the values' correlations, C what centers, and S the sum of squares of W pseudo-values,
+
+        variance of the mean = 1'R 1 / W^2 / tr(C R) S,    degrees of freedom = tr(CR)^2 / tr(CR CR)
+
+    Args:
+        left: the number without each of W values.
+        R: the correlations of these.
+
+    Reference: Miller, The jackknife: a review, Biometrika 61 (1974); Satterthwaite, An approximate
+        distribution of estimates of variance components, Biometrics Bulletin 2 (1946).
+    """
+    from scipy.stats import t
+
+    CR = R - R.mean(axis=0)
+    trace = np.trace(CR)
+    if not trace > 0.0:
+        return np.full(left.shape[1:], np.inf)
+    S = np.square((len(R) - 1) * (left - left.mean(axis=0))).sum(axis=0)
+    width = t.ppf(0.5 + 0.5 * CONFIDENCE, trace**2 / (CR * CR.T).sum())
+    return np.asarray(width * np.sqrt(R.mean() / trace * S))
+
+
 def bootstrapped(
     values: Float[np.ndarray, " S"], statistic: Callable[..., Any]
 ) -> tuple[float | None, float | None]:

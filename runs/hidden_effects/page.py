@@ -12,7 +12,7 @@ import numpy as np
 from cases import TIERS
 from confusion import write_confusion
 from harness import code_that_made, fill
-from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, right
+from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, only_right, right
 
 from mcpilco.sweep import markdown, rate, rate_cell
 
@@ -41,7 +41,7 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [origin(found), naming(found), numbers(found), places(found)]
+    parts = [origin(found), naming(found), by_number(found), numbers(found), places(found)]
     parts += [pictures(found, out), missed(found)]
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
@@ -97,6 +97,23 @@ def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 def _shares(name: str, cases: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     rules = (by_name, right, in_family, misnamed)
     return name, str(len(cases)), *(rate_cell(rate(map(rule, cases))) for rule in rules)
+
+
+def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Of the tier `rough`, how often the verdict is right by the number of hidden effects."""
+    rows = []
+    for number in range(1 + TIERS["rough"].effects):
+        cases = [case for case in found.get("rough", ()) if len(case["truth"]) == number]
+        named = sum(case["verdict"] == "named" for case in cases)
+        partly = sum(case["verdict"] == "partly" for case in cases)
+        counts = f"{len(cases)} ({named}, {partly})"
+        wrong_names = [not only_right(case) for case in cases]
+        flags = [map(right, cases), map(in_family, cases), wrong_names, map(misnamed, cases)]
+        if cases:
+            rows.append((str(number), counts, *(rate_cell(rate(list(each))) for each in flags)))
+    header = ("rough: hidden effects", "cases (`named`, `partly`)", "right [%]")
+    header += ("right, or in a family [%]", "a wrong name [%]", "wrong and sure [%]")
+    return markdown(header, rows) if rows else ""
 
 
 def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:

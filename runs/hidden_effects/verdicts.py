@@ -26,38 +26,56 @@ def same(case: Mapping[str, Any], effect: Mapping[str, Any]) -> frozenset[Hidden
 
 
 def right(case: Mapping[str, Any]) -> bool:
-    """Whether name and target of all effects, or the verdict none or unknown, are right."""
+    """Whether name and target of all effects, or the verdict none or unknown, are right.
+
+    Where something small is hidden besides and not named, `partly` says so.
+    """
     if any(effect["name"] == "outside" for effect in case["truth"]):
         return case["verdict"] == "unknown"
-    wanted = hidden(case)
-    besides = {tuple(pair) for pair in case.get("besides", ())} - set().union(*wanted)
-    found = [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
-    told = [same(case, effect) for effect in found]
-    verdict = "named" if case["found"] or wanted else "none"
-    return case["verdict"] == verdict and len(told) == len(wanted) and set(told) == wanted
+    wanted, told = hidden(case), [same(case, effect) for effect in asked(case)]
+    return case["verdict"] in _fitting(case) and len(told) == len(wanted) and set(told) == wanted
+
+
+def _fitting(case: Mapping[str, Any]) -> tuple[str, ...]:
+    """The verdicts that suit what was hidden and found."""
+    if not (case["found"] or case["truth"]):
+        return ("none",)
+    return ("named", "partly") if case.get("besides") else ("named",)
+
+
+def asked(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """What was found, but what is there besides and may be named."""
+    besides = {tuple(pair) for pair in case.get("besides", ())} - set().union(*hidden(case))
+    return [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
+
+
+def only_right(case: Mapping[str, Any]) -> bool:
+    """Whether no effect was named that is not there, or not in a family with one that is."""
+    names = {name for effect in case["truth"] for name, _ in same(case, effect)}
+    return all(names & set(effect["family"]) for effect in asked(case))
 
 
 def by_name(case: Mapping[str, Any]) -> bool:
     """Whether the verdict is right and each effect has the very name under which it was hidden."""
-    truth, told = ({(e["name"], e["target"]) for e in case[part]} for part in ("truth", "found"))
-    return right(case) and (case["verdict"] != "named" or truth == told)
+    truth = {(e["name"], e["target"]) for e in case["truth"]}
+    told = {(e["name"], e["target"]) for e in asked(case)}
+    return right(case) and (case["verdict"] not in ("named", "partly") or truth == told)
 
 
 def in_family(case: Mapping[str, Any]) -> bool:
     """Whether each hidden effect is in the family of one that was named."""
     if right(case):
         return True
-    families = [set(effect["family"]) for effect in case["found"]]
+    families = [set(effect["family"]) for effect in asked(case)]
     names = [{name for name, _ in effects} for effects in hidden(case)]
     fits = all(any(name & family for family in families) for name in names)
-    return case["verdict"] == "named" and len(names) == len(families) > 0 and fits
+    return case["verdict"] in _fitting(case) and len(names) == len(families) > 0 and fits
 
 
 def misnamed(case: Mapping[str, Any]) -> bool:
     """Whether a wrong effect was named, and confidently."""
-    names = {name for effect in case["truth"] for name, _ in same(case, effect)}
-    wrong = (e for e in case["found"] if not names & set(e["family"]))
-    return case["verdict"] == "named" and any(e["probability"] > CONFIDENT for e in wrong)
+    sure = [effect for effect in case["found"] if effect["probability"] > CONFIDENT]
+    return case["verdict"] in ("named", "partly") and not only_right({**case, "found": sure})
 
 
 def in_joint(case: Mapping[str, Any]) -> bool | None:

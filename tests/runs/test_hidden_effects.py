@@ -237,6 +237,28 @@ def test_a_confusion_counts_each_hidden_effect_once(modules: dict[str, ModuleTyp
     }
 
 
+@pytest.mark.parametrize(
+    ("verdict", "named", "is_right"),
+    [
+        ("named", ["armature"], True),
+        ("named", ["armature", "dahl_friction"], True),
+        ("partly", ["armature"], True),
+        ("unknown", [], False),
+        ("named", ["armature", "coulomb_friction"], False),
+    ],
+)
+def test_what_is_there_besides_may_be_named_and_partly_says_that_it_is_not(
+    modules: dict[str, ModuleType], verdict: str, named: list[str], is_right: bool
+) -> None:
+    verdicts, told = modules["verdicts"], case(["armature"], verdict, named)
+    told |= {"plant": "mcpilco/CartPoleSwingUp-v0", "velocities": True}
+    told["besides"] = [["dahl_friction", "cart"]]
+    for effect in told["found"]:
+        effect |= {"target": "cart", "probability": 0.99, "family": [effect["name"]]}
+    assert verdicts.right(told) == verdicts.in_family(told) == verdicts.by_name(told) == is_right
+    assert verdicts.misnamed(told) == ("coulomb_friction" in named)
+
+
 def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
     modules: dict[str, ModuleType],
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +11,20 @@ from mcpilco.gap import Gap, Windows, comparison
 from mcpilco.gap.comparison import (
     closed_interval,
     compare,
-    error_over_noise,
+    error_over_expected,
+    error_reduction,
+    free_run,
     missing_force,
     rms_interval,
+    scaled_errors,
+    squares_at_end,
     time_map,
 )
-from mcpilco.gap.fit import Fit
+from mcpilco.gap.disturbance import Disturbance, Evidence
+from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import SearchResult, nested_fits
+from mcpilco.gap.sensitivities import run
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.pendulum import DT, dry_friction, record
 from tests.mcpilco.gap.pushed import HIDDEN_FRICTION, PUSH_S, pushed
@@ -80,40 +85,64 @@ def test_noise_hides_a_gap_that_is_no_larger_than_what_it_does(found: Gap) -> No
     assert any("noise hides" in line for line in cautions(hidden))
 
 
-def test_only_the_corrected_plant_predicts_as_well_as_noise_lets_it(found: Gap) -> None:
+def test_only_the_corrected_plant_predicts_as_well_as_can_be_expected(found: Gap) -> None:
     assert found.comparison is not None
     assert found.models is not None
-    models, windows = found.models, found.comparison.windows
-    assert (
-        error_over_noise(models.corrected, windows)
-        < 2.0
-        < 5.0
-        < error_over_noise(models.refit, windows)
-    )
+    assert found.search is not None
+    models, held_out = found.models, (found.comparison.windows, found.search.evidence)
+    corrected, refit = (error_over_expected(f, *held_out) for f in (models.corrected, models.refit))
+    assert corrected < 2.0 < 5.0 < refit
 
 
-def test_a_window_that_noise_alone_leads_far_away_does_not_decide(
+@pytest.mark.parametrize("std", [0.0, 0.05])
+def test_the_expected_error_is_that_which_noise_and_random_forces_make(
+    found: Gap, std: float
+) -> None:
+    assert found.comparison is not None
+    assert found.models is not None
+    fit, windows = found.models.corrected, found.comparison.windows.plain
+    evidence = Evidence(0.0, np.array([std]), np.array([1.5, 1.5]), 1000, np.zeros(2))
+    fit, rng = on_windows(fit, windows), np.random.default_rng(0)
+    disturbance, draws = Disturbance.of(fit, windows), []
+    true = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
+    for _ in range(30):
+        force = std * rng.standard_normal((len(windows), disturbance.columns.shape[2]))
+        moved = np.einsum("wnm,wm->wn", disturbance.columns, force).reshape(windows.y.shape)
+        y = true + windows.std[:, None] * (moved + 1.5 * rng.standard_normal(true.shape))
+        shaken = replace(windows, y=np.where(windows.measured, y, np.nan))
+        errors = scaled_errors(shaken, free_run(fit.model, fit.theta, shaken))
+        draws.append(squares_at_end(errors))
+    expected = comparison.expected_squares(fit, windows, evidence)
+    assert np.mean(draws) == pytest.approx(expected.mean(), rel=0.15)
+    if std:  # else it is alike in all windows
+        assert np.corrcoef(np.mean(draws, axis=0).ravel(), expected.ravel())[0, 1] > 0.5
+
+
+def test_a_window_that_nobody_can_foresee_does_not_decide(
     found: Gap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert found.comparison is not None
     assert found.models is not None
+    assert found.search is not None
     windows, wild = found.comparison.windows, 50.0
+    expected: np.ndarray = np.ones((len(windows), 1))
+    expected[0] = wild**2
 
-    def noise_floor(*_: Any) -> np.ndarray:
-        floors = np.ones((2, *windows.y.shape))
-        floors[0, 0], floors[1, 0] = wild, 3.0 * wild
-        return floors
-
-    def error(*_: Any) -> np.ndarray:
-        errors = np.ones(windows.y.shape)
-        errors[0] = 4.0 * wild
+    def error(some: Windows, y: np.ndarray) -> np.ndarray:
+        errors = np.full(some.y.shape, 0.5 if y is after else 1.0)
+        errors[0] *= 4.0 * wild
         return errors
 
+    before, after = (np.zeros(windows.y.shape) for _ in range(2))
+    runs = iter((after, before, after))
     monkeypatch.setattr(comparison, "predictable", lambda found, windows: windows)
-    monkeypatch.setattr(comparison, "noise_floor", noise_floor)
+    monkeypatch.setattr(comparison, "expected_squares", lambda *_: expected)
+    monkeypatch.setattr(comparison, "free_run", lambda *_: next(runs))
     monkeypatch.setattr(comparison, "scaled_errors", error)
-    expected = np.sqrt((16.0 / 5.0 + len(windows) - 1) / len(windows))
-    assert error_over_noise(found.models.corrected, windows) == pytest.approx(expected)
+    told = found.models.corrected, windows, found.search.evidence
+    usual = np.sqrt((4.0 + 0.25 * (len(windows) - 1)) / len(windows))
+    assert error_over_expected(*told) == pytest.approx(usual)
+    assert error_reduction(found.models.refit, *told).value == pytest.approx(0.5)
 
 
 def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_it(

@@ -13,6 +13,7 @@ from mcpilco.gap.comparison import Interval
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.decide import (
     EstimatedParameter,
+    Weighed,
     left_forces,
     named_effects,
     on_bounds,
@@ -31,6 +32,7 @@ from tests.mcpilco.gap.pendulum import dry_friction, record
 FRICTION = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
 SPRING = EffectInstance(CATALOGUE["spring"], "pendulum")
 OFFSET = EffectInstance(CATALOGUE["sensor_offset"], "angle")
+NOTHING = Evidence(0.0, np.zeros(1), np.ones(2), 1000, np.zeros(2))
 SIZES = {FRICTION: (0.1, 2e-3), SPRING: (0.02,), OFFSET: (0.01,)}
 
 
@@ -56,8 +58,13 @@ def searched(
 ) -> tuple[SearchResult, Fit]:
     """A search that ended with these effects, and their fit."""
     null, best = (with_effects(nominal, windows, each) for each in ([], effects))
-    nothing = Evidence(0.0, np.zeros(1), np.ones(2), 1000)
-    return SearchResult(best, null, ((best, 0.0), (null, 500.0)), (), windows, nothing), best
+    return SearchResult(best, null, ((best, 0.0), (null, 500.0)), (), windows, NOTHING), best
+
+
+def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]) -> Weighed:
+    """These effects and none, as they are."""
+    null, best = (with_effects(nominal, windows, each) for each in ([], effects))
+    return Weighed(best, null, windows, NOTHING, NOTHING, {})
 
 
 @pytest.mark.parametrize(
@@ -67,7 +74,10 @@ def searched(
 def test_a_force_is_left_beyond_what_small_errors_of_masses_make(
     std: float, noise: float, left: bool
 ) -> None:
-    assert Evidence(0.0, np.array([0.0, std]), np.array([1.0, noise]), 100).deficient == left
+    assert (
+        Evidence(0.0, np.array([0.0, std]), np.array([1.0, noise]), 100, np.zeros(2)).deficient
+        == left
+    )
 
 
 @pytest.mark.parametrize(
@@ -88,13 +98,13 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     bad: bool,
 ) -> None:
     nominal, windows = rubbing
-    null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION]))
+    judged = judging(nominal, windows, [FRICTION])
     clear = windows[:5]
     beyond = {len(windows): fitted, len(clear): held_out}
-    monkeypatch.setattr(decide, "error_reduction", lambda *fits: Interval(closed, 0.0, 1.0))
-    monkeypatch.setattr(decide, "error_over_noise", lambda found, some: beyond[len(some)])
-    assert decide.mispredicts(best, null, windows, clear) == bad
-    assert not decide.mispredicts(null, null, windows, clear)
+    monkeypatch.setattr(decide, "error_reduction", lambda *_: Interval(closed, 0.0, 1.0))
+    monkeypatch.setattr(decide, "error_over_expected", lambda fit, some, _: beyond[len(some)])
+    assert decide.mispredicts(judged, clear) == bad
+    assert not decide.mispredicts(judging(nominal, windows, []), clear)
 
 
 @pytest.mark.parametrize(
@@ -107,9 +117,9 @@ def test_beside_what_is_unknown_effects_are_named_that_surely_close_most_of_the_
     low: float,
     most: bool,
 ) -> None:
-    fit = with_effects(*rubbing, [])
-    monkeypatch.setattr(decide, "error_reduction", lambda *fits: Interval(closed, low, 1.0))
-    assert decide.closes_most(fit, fit, rubbing[1]) == most
+    judged = judging(*rubbing, [])
+    monkeypatch.setattr(decide, "error_reduction", lambda *_: Interval(closed, low, 1.0))
+    assert decide.closes_most(judged, rubbing[1]) == most
 
 
 @pytest.mark.parametrize(

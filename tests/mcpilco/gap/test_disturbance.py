@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from jaxtyping import Float
+from scipy.linalg import block_diag, toeplitz
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
@@ -21,7 +22,7 @@ STD = 0.03
 
 
 def disturbed(
-    seed: int, std: float, noise: float | tuple[float, float] = 1.0
+    seed: int, std: float, noise: float | tuple[float, float] = 1.0, correlation: float = 0.0
 ) -> tuple[Fit, Windows, Disturbance]:
     """A pendulum's windows as random forces and noise make them about its own motion.
 
@@ -41,13 +42,30 @@ def disturbed(
     force = rng.normal(0.0, std, (len(windows), disturbance.columns.shape[2]))
     moved = np.einsum("wnm,wm->wn", disturbance.columns, force).reshape(windows.y.shape)
     size = np.broadcast_to(np.array(noise), 2)[:, None]
-    measured = size * rng.standard_normal(windows.y.shape)
+    measured = rng.standard_normal(windows.y.shape)
+    for t in range(1, measured.shape[2]):
+        new = np.sqrt(1.0 - correlation**2) * measured[:, :, t]
+        measured[:, :, t] = correlation * measured[:, :, t - 1] + new
+    measured *= size
     y = true + windows.std[:, None] * (moved + measured)
     windows = replace(windows, y=np.where(windows.measured, y, np.nan))
     return fit, windows, Disturbance.of(fit, windows)
 
 
-def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: np.ndarray) -> float:
+def noise_covariance(windows: Windows, noise: np.ndarray, correlation: np.ndarray) -> np.ndarray:
+    """Of all readings of a window, those of each state one after the other."""
+    lags = np.arange(windows.y.shape[2])
+    parts = zip(noise, correlation, strict=True)
+    return np.asarray(block_diag(*(std**2 * toeplitz(part**lags) for std, part in parts)))
+
+
+def dense_deviance(
+    fit: Fit,
+    disturbance: Disturbance,
+    std: np.ndarray,
+    noise: np.ndarray,
+    correlation: np.ndarray,
+) -> float:
     """-2 log likelihood of the residuals' parts that no start makes, by their whole covariance."""
     windows = disturbance.windows
     lin = lean(fit.model, windows, fit.theta, fit.x0)
@@ -56,27 +74,39 @@ def dense_deviance(fit: Fit, disturbance: Disturbance, std: np.ndarray, noise: n
         seen = windows.measured[w].ravel()
         start = np.linalg.svd(lin.Jx[w][seen])[0][:, lin.Jx.shape[2] :].T
         G = start @ disturbance.columns[w][seen] * std[disturbance.joint]
-        rows = np.repeat(noise, windows.y.shape[2])[seen]
-        covariance = (start * rows**2) @ start.T + G @ G.T
+        noisy = noise_covariance(windows, noise, correlation)[np.ix_(seen, seen)]
+        covariance = start @ noisy @ start.T + G @ G.T
         r = start @ lin.r[w][seen]
         total += np.linalg.slogdet(covariance)[1] + r @ np.linalg.solve(covariance, r)
     return total
 
 
 def test_the_deviance_is_that_of_a_normal_distribution_with_the_whole_covariance() -> None:
-    fit, _, disturbance = disturbed(0, STD)
+    fit, _, disturbance = disturbed(0, STD, correlation=0.4)
     found = disturbance.evidence(fit)
-    expected = dense_deviance(fit, disturbance, found.std, found.noise)
+    assert found.correlation[0] > 0.2
+    expected = dense_deviance(fit, disturbance, found.std, found.noise, found.correlation)
     assert found.deviance == pytest.approx(expected, rel=1e-6)
 
 
 def test_no_other_size_is_likelier() -> None:
-    fit, _, disturbance = disturbed(1, STD)
+    fit, _, disturbance = disturbed(1, STD, correlation=0.3)
     found = disturbance.evidence(fit)
-    least = dense_deviance(fit, disturbance, found.std, found.noise)
-    for times, louder in ((1.2, 1.0), (0.8, 1.0), (1.0, 1.05), (1.0, 0.95)):
-        std, noise = times * found.std, louder * found.noise
-        assert dense_deviance(fit, disturbance, std, noise) > least
+    least = dense_deviance(fit, disturbance, found.std, found.noise, found.correlation)
+    sizes = (1.2, 1.0, 0.0), (0.8, 1.0, 0.0), (1.0, 1.05, 0.0), (1.0, 0.95, 0.0)
+    for times, louder, more in (*sizes, (1.0, 1.0, 0.06), (1.0, 1.0, -0.06)):
+        other = times * found.std, louder * found.noise, found.correlation + more
+        assert dense_deviance(fit, disturbance, *other) > least
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_the_correlation_of_noise_is_no_random_force(correlation: float) -> None:
+    found = [
+        d.evidence(fit) for fit, _, d in (disturbed(k, 0.0, 1.0, correlation) for k in range(3))
+    ]
+    told = np.mean([each.correlation[0] for each in found])
+    assert told == pytest.approx(correlation, abs=0.08)
+    assert max(float(each.std[0]) for each in found) < 0.5 * STD
 
 
 @pytest.mark.parametrize(
@@ -87,8 +117,9 @@ def test_the_sizes_that_made_the_data_are_recovered(
 ) -> None:
     found = [d.evidence(fit) for fit, _, d in (disturbed(seed, std, noise) for seed in range(3))]
     assert np.mean([float(each.std[0]) for each in found]) == pytest.approx(std, rel=0.15)
-    expected = np.broadcast_to(np.array(noise), 2)
-    assert np.mean([each.noise for each in found], axis=0) == pytest.approx(expected, rel=0.1)
+    read = np.atleast_1d(noise)
+    told = np.mean([each.noise[: len(read)] for each in found], axis=0)
+    assert told == pytest.approx(read, rel=0.1)
 
 
 def test_where_nothing_is_missing_no_force_is_left() -> None:
@@ -106,17 +137,19 @@ def test_whitened_residuals_are_white() -> None:
 
 
 def test_whitening_is_the_inverse_root_of_the_covariance() -> None:
-    fit, windows, disturbance = disturbed(4, STD)
+    fit, windows, disturbance = disturbed(4, STD, correlation=0.4)
     evidence = disturbance.evidence(fit)
     white = disturbance.whitened(evidence)
-    std, rows = evidence.std[disturbance.joint], np.repeat(evidence.noise, windows.y.shape[2])
+    std = evidence.std[disturbance.joint]
+    noisy = noise_covariance(windows, evidence.noise, evidence.correlation)
     y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
     plain, weighed = residual(windows, y), residual(white, y)
     for w in (0, len(windows) - 1):
         G: Float[np.ndarray, "n m"] = disturbance.columns[w] * std
         G = np.where(windows.measured[w].reshape(-1, 1), G, 0.0)
-        covariance = np.diag(rows**2) + G @ G.T
-        squares = plain[w] @ np.linalg.solve(covariance, plain[w])
+        seen = windows.measured[w].ravel()
+        covariance = (noisy + G @ G.T)[np.ix_(seen, seen)]
+        squares = plain[w][seen] @ np.linalg.solve(covariance, plain[w][seen])
         expected = squares * max(evidence.noise.min(), 1.0) ** 2
         assert np.square(weighed[w]).sum() == pytest.approx(expected, rel=1e-9)
 
@@ -135,9 +168,11 @@ def test_a_reading_weighs_by_its_noise_beside_the_others(
     noise: tuple[float, float], weights: tuple[float, float]
 ) -> None:
     fit, windows, disturbance = disturbed(4, STD)
-    white = disturbance.whitened(replace(disturbance.evidence(fit), noise=np.array(noise)))
+    evidence = replace(disturbance.evidence(fit), noise=np.array(noise), correlation=np.zeros(2))
+    white = disturbance.whitened(evidence)
     assert white.whitening is not None
-    np.testing.assert_allclose(white.whitening.a.reshape(2, -1).T, [weights] * windows.y.shape[2])
+    told = white.whitening.F.a.reshape(windows.y.shape)
+    np.testing.assert_allclose(told, np.broadcast_to(np.array(weights)[:, None], told.shape))
 
 
 def test_a_window_is_whitened_alike_among_others_and_alone() -> None:

@@ -13,6 +13,7 @@ import envs
 from mcpilco.gap import Gap, investigate
 from mcpilco.gap.comparison import error_reduction
 from mcpilco.gap.data import Windows, cut, usual_scales
+from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, on_windows
 from mcpilco.gap.learned_force import (
     GridPrior,
@@ -75,7 +76,8 @@ def test_a_detent_is_learned_where_it_is_and_the_error_on_unseen_recordings_shri
     q = np.linspace(0.2, 0.6, 30)
     np.testing.assert_allclose(place.force.at(q), [detent(x, 0.0) for x in q], atol=0.06)
     unseen = cut(measured[3:], np.array([STD, 1.0]), every=0.3)
-    assert error_reduction(before, after, unseen).low > 0.0
+    evidence = Evidence(0.0, np.zeros(1), np.ones(2), 1000, np.zeros(2))
+    assert error_reduction(before, after, unseen, evidence).low > 0.0
 
 
 def test_of_noise_nothing_is_learned() -> None:

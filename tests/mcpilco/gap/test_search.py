@@ -72,8 +72,8 @@ def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
     [
         ((0.05, 1.0), (0.04, 1.0), False),  # a random force, and a noise
         ((0.05, 1.0), (0.03, 1.0), True),
-        ((0.05, 1.5), (0.05, 1.1), True),
-        ((0.003, 1.0), (0.003, 1.0), True),
+        ((0.05, 2.0), (0.05, 1.1), True),
+        ((0.009, 1.0), (0.009, 1.0), True),
     ],
     ids=["explains less", "explains more", "in a reading", "nothing is left"],
 )
@@ -91,10 +91,30 @@ def test_an_effect_explains_as_much_as_it_leaves(
     for fit, (std, noise), deviance in ((null, before, 3e3), (larger, after, 1e3)):
         key = frozenset(fit.model.effects)
         tried.fits[key] = fit
-        tried.evidence[key] = Evidence(deviance, np.array([std]), np.array([noise]), 1000)
+        tried.evidence[key] = Evidence(
+            deviance, np.array([std]), np.array([noise]), 1000, np.zeros(1)
+        )
     assert tried.bic(null) - tried.bic(larger) > 1000.0
     assert tried.prefers(larger, null) == worth
     assert (tried.best() is larger) == worth
+
+
+@pytest.mark.parametrize(("stds", "meant"), [(5.0, True), (1.0, False)])
+def test_an_effect_is_worth_it_that_brings_a_parameter_back_to_its_prior(
+    lagging: tuple[GapProblem, Windows, Fit], stds: float, meant: bool
+) -> None:
+    """However much is left over: no imitation is at work where the prior alone speaks."""
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    pulled = np.eye(len(null.theta))[0] * stds * next(iter(null.model.priors.values()))
+    smaller = replace(null, theta=pulled)
+    model, theta = null.model.grown(np.zeros_like(pulled), DELAY, [0.01])
+    larger = replace(null, model=model, theta=theta)
+    for fit in (smaller, larger):
+        key = frozenset(fit.model.effects)
+        tried.fits[key] = fit
+        tried.evidence[key] = Evidence(1e3, np.array([0.05]), np.ones(2), 1000, np.zeros(2))
+    assert tried.prefers(larger, smaller) == meant
 
 
 @pytest.mark.parametrize(("times", "meant"), [(2.0, True), (1e6, False)])
@@ -108,7 +128,7 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     perfect = replace(null, model=model, theta=theta)
     key = frozenset(model.effects)
     tried.fits[key] = perfect
-    tried.evidence[key] = Evidence(-1e6, np.zeros(1), np.ones(2), 1000)
+    tried.evidence[key] = Evidence(-1e6, np.zeros(1), np.ones(2), 1000, np.zeros(2))
     assert tried.prefers(perfect, tried.null) == meant
 
 
@@ -120,6 +140,14 @@ def test_two_effects_are_found_of_which_each_alone_is_imitated(
     assert {*result.best.model.effects} == {FRICTION, LAG}
     assert result.ranked[0][0] is result.best
     assert all(bic >= result.ranked[0][1] for _, bic in result.ranked[1:])
+
+
+@pytest.mark.slow
+def test_three_effects_are_found_of_which_none_explains_as_much_as_the_others() -> None:
+    uneven, ripple = (0.16, 0.06, 2e-3), (0.17, 0.04, 3.9)
+    hidden = [(UNEVEN, uneven), (LAG, (0.04,)), (active("position_ripple", "pendulum"), ripple)]
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    assert found(known, known.candidates(known.windows())) == {each for each, _ in hidden}
 
 
 @pytest.mark.slow
