@@ -16,7 +16,7 @@ DOCS_READY := $(VENV)/.stamp-docs
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help train test test-slow check format docs clean
+.PHONY: help train test test-slow test-claims check format docs stale clean
 
 help: ## say what there is
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 20
@@ -25,15 +25,18 @@ train: $(CORE_READY) ## learn the cart-pole swing-up; SEED, TRIALS and OUT are o
 	$(BIN)/mcpilco train $(if $(SEED),--seed $(SEED)) $(if $(TRIALS),--trials $(TRIALS)) $(if $(OUT),--out "$(OUT)")
 
 # One thread for each of two workers: small matrices do not gain from more.
-test test-slow: export OMP_NUM_THREADS := 1
-test test-slow: export OPENBLAS_NUM_THREADS := 1
-test test-slow: export MKL_NUM_THREADS := 1
+test test-slow test-claims: export OMP_NUM_THREADS := 1
+test test-slow test-claims: export OPENBLAS_NUM_THREADS := 1
+test test-slow test-claims: export MKL_NUM_THREADS := 1
 
 test: $(DEV_READY) ## run the tests that take seconds
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
 
 test-slow: $(DEV_READY) ## run the tests that take minutes
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m slow $(ARGS)
+
+test-claims: $(DEV_READY) ## run the tests of what the project stands for, some minutes
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m claim $(ARGS)
 
 check: $(DEV_READY) ## look at format, style, types, spelling and imports; change nothing
 	$(BIN)/ruff format --check .
@@ -49,6 +52,9 @@ format: $(DEV_READY) ## format the code and mend what can be mended
 docs: $(DOCS_READY) ## build the documentation into site/
 	$(BIN)/python docs/build_reference.py
 	$(BIN)/zensical build --strict --clean
+
+stale: $(DEV_READY) ## list the tables of runs/ that are not of today's code
+	@$(BIN)/python runs/stale.py $(ARGS)
 
 clean: ## remove what the targets made, but for .venv and the runs
 	rm -rf site docs/reference dist build .pytest_cache .ruff_cache .mypy_cache .hypothesis .import_linter_cache

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
+from evidence import Stamp, stamp, table_of
 from threadpoolctl import threadpool_limits
 
 import baselines  # noqa: F401  registers its algorithms
@@ -48,6 +49,7 @@ __all__ = [
     "END",
     "broken_off",
     "code_of",
+    "code_that_made",
     "costs",
     "failures",
     "fill",
@@ -113,6 +115,7 @@ def swept(
     settings: Any,
     seeds: Sequence[int],
     path: Path,
+    run: str,
     workers: int | None = None,
     then: OnResult | None = None,
     make_job: Callable[[Any, int], Any] = seed_job,
@@ -123,6 +126,7 @@ def swept(
         settings: of the sweep.
         seeds: asked for.
         path: folder of their results.
+        run: folder of the run, see `evidence`.
         workers: processes at a time; None: one a core.
         then: called with each seed that ends, and its result or `Failure`.
         make_job: what trains one seed of these settings.
@@ -136,7 +140,19 @@ def swept(
                 then(seed, outcome)
 
         engine = many.LocalEngine(workers)
-        return many.sweep(settings, seeds, path, engine, on_result, make_job)
+        job = partial(_stamped_job, make_job, path / "seeds", run)
+        return many.sweep(settings, seeds, path, engine, on_result, job)
+
+
+def _stamped_job(
+    make_job: Callable[[Any, int], Any], results: Path, run: str, settings: Any, seed: int
+) -> partial[dict[str, Any]]:
+    path = results / f"{seed:04d}.json"
+    return partial(_stamped, make_job(settings, seed), stamp(table_of(run, path)), path)
+
+
+def _stamped(job: Callable[[], dict[str, Any]], by: Stamp, path: Path) -> dict[str, Any]:
+    return by.on(job(), path)
 
 
 def code_of(summary: Mapping[str, Any], seeds: Sequence[int]) -> int:
@@ -144,14 +160,22 @@ def code_of(summary: Mapping[str, Any], seeds: Sequence[int]) -> int:
     return int(any(str(seed) in summary["failed"] for seed in seeds))
 
 
-def keep(path: Path, found: Mapping[str, Any]) -> None:
-    """Write a result as JSON; its folder is made.
+def keep(path: Path, found: Mapping[str, Any], run: str, continued: bool = False) -> None:
+    """Write a result as JSON, with the code that made it and its seed's role; its folder is made.
+
+    Args:
+        path: of its file.
+        found: the result.
+        run: folder of the run, whose tables `evidence` lists.
+        continued: whether it holds what the file that is there held.
 
     Raises:
+        LookupError: the run has no such table.
         RunFolderError: the file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, json.dumps(found, indent=1).encode())
+    result = stamp(table_of(run, path)).on(found, path, continued)
+    write_bytes(path, json.dumps(result, indent=1).encode())
 
 
 def kept(results: Path) -> list[dict[str, Any]]:
@@ -166,9 +190,9 @@ def kept(results: Path) -> list[dict[str, Any]]:
 # The page -----------------------------------------------------------------------------------------
 
 
-def marks(name: str) -> tuple[str, str]:
-    """The lines between which a part of a page is rewritten, by its name."""
-    return f"<!-- {name}: written by run.py -->", f"<!-- end of {name} -->"
+def marks(name: str, by: str = "run.py") -> tuple[str, str]:
+    """The lines between which a part of a page is rewritten, by its name and its command."""
+    return f"<!-- {name}: written by {by} -->", f"<!-- end of {name} -->"
 
 
 BEGIN, END = marks("results")
@@ -202,7 +226,11 @@ def write_picture(path: Path, figure: Figure, dpi: int = 110) -> None:
 
 
 def fill(
-    page: Path, parts: Sequence[str], template: Path | None = None, name: str = "results"
+    page: Path,
+    parts: Sequence[str],
+    template: Path | None = None,
+    name: str = "results",
+    by: str = "run.py",
 ) -> None:
     """Put these parts between the marked lines of a page; all else in it stays.
 
@@ -211,6 +239,7 @@ def fill(
         parts: paragraphs, headings and tables; empty ones are left out.
         template: what the page begins as where there is none.
         name: which of its marked parts.
+        by: the command that its first line names.
 
     Raises:
         InputError: the page has not both lines, once each and in order.
@@ -219,7 +248,7 @@ def fill(
     page.parent.mkdir(parents=True, exist_ok=True)
     begun = page if template is None or page.exists() else template
     text = begun.read_text(encoding="utf-8")
-    begin, end = marks(name)
+    begin, end = marks(name, by)
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise InputError(
             f"{begun} must hold the lines {begin} and {end}, once each, in this order."
@@ -316,6 +345,16 @@ def machines(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             found.setdefault(line, []).append(f"`{preset}`")
     lines = [f"- {', '.join(presets)}: {line}" for line, presets in found.items()]
     return "### Machine\n\n" + "\n".join(lines)
+
+
+def code_that_made(result: Mapping[str, Any]) -> str:
+    """The code that made a result, as a page calls it."""
+    made = result.get("made", {})
+    if made.get("digest"):
+        return f"code of digest `{made['digest']}`"
+    if "method" in result:  # before all code was digested
+        return f"code of which `mcpilco.gap` had the digest `{result['method']}`"
+    return "code of several versions" if made else "code that is not recorded"
 
 
 def places(results: Iterable[Mapping[str, Any]], more: str = "") -> str:

@@ -61,7 +61,7 @@ QUICKER = {
 """All that is changed in a command before it is run, beside the presets: patterns, replacements"""
 
 NOT_RUN = {
-    r"^(git|cd|source|pip) |^make (test|check|format|docs)": "needs a clone, or PyPI",
+    r"^(git|cd|source|pip) |^make (test|check|format|docs|stale)": "needs a clone, or PyPI",
     r"--machine ": "needs a machine",
     r"^mcpilco gap crossing/machine": "needs its recordings",
     r"(^|/)python runs/": "measures for minutes or hours, in a clone",

@@ -106,7 +106,8 @@ def run(base: str, name: str, arguments: Arguments, out: Path) -> dict[str, Any]
     task = None if row.task is None else os.path.relpath(HERE / row.task)
     settings = Settings(f"envs:{CART_POLE}", {}, f"{base}-{name}", config, trials, fresh, task)
     print(f"{base}, {name}, {len(seeds)} seeds of {trials} trials:", flush=True)
-    return swept(settings, seeds, out / "results" / base / name, arguments.workers)
+    path = out / "results" / base / name
+    return swept(settings, seeds, path, HERE.name, arguments.workers)
 
 
 def write_readme(out: Path) -> None:

@@ -112,7 +112,7 @@ def by_trials(row: Row, arguments: Arguments, out: Path) -> int:
     """Train the seeds that are missing, judged after each trial."""
     seeds = parse_seeds(arguments.seeds or row.seeds)
     settings = preset_settings(SYSTEMS[arguments.env], row.algo, row.preset, TRIALS, FRESH)
-    return code_of(swept(settings, seeds, out, arguments.workers), seeds)
+    return code_of(swept(settings, seeds, out, HERE.name, arguments.workers), seeds)
 
 
 def by_amounts(row: Row, arguments: Arguments, out: Path) -> int:
@@ -128,7 +128,8 @@ def by_amounts(row: Row, arguments: Arguments, out: Path) -> int:
         if not isinstance(outcome, Failure):
             make_job(settings, seed).forget()
 
-    return code_of(swept(settings, seeds, out, arguments.workers, forget, make_job), seeds)
+    summary = swept(settings, seeds, out, HERE.name, arguments.workers, forget, make_job)
+    return code_of(summary, seeds)
 
 
 def write_readme(out: Path) -> None:

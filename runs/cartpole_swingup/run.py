@@ -37,6 +37,7 @@ from harness import (
 from mcpilco.config import PRESETS
 
 HERE = Path(__file__).parent
+COMPARISON = HERE.parent / "cartpole_comparison" / "results" / "cartpole"
 ENV = "envs:mcpilco/CartPoleSwingUp-v0"
 FRESH = 100
 
@@ -109,7 +110,7 @@ def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
 
     settings = Settings(ENV, chosen.env_kwargs, name, config, plan.trials, fresh)
     print(f"Preset {name}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
-    return swept(settings, seeds, out / "results" / preset, arguments.workers)
+    return swept(settings, seeds, out / "results" / preset, HERE.name, arguments.workers)
 
 
 # The tables ---------------------------------------------------------------------------------------
@@ -124,7 +125,35 @@ def write_readmes(out: Path) -> None:
     parts += [costs(summaries), failures(summaries), machines(summaries)]
     fill(out / "README.md", parts, template=HERE / "README.md")
     if out == HERE:
-        fill(HERE.parents[1] / "README.md", setting[1:3])
+        fill(HERE.parents[1] / "README.md", overview(out / "results"))
+
+
+def overview(results: Path) -> list[str]:
+    """The table of success in short: one rollout a policy, beside PILCO's of the comparison."""
+    ours = read_summaries(results, ("fresh", "thesis"))
+    theirs = read_summaries(COMPARISON, ("pilco",))
+    settings = {
+        "MC-PILCO here, preset `default`": ours.get("fresh"),
+        "MC-PILCO here, preset `thesis`": ours.get("thesis"),
+        "PILCO here": theirs.get("pilco"),
+    }
+    rows = {
+        f"{name}, {len(summary['seeds'])} seeds": cells(summary, _succeeded)
+        for name, summary in settings.items()
+        if summary
+    }
+    legend = (
+        "One rollout a policy, in brackets 95 % intervals (Wilson). The preset `thesis` is the "
+        "setting of the doctoral thesis that the first rows are of, `default` is ours; no number "
+        "was chosen on the seeds of `default`, which were run once."
+    )
+    return [table("success", 1, rows), legend]
+
+
+def _succeeded(trial: Mapping[str, Any]) -> str:
+    from mcpilco.sweep import rate_cell
+
+    return rate_cell(trial["success"])
 
 
 def at(summary: Mapping[str, Any], experience: float) -> dict[str, Any] | None:
@@ -166,14 +195,12 @@ def thesis_setting(summaries: Mapping[str, Any]) -> list[str]:
 
 def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
     """Success of one rollout and of many, for each setting."""
-    from mcpilco.sweep import mean_cell, rate_cell
+    from mcpilco.sweep import mean_cell
 
     success = {}
     for name, summary in ours.items():
         count = len(summary["seeds"])
-        success[f"{titled(name)}, one rollout a policy, {count} seeds"] = cells(
-            summary, lambda trial: rate_cell(trial["success"])
-        )
+        success[f"{titled(name)}, one rollout a policy, {count} seeds"] = cells(summary, _succeeded)
         success[f"{titled(name)}, p over fresh rollouts of each policy"] = cells(
             summary, lambda trial: mean_cell(trial["p"])
         )

@@ -13,7 +13,6 @@ Reference: thesis chapter 4, figures 4.1 to 4.3.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from dataclasses import dataclass, field, replace
@@ -29,11 +28,11 @@ from threadpoolctl import threadpool_limits
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
 
 from collision.pages import write_page
-from harness import folder, parse_seeds
+from harness import folder, keep, parse_seeds
 
 from envs.arms.motions import Targets, waypoints
 from envs.arms.sticky_arm import MODEL, PID, SAMPLING_S, Drives, Push, StickyArm
-from mcpilco.files import write_arrays, write_bytes
+from mcpilco.files import write_arrays
 from mcpilco.identification import RigidBody
 from mcpilco.identification.collision import (
     CURRENT_TERMS,
@@ -119,10 +118,9 @@ def main() -> int:
                 path = out / "results" / controller / f"{seed:04d}.json"
                 if not path.exists():
                     found, shown = trial(controller, seed, size)
-                    path.parent.mkdir(parents=True, exist_ok=True)
+                    keep(path, found, HERE.name)
                     if not (example := path.parent / "shown.npz").exists():
                         write_arrays(example, shown)
-                    write_bytes(path, json.dumps(found, indent=1).encode())
                     print(f"{controller}, seed {seed}: {found['cpu_s']:.0f} CPU s", flush=True)
                 write_page(out, HERE / "README.md", DETECTORS, EITHER)  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")

@@ -29,11 +29,10 @@ from matplotlib.ticker import LogLocator
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, write_picture
+from harness import fill, keep, write_picture
 
 from mcpilco.config import Phase, SearchConfig
 from mcpilco.dynamics import AngleAugmentation, GPDynamics, speed_integration
-from mcpilco.files import write_bytes
 from mcpilco.gp import GP
 from mcpilco.kernels import MPK, RBF
 from mcpilco.policies import SaturatingCost, SumOfGaussians
@@ -108,7 +107,7 @@ def main() -> None:
         "repeats": arguments.repeats,
         "rows": {axis: timed(axis, sizes, arguments.repeats) for axis, sizes in rows.items()},
     }
-    write_bytes(out / "results.json", (json.dumps(found, indent=1) + "\n").encode())
+    keep(out / "results.json", found, HERE.name)
     write_plot(found["rows"], out / "growth.png")
     write_readme(found, out)
     print(f"Table: {out / 'README.md'}")

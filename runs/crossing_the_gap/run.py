@@ -90,7 +90,7 @@ def main() -> int:
         for leg in arguments.legs:
             if leg not in found["legs"]:
                 found["legs"][leg] = LEARN[leg](seed, found, work(seed, arguments.quick))
-                keep(path, found)
+                keep(path, found, HERE.name, continued=path.exists())
                 print(
                     f"seed {seed}, {found['kind']}, {leg}: {told(found['legs'][leg])}", flush=True
                 )

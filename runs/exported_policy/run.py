@@ -159,7 +159,7 @@ def main() -> None:
     short = replace(config, search=replace(config.search, steps=(60,), restarts=(0,)))
     chosen = hasty(config) if arguments.quick else short
     results = [measured(kind, chosen, 200 if arguments.quick else 10_000) for kind in kinds]
-    keep(place / "results.json", {"results": results})
+    keep(place / "results.json", {"results": results}, HERE.name)
     fill(place / "README.md", [table(results), places([{"machine": machine()}])], PAGE)
 
 

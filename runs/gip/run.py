@@ -58,7 +58,7 @@ def main() -> int:
             path = out / "results" / experiment / f"{seed:04d}.json"
             if not path.exists():
                 found = EXPERIMENTS[experiment](seed, sizes) | {"machine": machine()}
-                keep(path, found)
+                keep(path, found, HERE.name)
                 print(f"{experiment}, seed {seed}", flush=True)
         pages.write(out, gathered(out), template=HERE / "README.md")  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")

@@ -35,7 +35,6 @@ from page import write_readme
 from peers import peers
 from verdicts import right
 
-from mcpilco.compiling import digest
 from mcpilco.logbook import read_json
 from mcpilco.sweep import machine
 
@@ -44,12 +43,6 @@ if TYPE_CHECKING:
     from mcpilco.recordings import Recording
 
 HERE = Path(__file__).parent
-
-
-METHOD = digest(
-    "gap", "plant", "plant/effects", "plant/simulation", "mjcf", "bodies", "recordings"
-)[:12]
-"""of the code that is tried"""
 
 
 @dataclass(frozen=True)
@@ -101,7 +94,7 @@ def run(arguments: Arguments) -> None:
         }
         for done in as_completed(waiting):
             found, path = done.result(), waiting[done]
-            keep(path, found)
+            keep(path, found, HERE.name, continued=path.exists())
             told = [(e["name"], e["target"]) for e in found["found"]]
             truth = [(e.get("kind", e["name"]), e["target"]) for e in found["truth"]]
             mark = "right" if right(found) else "wrong"
@@ -149,7 +142,6 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "error": told["error"],
         "events": told["events"],
         "cpu_s": spent,
-        "method": METHOD,
         "machine": machine(),
     }
 

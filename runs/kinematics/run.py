@@ -113,7 +113,7 @@ def measured(path: Path, measure: Callable[..., dict[str, Any]], *arguments: Any
         "cpu_s": time.process_time() - begun,
         "machine": machine(),
     }
-    keep(path, found)
+    keep(path, found, HERE.name)
     print(f"{path.parent.name}, seed {path.stem}: {found['cpu_s']:.1f} CPU s", flush=True)
 
 

@@ -99,6 +99,13 @@ def table(results: dict[str, list[dict[str, Any]]]) -> str:
     return markdown(header, rows)
 
 
+def write_readme(out: Path) -> None:
+    """Put the table of the results that are there into README.md."""
+    results = {name: kept(out / "results" / name) for name in NAMES}
+    everything = [result for found in results.values() for result in found]
+    fill(out / "README.md", [table(results), places(everything)], HERE / "README.md")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="7000:7050")
@@ -114,10 +121,9 @@ def main() -> None:
     for seed in parse_seeds(arguments.seeds):
         path = place / "results" / name / f"{seed}.json"
         if not path.exists():
-            keep(path, trained(seed, not arguments.free, config, arguments.trials))
-        results = {name: kept(place / "results" / name) for name in NAMES}
-        everything = [result for found in results.values() for result in found]
-        fill(place / "README.md", [table(results), places(everything)], HERE / "README.md")
+            found = trained(seed, not arguments.free, config, arguments.trials)
+            keep(path, found, HERE.name)
+        write_readme(place)  # a stop loses no table
 
 
 if __name__ == "__main__":

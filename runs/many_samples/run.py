@@ -118,6 +118,14 @@ def success_table(found: list[dict[str, Any]]) -> str:
     return markdown(["policy", "swung up", "CPU s"], rows)
 
 
+def write_readme(out: Path) -> None:
+    """Put the tables of the results that are there into README.md."""
+    costs = kept(out / "results" / "cost")
+    successes = kept(out / "results" / "success")
+    parts = ["### Time and memory", cost_table(costs), "### Success", success_table(successes)]
+    fill(out / "README.md", [*parts, places([*costs, *successes])], HERE / "README.md")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", help="of trainings, such as 8000:8010")
@@ -139,16 +147,15 @@ def main() -> None:
                 command = [sys.executable, __file__, "--one", str(size), str(inducing)]
                 line = subprocess.run(command, check=True, capture_output=True, text=True).stdout
                 result = json.loads(line.splitlines()[-1])
-                keep(place / "results" / "cost" / f"{size}-{inducing}.json", result)
+                path = place / "results" / "cost" / f"{size}-{inducing}.json"
+                keep(path, result, HERE.name)
     config = hasty(Config()) if arguments.quick else Config()
     for seed in parse_seeds(arguments.seeds) if arguments.seeds else ():
         path = place / "results" / "success" / f"{seed}.json"
         if not path.exists():
-            keep(path, trained(seed, config, 60 if arguments.quick else SAMPLES, TRIALS))
-    costs = kept(place / "results" / "cost")
-    successes = kept(place / "results" / "success")
-    parts = ["### Time and memory", cost_table(costs), "### Success", success_table(successes)]
-    fill(place / "README.md", [*parts, places([*costs, *successes])], HERE / "README.md")
+            found = trained(seed, config, 60 if arguments.quick else SAMPLES, TRIALS)
+            keep(path, found, HERE.name)
+    write_readme(place)
 
 
 if __name__ == "__main__":

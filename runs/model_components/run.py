@@ -22,19 +22,10 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import broken_off, fill, folder, machines, parse_seeds, read_summaries
+from harness import broken_off, fill, folder, machines, parse_seeds, read_summaries, swept
 
 from mcpilco.config import CART_POLE, CART_POLES, PRESETS, Config, ModelConfig, SearchConfig
-from mcpilco.sweep import (
-    LocalEngine,
-    Settings,
-    markdown,
-    mean_cell,
-    rate_cell,
-    seed_job,
-    spread_cell,
-    sweep,
-)
+from mcpilco.sweep import Settings, markdown, mean_cell, rate_cell, seed_job, spread_cell
 
 HERE = Path(__file__).parent
 FRESH = 50
@@ -149,14 +140,8 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
         config, seeds, trials, fresh = replace(config, search=search), seeds[:1], 1, 4
     settings = Settings(f"envs:{SYSTEMS[system]}", disturbed(cell), name, config, trials, fresh)
     print(f"{system}, {name}, {len(seeds)} seeds of {trials} trials:", flush=True)
-
-    def told(seed: int, outcome: Any) -> None:
-        shown = outcome.get("trials") if isinstance(outcome, dict) else outcome
-        rows = [(row["success"], row["p"]) for row in shown] if isinstance(shown, list) else shown
-        print(f"  seed {seed}: {rows}", flush=True)
-
     path = out / "results" / system / name
-    return sweep(settings, seeds, path, LocalEngine(arguments.workers), told, job_of)
+    return swept(settings, seeds, path, HERE.name, arguments.workers, make_job=job_of)
 
 
 def disturbed(cell: Cell) -> dict[str, Any]:

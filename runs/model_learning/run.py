@@ -23,7 +23,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # its modules, wherever it is run from
 
-from harness import fill, folder, parse_seeds
+from harness import fill, folder, keep, parse_seeds, places
 from model_learning import pictures, tables
 from model_learning.forecasts import MODELS, Forecast, read_policy
 from model_learning.forecasts import forecaster as fitted
@@ -32,6 +32,7 @@ from model_learning.measures import Measured, averaged, measure, read_measured, 
 import envs  # noqa: F401  registers its ids
 from mcpilco.agent import Streams, input_bounds, make_env, run_episode, task_of
 from mcpilco.data import Rollout
+from mcpilco.logbook import read_json
 from mcpilco.sweep import one_thread
 from mcpilco.task import TaskSpec
 
@@ -73,6 +74,7 @@ def main() -> int:
                     path = out / "results" / system / f"{seed:04d}.csv"
                     if not path.exists():
                         write_measured(path, bench.measured(seed, count), bench.task.dt)
+                        keep(path.with_suffix(".json"), {"seed": seed}, HERE.name)
                         print(f"{system}, seed {seed}", flush=True)
                 pictures.write_example(out / f"{system}-example.png", bench.example(seeds[0]))
         write_readme(out)
@@ -170,8 +172,9 @@ def write_readme(out: Path) -> None:
         parts.append(f"![RMSE, coverage and likelihood over the horizon]({system}-errors.png)")
         parts.append(f"![The angle as each model predicts it]({system}-example.png)")
         parts += tables.tables(found, KINDS, MODELS)
-    parts = parts or ["Not run yet."]
-    fill(out / "README.md", [*parts, tables.machine_line()], template=HERE / "README.md")
+    about = [read_json(path) for path in (out / "results").glob("*/*.json")]
+    where = places(about) if about else "Machine: not recorded."
+    fill(out / "README.md", [*parts, where] if parts else ["Not run yet."], HERE / "README.md")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from mcpilco.logbook import versions
-from mcpilco.sweep import bootstrapped, machine, markdown, mean, mean_cell, spread, spread_cell
+from mcpilco.sweep import bootstrapped, markdown, mean, mean_cell, spread, spread_cell
 
 TIMES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 """instants that have a column [s]"""
@@ -106,12 +105,6 @@ def averages(of_it: Mapping[str, Mapping[str, np.ndarray]]) -> str:
 def at(columns: Mapping[str, np.ndarray], time: float) -> int:
     """The instant at a time [s]."""
     return int(np.argmin(np.abs(columns["time_s"] - time)))
-
-
-def machine_line() -> str:
-    """Where the last of it ran; no number here depends on it beyond rounding."""
-    told = ", ".join(f"{name} {value}" for name, value in versions().items())
-    return f"Machine: {machine()['cpu']}; {told}"
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

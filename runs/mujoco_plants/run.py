@@ -364,18 +364,18 @@ def main() -> None:
             models = {name: look for name, look in looks.items() if look is not None}
             if models:
                 content = {"package": package, "models": models}
-                keep(out / "results" / "models" / f"{package}.json", content)
+                keep(out / "results" / "models" / f"{package}.json", content, HERE.name)
     if options.what == "throughput":
         speeds = {}
         for case in (Case(*CHEETAH), Case(*HOPPER), Case("gymnasium", "ant.xml")):
             speeds[f"{case.package}/{case.model}"] = throughput(path_of(case))
             print(case.model, speeds[f"{case.package}/{case.model}"], flush=True)
-        keep(out / "results" / "speed" / "speed.json", {"models": speeds, "machine": machine()})
+        keep(out / "results" / "speed" / "speed.json", {"models": speeds}, HERE.name)
     if options.what == "cases":
         for case in CASES:
             path = out / "results" / "cases" / f"{case.name}.json"
             if options.only in case.name and not path.exists():
-                keep(path, result := tried(case))
+                keep(path, result := tried(case), HERE.name)
                 print(case.name, judged(result), f"{result['wall_s']:.0f} s", flush=True)
     write_page(out)
 

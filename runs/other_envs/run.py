@@ -122,7 +122,7 @@ def train(case: Case, out: Path, arguments: Arguments) -> int:
         fresh_horizon=case.limit,
     )
     seeds = parse_seeds(arguments.seeds)
-    summary = swept(settings, seeds, out, arguments.workers)
+    summary = swept(settings, seeds, out, HERE.name, arguments.workers)
     return 1 if summary["failed"] else 0
 
 

@@ -93,7 +93,7 @@ def run(name: str, arguments: Arguments, out: Path) -> dict[str, Any]:
         seeds = seeds[:1]
         settings = Settings(ENV, {}, name, hasty(SETTINGS[name]), trials=1, fresh=5)
     print(f"{name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
-    return swept(settings, seeds, out / "results" / name, arguments.workers)
+    return swept(settings, seeds, out / "results" / name, HERE.name, arguments.workers)
 
 
 # The tables ---------------------------------------------------------------------------------------

@@ -23,12 +23,12 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, folder, hasty, kept, parse_seeds, places, use_one_thread
+from harness import fill, folder, hasty, keep, kept, parse_seeds, places, use_one_thread
 
 import envs
 from mcpilco import MCPILCO
 from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
-from mcpilco.logbook import read_json, versions, write_json
+from mcpilco.logbook import read_json, versions
 from mcpilco.sweep import FreshEpisodes, machine, markdown, rate, rate_cell, spread, spread_cell
 
 HERE = Path(__file__).parent
@@ -87,10 +87,9 @@ def main() -> int:
         for name in arguments.models:
             path = out / "results" / name / f"{seed:04d}.json"
             if not (path.exists() and read_json(path)["over"]):
-                path.parent.mkdir(parents=True, exist_ok=True)
                 config = hasty(config_of(name, seed)) if arguments.quick else config_of(name, seed)
                 for result in learned(config, seed, trials):
-                    write_json(path, result)
+                    keep(path, result, HERE.name)
                     write_readme(out)
                 print(f"{name}, seed {seed}: {verdict(result)}", flush=True)
     write_readme(out)

@@ -54,7 +54,8 @@ def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     seeds = parse_seeds(arguments.seeds)
     settings = preset_settings(ENV, "mcpilco", PRESET, TRIALS)
-    summary = swept(settings, seeds, arguments.out / "results" / PRESET, arguments.workers)
+    path = arguments.out / "results" / PRESET
+    summary = swept(settings, seeds, path, HERE.name, arguments.workers)
     write_readme(arguments.out)
     print(f"Tables: {arguments.out / 'README.md'}")
     return code_of(summary, seeds)

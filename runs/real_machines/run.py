@@ -12,6 +12,7 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -23,19 +24,14 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # what runs share, wherever it is run from
 
-from harness import fill, keep, use_one_thread
+from harness import code_that_made, fill, keep, use_one_thread
 from real_machines.machines import MACHINES
 
-from mcpilco.compiling import digest
 from mcpilco.gap import Gap, investigate, to_json
 from mcpilco.logbook import read_json
 from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
-METHOD = digest(
-    "gap", "plant", "plant/effects", "plant/simulation", "mjcf", "bodies", "recordings"
-)[:12]
-"""of the code that is tried"""
 MODELS = "nominal", "refit", "corrected"
 EARLY_S = 0.5
 """after the start of a free run, at which errors are told besides [s]"""
@@ -103,7 +99,7 @@ def run(arguments: Arguments) -> None:
         }
         for done in as_completed(waiting):
             asked, found = waiting[done], done.result()
-            keep(results / asked.file, found)
+            keep(results / asked.file, found, HERE.name)
             names = [f"{e['name']} ({e['target']})" for e in found["effects"]]
             print(f"{asked.file}: {found['verdict']}, {', '.join(names) or 'no effect'}")
 
@@ -117,7 +113,6 @@ def solve(asked: Question, data: Path) -> dict[str, Any]:
     return to_json(gap) | {
         "early": _early(gap),
         "cpu_s": spent,
-        "method": METHOD,
         "host": machine(),
     }
 
@@ -157,13 +152,11 @@ def page(results: Path) -> list[str]:
 
 
 def _origin(found: dict[Question, dict[str, Any]]) -> str:
-    old = sum(told["method"] != METHOD for told in found.values())
     seconds = np.median([told["cpu_s"] for told in found.values()])
-    sentence = f"{len(found)} questions, a median of {seconds:.0f} CPU seconds each, on one thread."
+    asked = Counter(map(code_that_made, found.values())).most_common()
     return (
-        f"{sentence} {old} of them were asked of an earlier version of the code."
-        if old
-        else sentence
+        f"{len(found)} questions, a median of {seconds:.0f} CPU seconds each, on one thread; "
+        f"{'; '.join(f'{count} with {code}' for code, count in asked)}."
     )
 
 

@@ -33,7 +33,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from harness import fill, folder, kept, parse_seeds, places, use_one_thread
+from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
 from pendubot_swingup.run import CONFIG
 from realaigym.regulator import Regulator
 
@@ -111,10 +111,10 @@ def main() -> int:
                 name = f"{robot}-{variant.replace(', ', '-')}-{seed:04d}"
                 path = out / "results" / f"{name}.json"
                 found = read_json(path) if path.exists() else learned(robot, variant, seed, name)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_json(path, found)
+                keep(path, found, HERE.name, continued=path.exists())
                 if not arguments.learn_only and "robustness" not in found:
-                    write_json(path, found | judged(robot, name, arguments.checkout.resolve()))
+                    found = found | judged(robot, name, arguments.checkout.resolve())
+                    keep(path, found, HERE.name, continued=True)
                 print(f"{name}: {read_json(path)}", flush=True)
                 write_readme(out)
     return 0

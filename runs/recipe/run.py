@@ -116,7 +116,8 @@ def run(system: str, name: str, arguments: Arguments, out: Path) -> dict[str, An
         seeds = seeds[:1]
         settings = Settings(env, {}, name, hasty(config), trials=1, fresh=5)
     print(f"{system}, {name}, {len(seeds)} seeds of {settings.trials} trials:", flush=True)
-    return swept(settings, seeds, out / "results" / system / name, arguments.workers)
+    path = out / "results" / system / name
+    return swept(settings, seeds, path, HERE.name, arguments.workers)
 
 
 # The tables ---------------------------------------------------------------------------------------

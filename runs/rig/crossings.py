@@ -19,6 +19,7 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import pages  # noqa: E402
+from harness import keep  # noqa: E402
 from rig import hidden  # noqa: E402
 
 WORK = ROOT / "runs/out/rig"
@@ -64,8 +65,7 @@ def main() -> None:
             found = crossed(seed, WORK)
             print(json.dumps(found), flush=True)
             if found["code"] == 0:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(json.dumps(found, indent=1) + "\n")
+                keep(path, found, HERE.name)
         pages.write()
 
 

@@ -22,8 +22,9 @@ import torch
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT)]
+sys.path[:0] = [str(HERE), str(HERE.parent), str(ROOT)]
 
+import harness  # noqa: E402
 import pages  # noqa: E402
 
 import envs  # noqa: E402
@@ -56,8 +57,7 @@ def ended(rig):
 
 
 def keep(name, found):
-    (HERE / "results").mkdir(exist_ok=True)
-    (HERE / "results" / f"{name}.json").write_text(json.dumps(found, indent=1) + "\n")
+    harness.keep(HERE / "results" / f"{name}.json", found, HERE.name)
     pages.write()
     print(name, json.dumps(found), flush=True)
 

@@ -148,7 +148,7 @@ def main() -> int:
             known = read_json(path) if path.exists() else None
             if known is None or missing(known, quick=arguments.quick):
                 found = trial(robot, noise, seed, quick=arguments.quick, known=known)
-                keep(path, found)
+                keep(path, found, HERE.name, continued=known is not None)
                 ours, theirs = (found["rows"][a][b]["position"] for a, b in (DEFAULT, BASELINE))
                 print(f"{cell}, seed {seed}: {ours:.4f} rad, ridge + eq. (5) {theirs:.4f} rad")
         write_readme(out, quick=arguments.quick)  # a stop loses no table

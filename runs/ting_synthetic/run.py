@@ -79,7 +79,7 @@ def main() -> int:
             path = out / "results" / cell / f"{seed:04d}.json"
             if not path.exists():
                 found = trial(*numbers, seed, 200 if arguments.quick else SAMPLES)
-                keep(path, found)
+                keep(path, found, HERE.name)
                 clean = found["clean"]
                 print(f"{cell}, seed {seed}: {OURS} {clean[OURS]:.3f}, OLS {clean['OLS']:.3f}")
         write_readme(out)  # a stop loses no table

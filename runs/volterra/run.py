@@ -129,7 +129,7 @@ def main() -> int:
         for path, cell in missing.items():
             with threadpool_limits(1):
                 found = trial(cell, seed, 200 if arguments.quick else cell.samples)
-            keep(path, found)
+            keep(path, found, HERE.name)
             fits = ", ".join(f"{k} {v['fit']:.1f}" for k, v in found["kernels"].items())
             print(f"{path.parent.name}, seed {seed}: Fit % {fits}", flush=True)
         if missing:

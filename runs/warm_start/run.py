@@ -23,14 +23,14 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, parse_seeds, use_one_thread
+from harness import fill, keep, parse_seeds, use_one_thread
 
 import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
 from baselines.sb3 import WarmStart, make_learner, warm_start
 from mcpilco import MCPILCO
 from mcpilco.data import Stopwatch
-from mcpilco.logbook import read_json, versions, write_json
+from mcpilco.logbook import read_json, versions
 from mcpilco.sweep import machine, markdown
 
 HERE = Path(__file__).parent
@@ -79,13 +79,12 @@ def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
     use_one_thread()
     results = arguments.out / "results"
-    results.mkdir(parents=True, exist_ok=True)
     for seed in parse_seeds(arguments.seeds):
         teacher = cache(lambda seed=seed: taught(seed))
         for name in arguments.rows:
             path = results / f"{name}-{seed}.json"
             if not path.exists():
-                write_json(path, measured(ROWS[name], seed, teacher))
+                keep(path, measured(ROWS[name], seed, teacher), HERE.name)
                 print(path, flush=True)
                 write_readme(arguments.out)
     write_readme(arguments.out)

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 from harness import BEGIN, END
 
+import mcpilco.sweep
 from mcpilco.config import CART_POLE
 from mcpilco.sweep import Settings
 from tests.mcpilco.test_sweep import HereEngine
@@ -34,7 +35,7 @@ def test_an_actuator_is_late_or_lags_as_its_cell_says(run):
 
 
 def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "LocalEngine", lambda workers: HereEngine())
+    monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: HereEngine())
     cells = ["physics+rbf", "delay-1-predicted"]
     arguments = ["run.py", "--quick", "--cells", *cells, "--out", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", arguments)

@@ -32,7 +32,7 @@ def test_the_page_tells_effects_errors_and_what_is_left(run, tmp_path, found):  
     path.parent.mkdir(parents=True)
     path.write_text(json.dumps(told))
     origin, heading, effects, errors = run.page(tmp_path)
-    assert "1 of them were asked of an earlier version" in origin
+    assert "1 with code of which `mcpilco.gap` had the digest `of before`" in origin
     assert heading == "### dfki_pendulum"
     assert "coulomb_friction (pendulum)" in effects
     assert " N m (pendulum)" in effects

@@ -606,6 +606,7 @@ def test_the_preset_gives_the_numbers_unless_a_config_does() -> None:
     assert agent.task.dt == DT
 
 
+@pytest.mark.claim
 @pytest.mark.slow
 def test_the_default_preset_learns_the_swing_up_in_three_trials() -> None:
     """Two seeds of three: which learn sooner or later depends on a processor's last digits."""

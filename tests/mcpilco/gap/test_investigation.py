@@ -60,6 +60,7 @@ def test_the_spread_is_around_the_corrected_plant_and_as_wide_as_the_intervals(f
         np.testing.assert_allclose(errors, best.correlation, atol=0.1)
 
 
+@pytest.mark.claim
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_hidden_force_is_named_with_its_size(seed: int) -> None:

@@ -43,6 +43,7 @@ def test_gip_reproduces_a_random_robot_of_which_it_knows_the_kinds_of_joints_alo
     assert model.nmse(measured(robot, rng, 200)).max() < 1e-6
 
 
+@pytest.mark.claim
 @pytest.mark.slow
 def test_gip_reproduces_a_random_robot_of_three_joints():
     rng = np.random.default_rng(5)

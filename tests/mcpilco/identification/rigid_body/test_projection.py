@@ -71,6 +71,7 @@ def test_more_projections_are_consistent_and_nearest(seed, links):
     assert_projected(seed, links)
 
 
+@pytest.mark.claim
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "links"), CASES)
 def test_costs_are_those_of_a_semidefinite_program(seed, links):

@@ -1,0 +1,283 @@
+"""The tables of all runs: where their results are, the code that makes them, the seeds' role.
+
+A result that is kept says by which code it was made (`made`: digest and commit), on what machine,
+and whether anything had been chosen on its seed before. `state` compares the digest with that of
+the code that is here. A new table is a line of `TABLES`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from provenance import COMMIT, RUNS, Code, edited
+
+from mcpilco.sweep import machine
+
+Role = Literal["chosen on", "tested on", "none"]
+"""of a seed: a number of the method was chosen on it; none was; nothing is random"""
+State = Literal["current", "stale", "unknown"]
+"""of a result: of the code that is here, of other code, of code that is not recorded"""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Results that one command makes and one table shows."""
+
+    run: str
+    """folder of the run"""
+    results: str
+    """pattern of their files, a file a seed: the end of their paths"""
+    made_by: tuple[str, ...]
+    """functions and classes that make them, see `provenance`"""
+    chosen_on: str = ""
+    """seeds on which a number was chosen: `0:18,19`; `:` are all"""
+    seeded: bool = True
+    """whether the number in a file's name is a seed"""
+
+    @property
+    def title(self) -> str:
+        """The run and its results."""
+        return f"{self.run}: {self.results}"
+
+    @cached_property
+    def code(self) -> Code:
+        """All code that makes them."""
+        return Code(RUNS / self.run, self.made_by)
+
+    def paths(self) -> list[Path]:
+        """The results that are there."""
+        suffix = Path(self.results).suffix
+        return sorted(p for p in (RUNS / self.run).rglob(f"*{suffix}") if self.holds(p))
+
+    def holds(self, path: Path) -> bool:
+        """Whether a file is one of these, or stands beside one; in this folder or in another."""
+        return path.with_suffix(Path(self.results).suffix).match(self.results)
+
+    def role(self, path: Path) -> Role:
+        """The role of a result's seed."""
+        number = re.search(r"(\d+)$", path.stem) if self.seeded else None
+        if number is None:
+            return "none"
+        return "chosen on" if _within(int(number[1]), self.chosen_on) else "tested on"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the results of a table are, by the code that made them."""
+
+    table: Table
+    states: Mapping[State, int]
+    """how many results"""
+    changed: tuple[str, ...]
+    """packages whose code is another since the stale ones were made"""
+    made: tuple[str, ...]
+    """digests and commits of the code that made them"""
+
+    @property
+    def state(self) -> State:
+        """Of the table: current only where all its results are."""
+        return next((state for state in ("unknown", "stale") if self.states.get(state)), "current")
+
+
+def findings(tables: Sequence[Table] | None = None) -> Iterator[Finding]:
+    """The state of each table that has results."""
+    for table in TABLES if tables is None else tables:
+        states: dict[State, int] = {}
+        changed: set[str] = set()
+        made: dict[str, None] = {}
+        for path in table.paths():
+            told = read_made(path)
+            state = state_of(told, table.code)
+            states[state] = states.get(state, 0) + 1
+            if state == "stale":
+                changed |= set(table.code.changed(told["parts"]))
+            if told.get("digest"):
+                made[f"{told['digest']} ({told['commit'] or 'no commit'})"] = None
+        if states:
+            yield Finding(table, states, tuple(sorted(changed)), tuple(made))
+
+
+def state_of(made: Mapping[str, Any], code: Code) -> State:
+    """Whether a result is of this code."""
+    if not made.get("digest"):
+        return "unknown"
+    return "current" if made["digest"] == code.digest else "stale"
+
+
+def read_made(path: Path) -> Mapping[str, Any]:
+    """What a result says of the code that made it; nothing where it says nothing.
+
+    A result in a CSV file has a file of the same name beside it.
+    """
+    about = path if path.suffix == ".json" else path.with_suffix(".json")
+    if not about.exists():
+        return {}
+    found = json.loads(about.read_text(encoding="utf-8"))
+    return found.get("made", {}) if isinstance(found, dict) else {}
+
+
+# What a result says -------------------------------------------------------------------------------
+
+
+def table_of(run: str, path: Path) -> Table:
+    """The table to which a file of results belongs.
+
+    Raises:
+        LookupError: there is none.
+    """
+    for table in TABLES:
+        if table.run == run and table.holds(path):
+            return table
+    raise LookupError(f"No table of {run} has results such as {path}; add it to runs/evidence.py.")
+
+
+class Stamp:
+    """What results of a table say of the code that makes them; of the code as it is now."""
+
+    def __init__(self, table: Table) -> None:
+        """Digests the code, which takes some seconds: before the results are made, and once."""
+        self._table = replace(table)  # without what it has digested: it is sent to workers
+        self._by = {"digest": table.code.digest, "parts": table.code.parts, "commit": COMMIT}
+        self._files = table.code.files
+
+    def on(self, found: Mapping[str, Any], path: Path, continued: bool = False) -> dict[str, Any]:
+        """A result with its machine, its code and the role of its seed.
+
+        There is no digest where the code was edited on the way, or another has begun the result.
+
+        Args:
+            found: the result.
+            path: of its file.
+            continued: whether it holds what the file that is there held.
+        """
+        by = {**self._by, "role": self._table.role(path)}
+        before = read_made(path).get("digest") if continued else by["digest"]
+        if before != by["digest"] or edited(self._files):
+            by |= {"digest": None, "parts": {}}
+        return {"machine": machine(), **found, "made": by}
+
+
+@cache
+def stamp(table: Table) -> Stamp:
+    """That of a table, made once a process."""
+    return Stamp(table)
+
+
+def _within(seed: int, text: str) -> bool:
+    """Whether `0:18,19` holds a seed."""
+    for part in filter(None, text.split(",")):
+        first, colon, end = part.partition(":")
+        if int(first or 0) <= seed < (int(end or 2**32) if colon else int(first) + 1):
+            return True
+    return False
+
+
+# The tables ---------------------------------------------------------------------------------------
+
+AGENT = ("mcpilco.sweep:run_seed", "mcpilco.agent:MCPILCO")
+PILCO = ("mcpilco.sweep:run_seed", "baselines.pilco.agent:PILCO")
+CROSS = "mcpilco.cli.cross"
+SAC = "baselines.sb3.agent:SACAgent"
+CART_POLE, MUJOCO = "envs.cartpole:CartPoleSwingUpEnv", "envs.mujoco_cartpole"
+PENDULUM, PENDUBOT = "envs.pendulum:PendulumEnv", "envs.double_pendulum:PendubotEnv"
+LOOKED_AT = "0:100,1000:1053"
+"""seeds of the cart-pole by whose failures the preset `default` was changed"""
+
+
+def _by_amounts(system: str, env: str, name: str) -> Table:
+    agent = f"baselines.sb3.agent:{name.upper()}Agent"
+    made_by = ("seed_curve:CurveJob", agent, env, f"baselines/sb3/presets/{name}.yml")
+    return Table("cartpole_comparison", f"{system}/{name}/seeds/*.json", made_by, "100:")
+
+
+TABLES = (
+    Table("ablations", "results/*/*/seeds/*.json", ("run:ROWS", "run:BASES", *AGENT, CART_POLE)),
+    Table("cartpole_comparison", "cartpole/mcpilco/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
+    Table("cartpole_comparison", "cartpole/pilco/seeds/*.json", (*PILCO, CART_POLE)),
+    Table("cartpole_comparison", "cartpole/pilco-tip/seeds/*.json", (*PILCO, CART_POLE)),
+    Table("cartpole_comparison", "mujoco/mcpilco/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
+    Table("cartpole_comparison", "mujoco/pilco/seeds/*.json", (*PILCO, MUJOCO)),
+    Table("cartpole_comparison", "mujoco/pilco-tip/seeds/*.json", (*PILCO, MUJOCO)),
+    *(_by_amounts("cartpole", CART_POLE, name) for name in ("sac", "tqc", "ppo")),
+    *(_by_amounts("mujoco", MUJOCO, name) for name in ("sac", "tqc", "ppo")),
+    Table("cartpole_swingup", "results/fresh/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
+    Table("cartpole_swingup", "results/default/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
+    Table("cartpole_swingup", "results/thesis/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
+    Table("cartpole_swingup", "results/tro2022/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
+    Table("collision", "results/p*d/*.json", ("run:trial", "run:CONTROLLERS")),
+    Table("cost_growth", "results.json", ("run:timed",)),
+    Table(
+        "crossing_the_gap",
+        "results/seeds/*.json",
+        ("run:LEARN", "run:begun", *AGENT, SAC, CART_POLE),
+        "0:20",
+    ),
+    Table("exported_policy", "results.json", ("run:measured", *AGENT, CART_POLE)),
+    Table("gip", "results/scara/*.json", ("experiments:accuracy",)),
+    Table("gip", "results/ur10/*.json", ("experiments:six_joints",)),
+    Table("gip", "results/efficiency/*.json", ("experiments:efficiency",)),
+    *(
+        Table("hidden_effects", f"results/{tier}/*.json", ("run:solve",), chosen_on)
+        for tier, chosen_on in {
+            "one": "0:1280",
+            "weak": "0:1280,1287",
+            "two": "0:1280",
+            "three": "0:1280",
+            "none": "0:1280",
+            "outside": "0:1280,1281,1326,1330,1332,1334",
+            "further": "0:1280",
+            "rough": "0:1280",
+            "laboratory-one": "0:1280",
+            "laboratory-none": "0:1280",
+        }.items()
+    ),
+    *(
+        Table("kinematics", f"results/{cell}/*.json", ("run:structure",), chosen_on)
+        for cell, chosen_on in {
+            "noise-free": "",
+            "noise": "",
+            "outliers": "",
+            "outliers-0.3": ":",
+        }.items()
+    ),
+    Table("kinematics", "results/?00-*/*.json", ("run:forward",)),
+    Table("kinematics", "results/controller/*.json", ("run:control",)),
+    Table("limits", "results/*/*.json", ("run:trained", *AGENT, CART_POLE)),
+    Table("many_samples", "results/cost/*.json", ("run:cost", *AGENT, CART_POLE), seeded=False),
+    Table("many_samples", "results/success/*.json", ("run:trained", *AGENT, CART_POLE)),
+    Table("model_components", "analytic/*/seeds/*.json", ("run:run", *AGENT, CART_POLE), ":"),
+    Table("model_components", "mujoco/*/seeds/*.json", ("run:run", *AGENT, MUJOCO), ":"),
+    Table("model_learning", "results/cartpole/*.csv", ("run:Bench", CART_POLE)),
+    Table("model_learning", "results/mujoco/*.csv", ("run:Bench", MUJOCO)),
+    Table("mujoco_plants", "results/models/*.json", ("run:looked_at",), seeded=False),
+    Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
+    Table("mujoco_plants", "results/cases/*.json", ("run:tried",)),
+    Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
+    Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
+    Table("partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE)),
+    Table("pendubot_swingup", "results/*/*.json", ("run:learned", *AGENT, PENDUBOT)),
+    Table("pendulum_swingup", "results/default/seeds/*.json", (*AGENT, PENDULUM)),
+    Table("real_machines", "results/*/*.json", ("run:solve",), seeded=False),
+    Table("realaigym", "results/*.json", ("run:learned", "run:judged", *AGENT, PENDUBOT)),
+    Table("recipe", "cartpole/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), ":"),
+    Table("recipe", "pendulum/*/seeds/*.json", ("run:SETTINGS", *AGENT, PENDULUM)),
+    Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),
+    Table("rig", "results/faults.json", ("measure:faults", *AGENT, CART_POLE)),
+    Table("rig", "results/fuzz.json", ("measure:fuzz",)),
+    Table(
+        "rig",
+        "results/crossings/*.json",
+        ("crossings:crossed", "rig:Rig", *AGENT, CROSS, CART_POLE),
+    ),
+    Table("speed", "results.json", ("measures:ratio", "measures:memory", "parts:shares")),
+    Table("ting_robots", "results/*/*.json", ("run:trial",)),
+    Table("ting_synthetic", "results/*/*.json", ("run:trial",)),
+    Table("volterra", "results/*/*.json", ("run:trial",)),
+    Table("warm_start", "results/*.json", ("run:measured", *AGENT, SAC, CART_POLE)),
+)
