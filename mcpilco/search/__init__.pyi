@@ -2,7 +2,7 @@ from . import fused
 from .engine import Loop, compile_only, compiled_before, rollout_of
 from .fused.arithmetic import OUTERMOST, PLAIN, set_exponentials
 from .fused.tiles import TALL, multiply, multiply_lower, multiply_upper, pack, strip
-from .limits import EXPLORED, Limits, Multipliers
+from .limits import EXPLORED, Lagrangian, Limits
 from .particles import Particles, Problem, RolloutFunction, rollout
 from .search import Adam, Candidate, Descent, PolicySearch, SearchResult, Starts, follow
 
@@ -14,9 +14,9 @@ __all__ = [
     "Adam",
     "Candidate",
     "Descent",
+    "Lagrangian",
     "Limits",
     "Loop",
-    "Multipliers",
     "Particles",
     "PolicySearch",
     "Problem",

@@ -2,8 +2,11 @@
 
 A policy keeps the limits where a share of its particles, 99 % of them, stay within all of them at
 every step. That a particle is outside has no gradient; how far it is beyond a margin before the
-limit has one. So the policy descends along the cost with that proxy added, weighed by a multiplier
-for each step, and the multipliers ascend along the share of the particles that are outside.
+limit has one. Two things are made of that proxy. A particle loses what it had yet to gain: a policy
+that comes to its goal outside gains nothing by it, and none is worse for having tried, as with a
+penalty alone, under which the search ends at rest. And a policy that gains nothing anywhere is held
+inside by a weight for each step. Weights ascend, late in the search, along the share of the
+particles that are outside.
 
 Reference: A. Cotter, H. Jiang, K. Sridharan, Two-player games for efficient non-convex constrained
 optimization, Algorithmic Learning Theory 2019 (the proxy-Lagrangian).
@@ -24,10 +27,12 @@ from mcpilco.typing import InputError
 
 MARGIN = 0.2
 """how long before a limit its proxy begins, in parts of the way from the start [-]"""
-FIRST_WEIGHT, LEAST_WEIGHT = 3.0, 1.0
-"""of a step's proxy beside its cost, at first and at least [-]"""
-RATE = 20.0
-"""by how much a weight grows in a step in which all particles are outside [-]"""
+LOSS, LOSES = 2.0, (0.2, 0.6)
+"""at a limit what a particle has yet to gain falls by exp(-LOSS) a step; from nothing to that
+between these shares of the search, for a goal is found more easily than kept [-]"""
+LEAST_WEIGHT, RATE, ASCENDS = 0.05, 5.0, 0.6
+"""of a step's proxy beside its cost; by how much it grows where all particles are outside; from
+which share of the search on [-]"""
 EXPLORED = 0.5
 """exploration ends an episode behind this share of the way from the start to a limit [-]"""
 
@@ -88,19 +93,31 @@ class Limits:
         return float((self.beyond(states) <= 0).all(0).double().mean())
 
 
-class Multipliers:
-    """The weights of the limits at each step, of one start of the search."""
+class Lagrangian:
+    """The cost of one start of the search, with its limits: their weights at each step."""
 
-    def __init__(self, limits: Limits, steps: int) -> None:
-        self._limits = limits
-        self._weights = torch.full((steps,), FIRST_WEIGHT, dtype=torch.float64)
+    def __init__(self, limits: Limits, reference_cost: float, steps: int) -> None:
+        """Weights as they begin, where a step costs so much without a policy."""
+        self._limits, self._reference = limits, reference_cost
+        self._weights = torch.full((steps,), LEAST_WEIGHT, dtype=torch.float64)
 
-    def penalty(self, states: Float[Tensor, "T P X"]) -> Tensor:
-        """The part of the limits in the cost [-]; their weights ascend."""
+    def of(
+        self, states: Float[Tensor, "T P X"], costs: Float[Tensor, "T P"], progress: float
+    ) -> Tensor:
+        """What the search descends along [-]; the weights ascend.
+
+        Of the states behind each step, their costs, and the share of the search that is done.
+        """
         beyond = self._limits.beyond(states)
-        proxy = torch.relu(1.0 + beyond / MARGIN).square().mean(1)
-        penalty = self._weights @ proxy
-        outside = (beyond.detach() > 0).double().mean(1)
-        ascent = RATE * (outside - (1.0 - self._limits.share))
-        self._weights = (self._weights + ascent).clamp_min(LEAST_WEIGHT)
-        return penalty
+        near = torch.relu(1.0 + beyond / MARGIN)
+        proxy = torch.where(near < 2.0, near.square(), 4.0 * (near - 1.0))
+        begin, end = LOSES
+        loss = LOSS * min(max((progress - begin) / (end - begin), 0.0), 1.0)
+        kept = torch.exp(-loss * proxy.cumsum(0))
+        gained = kept * (self._reference - costs)
+        lagrangian = (self._reference - gained).mean(1).sum() + self._weights @ proxy.mean(1)
+        if progress >= ASCENDS:
+            outside = (beyond.detach() > 0).double().mean(1)
+            ascent = RATE * (outside - (1.0 - self._limits.share))
+            self._weights = (self._weights + ascent).clamp_min(LEAST_WEIGHT)
+        return lagrangian

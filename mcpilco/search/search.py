@@ -20,7 +20,7 @@ from torch import Tensor
 from mcpilco.config import Phase, SearchConfig
 from mcpilco.data import Prediction
 from mcpilco.policies import Dropout, SumOfGaussians
-from mcpilco.search.limits import Multipliers
+from mcpilco.search.limits import Lagrangian
 from mcpilco.search.particles import Particles, Problem
 from mcpilco.search.schedule import Schedule
 
@@ -210,6 +210,11 @@ class Descent:
         """How many times as wide the cost is in the next step [-]."""
         return self._schedule.widening(self._entered + self.step)
 
+    @property
+    def progress(self) -> float:
+        """The share of the schedule that is done [-]."""
+        return (self._entered + self.step) / (self._entered + self._steps)
+
     def note(self, cost: float, norm: float) -> None:
         """Take note of a step that was done, by its cost and its gradient's norm [-]."""
         self.step += 1
@@ -305,9 +310,12 @@ class PolicySearch:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
         adam = Adam(policy)
-        weights = None if problem.limits is None else Multipliers(problem.limits, problem.horizon)
+        limits, reference, objective = problem.limits, problem.reference_cost, None
+        within = None if limits is None else Lagrangian(limits, reference, problem.horizon)
         while not descent.over:
-            numbers = descent.learning_rate, descent.phase.dropout, descent.widening, weights
+            if within is not None:
+                objective = partial(within.of, progress=descent.progress)
+            numbers = descent.learning_rate, descent.phase.dropout, descent.widening, objective
             descent.note(*self.step(problem, policy, adam, *numbers))
         return self._judge(problem, policy, descent.step)
 
@@ -319,21 +327,22 @@ class PolicySearch:
         learning_rate: float,
         dropout: float = 0.0,
         widening: float = 1.0,
-        limits: Multipliers | None = None,
+        objective: Callable[[Tensor, Tensor], Tensor] | None = None,
     ) -> tuple[float, float]:
         """One gradient step; returns the cost and the gradient's norm before clipping [-].
 
-        The gradient is that of the cost made `widening` times as wide, with what the limits add;
-        the cost returned is the task's own. Where one of them is not finite, the policy stays as it
-        is.
+        The gradient is that of the cost made `widening` times as wide, or of an objective of that
+        and the states behind each step; the cost returned is the task's own. Where one of them is
+        not finite, the policy stays as it is.
         """
         mask = None
         if dropout > 0:
             mask = Dropout(dropout, int(torch.randint(2**31, (1,), generator=self.generator)))
         particles = problem.particles(policy, self.config.particles, self.generator, mask)
-        annealed = problem.widened(widening).costs(particles).mean(1).sum()
-        lagrangian = annealed if limits is None else annealed + limits.penalty(particles.states[1:])
-        slopes = torch.autograd.grad(lagrangian, list(policy.parameters()))
+        costs = problem.widened(widening).costs(particles)
+        annealed = costs.mean(1).sum()
+        descended = annealed if objective is None else objective(particles.states[1:], costs)
+        slopes = torch.autograd.grad(descended, list(policy.parameters()))
         norm = torch.nn.utils.get_total_norm(slopes)
         if self.config.clip_norm is not None:
             shrunk = torch.clamp(self.config.clip_norm / (norm + 1e-6), max=1.0)

@@ -12,7 +12,7 @@ import torch
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.cli.options import limits as read_limits
 from mcpilco.config import Config, Limit, Phase, SearchConfig, from_dict
-from mcpilco.search.limits import EXPLORED, Limits, Multipliers
+from mcpilco.search.limits import EXPLORED, Lagrangian, Limits
 from mcpilco.search.search import PolicySearch
 from mcpilco.typing import InputError
 from tests.mcpilco.point import STEPS, TASK, TINY, PointEnv
@@ -49,23 +49,48 @@ def test_a_particle_keeps_the_limits_where_it_is_within_at_every_step() -> None:
     assert limits(RAIL).kept(states) == 0.75
 
 
+def value(lagrangian: Lagrangian, states: torch.Tensor, cost: float = 1.0, progress: float = 1.0):
+    return lagrangian.of(states, torch.full(states.shape[:2], cost).double(), progress)
+
+
 def test_weights_ascend_where_too_many_are_outside_and_there_alone() -> None:
-    weights = Multipliers(limits(RAIL), 2)
+    weights = Lagrangian(limits(RAIL), 1.0, 2)
     states = torch.stack([at(0.0, 0.0), at(1.5, 1.5)])
-    penalties = [float(weights.penalty(states)) for _ in range(20)]
-    assert (np.diff(penalties) > 0).all()
+    values = [float(value(weights, states)) for _ in range(20)]
+    assert (np.diff(values) > 0).all()
     inside = torch.stack([at(1.5, 1.5), at(0.0, 0.0)])
-    later = Multipliers(limits(RAIL), 2)
+    later = Lagrangian(limits(RAIL), 1.0, 2)
     for _ in range(20):
-        later.penalty(states)
-    assert float(later.penalty(inside)) < penalties[0]
+        value(later, states)
+    assert float(value(later, inside)) < values[0] + 1e-12
 
 
-def test_the_proxy_leads_back_inside() -> None:
+def test_weights_rest_early_in_a_search() -> None:
+    weights, states = Lagrangian(limits(RAIL), 1.0, 1), at(1.5, 1.5)[None]
+    assert value(weights, states, progress=0.1) == value(weights, states, progress=0.1)
+
+
+def test_the_objective_leads_back_inside() -> None:
     states = at(0.95, -0.6, 0.0)[None].requires_grad_()
-    [slope] = torch.autograd.grad(Multipliers(limits(RAIL), 1).penalty(states), states)
+    [slope] = torch.autograd.grad(value(Lagrangian(limits(RAIL), 1.0, 1), states), states)
     assert slope[0, 0, 0] > 0 > slope[0, 1, 0]
     assert slope[0, 2, 0] == 0 == slope[..., 1].abs().max()
+
+
+def test_what_is_gained_behind_a_limit_is_lost_and_nothing_else() -> None:
+    way = torch.stack([at(0.0, 0.0), at(0.0, 3.0), at(0.0, 0.0)])  # the second leaves, and returns
+    costs = torch.tensor([[0.5, 0.5], [0.2, 0.2], [0.0, 0.0]]).double()
+    found = [
+        Lagrangian(limits(RAIL), 1.0, 3).of(way[:, i : i + 1], costs[:, :1], 0.6) for i in (0, 1)
+    ]
+    proxy = 4.0 * (1.0 + 2.0 / 0.2 - 1.0)
+    assert float(found[0]) == pytest.approx(0.7)
+    assert float(found[1]) == pytest.approx(0.5 + 1.0 + 1.0 + 0.05 * proxy)
+
+
+def test_without_a_breach_it_is_the_cost() -> None:
+    states = at(0.0, 0.5, -0.3)[None]
+    assert float(value(Lagrangian(limits(RAIL), 9.0, 1), states, 0.3)) == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(
