@@ -104,7 +104,7 @@ class Lagrangian:
     def of(
         self, states: Float[Tensor, "T P X"], costs: Float[Tensor, "T P"], progress: float
     ) -> Tensor:
-        """What the search descends along [-]; the weights ascend.
+        """The objective that the search descends along [-]; the weights ascend.
 
         Of the states behind each step, their costs, and the share of the search that is done.
         """
