@@ -332,8 +332,12 @@ class SearchConfig(Checked):
         return _of_trial(self.rates, trial)
 
     def correlation_of(self, trial: int) -> float:
-        """Correlation of a particle's noise in successive steps in trial 1, 2, ... [-]."""
-        return _of_trial(self.correlations, trial)
+        """Correlation of a particle's noise in successive steps in trial 1, 2, ... [-].
+
+        With limits the last entry holds from the first trial on: a model that errs anew in each
+        step is too sure of where it goes.
+        """
+        return self.correlations[-1] if self.limits else _of_trial(self.correlations, trial)
 
     def starts_of(self, trial: int) -> int:
         """Most starts in trial 1, 2, ..."""

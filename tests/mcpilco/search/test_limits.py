@@ -122,6 +122,13 @@ def test_limits_are_read_from_words_and_from_json() -> None:
             read_limits([wrong])
 
 
+def test_with_limits_model_errors_are_correlated_from_the_first_trial_on() -> None:
+    free = SearchConfig(correlations=(0.0, 0.8))
+    bound = dataclasses.replace(free, limits=(RAIL,))
+    assert [free.correlation_of(trial) for trial in (1, 2)] == [0.0, 0.8]
+    assert [bound.correlation_of(trial) for trial in (1, 2)] == [0.8, 0.8]
+
+
 # --- a search -------------------------------------------------------------------------------------
 
 
