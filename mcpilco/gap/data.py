@@ -342,6 +342,12 @@ class GapProblem:
         cut_up = (replace(r, gaps=each) for r, each in zip(self.recordings, gaps, strict=True))
         return replace(self, recordings=tuple(cut_up))
 
+    def enough_windows(self) -> Windows:
+        """Windows of all recordings, side by side, or where they are few overlapping by half."""
+        windows = self.windows()
+        few = len(windows) < self.searched
+        return self.windows(every=0.5 * DATA.window_s) if few else windows
+
     def model(self, windows: Windows) -> PlantModel:
         """The nominal plant, its uncertain parameters with their priors."""
         nominal = PlantModel(self.plant, (), dict(self.priors), usual_scales(self.plant, windows))

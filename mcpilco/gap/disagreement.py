@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
 
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
-from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals
+from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals, truncated
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.residual_force import explained_by_forces, force_response
@@ -177,6 +177,23 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
             break
         far = now
     return far
+
+
+def still_missed(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, Windows]:
+    """Of windows that seemed to hold an event, those that still do, and those that a model fits.
+
+    Args:
+        best: the model, fitted to the other windows.
+        windows: these.
+        masked: those that seemed to hold an event.
+    """
+    if not len(masked):
+        return masked, masked
+    usual = float(np.median(best.by_window / windows.samples))
+    kept = truncated(best.model, masked, best.theta)
+    misfit = on_windows(best, kept).by_window / kept.samples
+    fine = misfit < EVENT.ordinary * max(1.0, usual)
+    return masked[~fine], masked[fine]
 
 
 def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:

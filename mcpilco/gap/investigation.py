@@ -31,6 +31,7 @@ from mcpilco.gap.disagreement import (
     located_misfit,
     recurring,
     spans_of,
+    still_missed,
     windows_with_events,
     without_bursts,
     without_spikes,
@@ -58,7 +59,7 @@ from mcpilco.gap.suspicion import (
     suspicions,
     unchanging,
 )
-from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE, SEARCH
+from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording
 
@@ -109,13 +110,13 @@ def investigate(
     doubts = (*(accepted or ()), *unchanging(recordings))
     _tell("fit of the nominal plant")
     problem = likelier_clock(problems)
-    everything = _windows(problem)
+    everything = problem.enough_windows()
     if len(everything) < DATA.fewest_windows:
         return _too_poor(problem, _too_short(everything), remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
     if (likelier := likelier_clock(problems, explained.best)) is not problem:
-        problem, explained = likelier, _explain_but_events(likelier, _windows(likelier))
+        problem, explained = likelier, _explain_but_events(likelier, likelier.enough_windows())
     recordings = list(problem.recordings)
     _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
@@ -238,14 +239,6 @@ def _corrected(best: Fit) -> Plant:
     return plant.where(**changed).having(pairs).with_learned(learned_of(best))
 
 
-def _windows(problem: GapProblem) -> Windows:
-    """Windows of all recordings, side by side, or where they are few overlapping by half."""
-    windows = problem.windows()
-    if len(windows) >= problem.searched:
-        return windows
-    return problem.windows(every=0.5 * DATA.window_s)
-
-
 def _spread(windows: Windows, most: int) -> Windows:
     """Windows for the search, from all recordings alike."""
     if len(windows) <= most:
@@ -308,8 +301,9 @@ def _explain(
     windows = everything[everything.of(problem.train)]
     candidates = problem.candidates(windows)
     _tell("search for effects")
-    some = _spread(windows, problem.searched)
-    result = search(problem.model(everything), some, candidates, hints)
+    result = search(
+        problem.model(everything), _spread(windows, problem.searched), candidates, hints
+    )
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 
@@ -325,29 +319,12 @@ def _fit_all_windows(
     if not np.array_equal(legible.measured, windows.measured):
         best, windows = refit(best, legible), legible
     far = windows_with_events(best, windows)
-    masked, explained = _still_missed(best, windows, masked)
+    masked, explained = still_missed(best, windows, masked)
     if far.any() or len(explained):
         kept = windows[~far].joined(explained[explained.of(problem.train)])
         masked = masked.joined(windows[far])
         best, windows = refit_truncated(best, kept)
     return best, windows, masked
-
-
-def _still_missed(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, Windows]:
-    """Of windows that seemed to hold an event, those that still do, and those that a model fits.
-
-    Args:
-        best: the model, fitted to the other windows.
-        windows: these.
-        masked: those that seemed to hold an event.
-    """
-    if not len(masked):
-        return masked, masked
-    usual = float(np.median(best.by_window / windows.samples))
-    kept = truncated(best.model, masked, best.theta)
-    misfit = on_windows(best, kept).by_window / kept.samples
-    fine = misfit < EVENT.ordinary * max(1.0, usual)
-    return masked[~fine], masked[fine]
 
 
 def _leave_out_pushes(
@@ -363,11 +340,11 @@ def _leave_out_pushes(
     place = recurring(pushes, problem)
     if place is not None or not pushes:
         return problem, explained, (), place
-    everything = _without_spikes(explained.best, _windows(quiet))
+    everything = _without_spikes(explained.best, quiet.enough_windows())
     known = explained.result.fits[: SEARCH.hints]
     anew = _explain(quiet, everything, everything[:0], known)
     problem, pushes = without_bursts(problem, anew.best)
-    everything = _without_spikes(anew.best, _windows(problem))
+    everything = _without_spikes(anew.best, problem.enough_windows())
     fitted = _fit_all_windows(problem, anew.best, everything, everything[:0])
     return problem, _Explanation(anew.result, *fitted), pushes, None
 
@@ -389,7 +366,7 @@ def _learn_force(
     every = windows.joined(masked[masked.of(problem.train)])
     short = problem.windows(problem.train, seconds=FORCE.short_s)
     fit = with_learned_force(base, usable(every), usable(short))
-    missed, _ = _still_missed(on_windows(fit, windows), windows, masked)
+    missed, _ = still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _clear(decisive, problem, events, fit)
     better = surely_better(fit, (judged.null, base), clear, judged.evidence)

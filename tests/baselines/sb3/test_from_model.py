@@ -198,8 +198,6 @@ def test_a_source_that_cannot_teach_is_refused_and_nothing_is_left(run, tmp_path
     assert "takes a run of the algorithm mcpilco" in capsys.readouterr().err
     assert warm(run, tmp_path / "other", "--algo", "ppo") == 2
     assert "the algorithm ppo has none" in capsys.readouterr().err
-    assert warm(run, tmp_path / "other", "--algo", "mcpilco") == 2
-    assert "--warm-start is for sac and tqc" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

@@ -162,7 +162,7 @@ def test_no_fresh_episode_has_the_seed_of_a_training(monkeypatch, vector):
     if not vector:
         monkeypatch.setattr(job, "_vector_form", lambda *arguments: None)
     monkeypatch.setattr(
-        job, name, lambda env, act, horizon, seed: {"seed": seeds.append(seed) or np.zeros(1)}
+        job, name, lambda env, act, horizon, seed, *_: {"seed": seeds.append(seed) or np.zeros(1)}
     )
     outcomes(CART_POLE, swing, 4, seed=7)
     assert np.min(seeds) >= 2**32
