@@ -175,9 +175,9 @@ def test_every_fact_is_told(fact):
 QUOTES = (
     (
         "limits.md",
-        "3 of 17 rollouts crossed with them and 7 of 16 without",
+        "1 of 53 rollouts crossed with limits and 12 of 24 without",
         "limits",
-        ("| within the limits | 2 | 17 | 3 (", "| without limits | 2 | 16 | 7 ("),
+        ("| within the limits | 6 | 53 | 1 (", "| without limits | 3 | 24 | 12 ("),
     ),
     (
         "model.md",
