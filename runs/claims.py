@@ -1,4 +1,4 @@
-"""What README says that it measured, and what it misses: two tables, computed from stored results.
+"""The measured claims of README and its shortfalls: two tables, computed from stored results.
 
     python runs/claims.py     # rewrites both in README.md
 

@@ -69,7 +69,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Finding:
-    """What the results of a table are, by the code that made them."""
+    """How many results of a table are of the code that is here, and of other code."""
 
     table: Table
     states: Mapping[State, int]
@@ -111,7 +111,7 @@ def state_of(made: Mapping[str, Any], code: Code) -> State:
 
 
 def read_made(path: Path) -> Mapping[str, Any]:
-    """What a result says of the code that made it; nothing where it says nothing.
+    """The record in a result of the code that made it; empty where there is none.
 
     A result in a CSV file has a file of the same name beside it.
     """
@@ -138,7 +138,7 @@ def table_of(run: str, path: Path) -> Table:
 
 
 class Stamp:
-    """What results of a table say of the code that makes them; of the code as it is now."""
+    """The record of today's code that results of a table are kept with."""
 
     def __init__(self, table: Table) -> None:
         """Digests the code, which takes some seconds: before the results are made, and once."""

@@ -218,8 +218,10 @@ def _source(path: Path, agent: Any) -> Any:
 def _warm_start(run: RunFolder, agent: Any, source: Any = None) -> None:
     """Begin with what the run has that `--warm-start` named, if any, and save the agent."""
     if "warm_start" in run.config:
+        from mcpilco.agent import ModelBasedAgent
+
         source = source or _source(Path(run.config["warm_start"]), agent)
-        if hasattr(agent, "begin_with"):
+        if isinstance(agent, ModelBasedAgent):
             agent.begin_with(source)
         else:
             from baselines.sb3.from_model import warm_start

@@ -310,11 +310,10 @@ class PolicySearch:
         """One start: gradient steps until the schedule ends."""
         policy = copy.deepcopy(policy)
         adam = Adam(policy)
-        limits, reference, objective = problem.limits, problem.reference_cost, None
+        limits, reference = problem.limits, problem.reference_cost
         within = None if limits is None else Lagrangian(limits, reference, problem.horizon)
         while not descent.over:
-            if within is not None:
-                objective = partial(within.of, progress=descent.progress)
+            objective = None if within is None else partial(within.of, progress=descent.progress)
             numbers = descent.learning_rate, descent.phase.dropout, descent.widening, objective
             descent.note(*self.step(problem, policy, adam, *numbers))
         return self._judge(problem, policy, descent.step)

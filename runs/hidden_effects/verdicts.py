@@ -44,7 +44,7 @@ def _fitting(case: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def asked(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """What was found, but what is there besides and may be named."""
+    """The named effects, without those that are there besides and may be named."""
     besides = {tuple(pair) for pair in case.get("besides", ())} - set().union(*hidden(case))
     return [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
 
