@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mcpilco.crossing.rollouts as rollouts_module
+import mcpilco.machine.env  # noqa: F401  registers its env before a test copies the registry
 from mcpilco.agent import BrokenEpisodeError
 from mcpilco.cli import main
 from mcpilco.config import PRESETS
