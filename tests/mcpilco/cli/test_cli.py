@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mcpilco.agent.agent
-import mcpilco.machine.env  # noqa: F401  registers its env before a test copies the registry
+import mcpilco.machine.env
 from mcpilco.agent import algorithm_of, algorithms, find, with_package
 from mcpilco.cli import main
 from mcpilco.config import CART_POLE, PRESETS
