@@ -166,6 +166,37 @@ class MujocoPicture:
         self._scene.ngeom += 1
 
 
+class ModelPicture:
+    """Draws any model in a state, from where its file says that it is looked at."""
+
+    def __init__(self, posture: Posture) -> None:
+        """A picture that opens OpenGL when it first draws."""
+        self._posture = posture
+        self._scene = mujoco.MjvScene(posture.model, maxgeom=posture.model.ngeom + 1000)
+        self._camera = mujoco.MjvCamera()
+        mujoco.mjv_defaultFreeCamera(posture.model, self._camera)
+        self._offscreen: Offscreen | None = None
+
+    def __call__(self, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray, "H W 3"]:
+        """The picture.
+
+        Raises:
+            EnvError: there is no OpenGL here.
+        """
+        if self._offscreen is None:
+            self._offscreen = Offscreen(self._posture.model, WIDTH, HEIGHT)
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        looked = self._posture.at(state), mujoco.MjvOption(), None, self._camera, everything
+        mujoco.mjv_updateScene(self._posture.model, *looked, self._scene)
+        return self._offscreen.draw(self._scene)
+
+    def close(self) -> None:
+        """Gives OpenGL back."""
+        if self._offscreen is not None:
+            self._offscreen.close()
+            self._offscreen = None
+
+
 def _drawn(model: mujoco.MjModel, i: int) -> bool:
     """Whether a geom is visible, and of a kind that a scene has."""
     visible = model.geom_group[i] < _DRAWN_GROUPS and model.geom_rgba[i, 3] > 0

@@ -344,6 +344,7 @@ register_env(
     measured="positions",
 )
 # named only, so that MuJoCo is loaded where it is used
+register_env("mcpilco/Model-v0", "envs.model:ModelEnv")
 register_env(
     "mcpilco/MujocoCartPoleSwingUp-v0", "envs.mujoco_cartpole:MujocoCartPoleSwingUpEnv", steps=30
 )

@@ -88,7 +88,7 @@ class SwingUp:
             )
         plant = self.plant.where(**constants)
         if effects is not None:
-            plant = corrected(plant, _read(effects))
+            plant = corrected(plant, read_effects(effects))
         return replace(self, plant=plant, **{n: v for n, v in keywords.items() if n in own})
 
     @property
@@ -209,7 +209,12 @@ def read_start(
     return read_array('the option "state"', options["state"], *shapes)
 
 
-def _read(effects: Effects) -> Correction:
+def read_effects(effects: Effects) -> Correction:
+    """The correction that a user gives.
+
+    Raises:
+        InputError: it is none, no file, or no content of one.
+    """
     if isinstance(effects, Correction):
         return effects
     if isinstance(effects, Mapping):

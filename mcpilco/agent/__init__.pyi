@@ -32,7 +32,7 @@ from .stored import (
     open_run_env,
     reopened,
 )
-from .task_file import load_task
+from .task_file import load_task, task_entries
 from .trial_agent import TrialAgent
 
 __all__ = [
@@ -74,6 +74,7 @@ __all__ = [
     "reported",
     "run_episode",
     "suitable_preset",
+    "task_entries",
     "task_of",
     "with_limits",
     "with_model",

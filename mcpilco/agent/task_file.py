@@ -53,7 +53,7 @@ def _from_python(path: Path) -> TaskSpec:
 
 
 def _from_entries(path: Path) -> TaskSpec:
-    entries = _read(path)
+    entries = task_entries(path)
     named = entries.pop("cost", None)
     cost = None if named is None else _cost(named, path)
     try:
@@ -63,14 +63,19 @@ def _from_entries(path: Path) -> TaskSpec:
         raise InputError(f"{path} holds no task: {why}; see the entries of TaskSpec.") from error
 
 
-def _read(path: Path) -> dict[str, Any]:
+def task_entries(path: Path) -> dict[str, Any]:
+    """The entries of a TOML or JSON file.
+
+    Raises:
+        InputError: it cannot be read, or holds no entries.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         entries = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
     except (OSError, ValueError) as error:  # both decoders raise kinds of ValueError
         raise InputError(f"{path} cannot be read: {error}.") from error
     if not isinstance(entries, Mapping):
-        raise InputError(f"{path} must hold the entries of a TaskSpec by name, got {entries!r}.")
+        raise InputError(f"{path} must hold entries by name, got {entries!r}.")
     return dict(entries)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import os
 import re
 import shlex
@@ -32,6 +33,9 @@ _OUT = "runs/out"
 class Train(options.Learning, options.OnMachine):
     """Learn a policy from scratch and write a run folder."""
 
+    sim: Annotated[Path | None, options.optional("MODEL.xml", "none")] = None
+    """MJCF or URDF file to learn in, in the place of the env; what it is to do says --task, a TOML
+    or JSON file of the keywords of mcpilco/Model-v0: its cost by state, dt, start, noise"""
     seed: int = 0
     """of everything random; equal seeds give equal results"""
     trials: Annotated[
@@ -60,6 +64,8 @@ class Train(options.Learning, options.OnMachine):
     in its folder"""
 
     def __call__(self) -> int:
+        if self.sim is not None:
+            return self._in_model(self.sim)()
         options.require_at_least(1, trials=self.trials)
         options.require_at_least(0, seed=self.seed)
         options.use_one_thread()
@@ -86,6 +92,22 @@ class Train(options.Learning, options.OnMachine):
                     print(f"warm start: from {self.warm_start}", flush=True)
                 _warm_start(run, agent, source)
                 return self._learn(agent, run)
+
+    def _in_model(self, model: Path) -> Train:
+        """The same in the env of a model file, whose keywords are the entries of the task file."""
+        from mcpilco.agent import task_entries
+
+        if self.env != Train.env or self.machine is not None or self.resume is not None:
+            raise InputError("--sim takes the place of --env, --machine and --resume; give one.")
+        if self.task is None or self.task.suffix == ".py":
+            raise InputError(
+                "--sim needs --task FILE, TOML or JSON with the keywords of mcpilco/Model-v0, such "
+                f"as dt and cost, got {self.task}."
+            )
+        entries = {"model": str(model.resolve()), **task_entries(self.task)}
+        given = (f"{name}={json.dumps(value)}" for name, value in entries.items())
+        kwargs = (*given, *self.env_kwargs)
+        return replace(self, sim=None, env="mcpilco/Model-v0", env_kwargs=kwargs, task=None)
 
     def _go_on(self) -> int:
         from mcpilco.agent import changed_versions, reopened

@@ -8,7 +8,7 @@ from .corrected import (
 from .edited_model import FAR, EditedModel
 from .inertials import Inertials
 from .models import chain_of, load_mjcf, plant_of, plant_of_model
-from .mujoco.callbacks import install_correction
+from .mujoco.callbacks import SteppedModel, install_correction
 from .mujoco.plant import MujocoPlant
 from .mujoco.read import Physics, mujoco_plant, read_plant
 
@@ -19,6 +19,7 @@ __all__ = [
     "Inertials",
     "MujocoPlant",
     "Physics",
+    "SteppedModel",
     "chain_of",
     "install_correction",
     "load_mjcf",

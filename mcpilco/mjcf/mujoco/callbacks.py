@@ -1,7 +1,8 @@
-"""The part of a plant that MJCF cannot say, in plain MuJoCo: a callback, and a module of it."""
+"""The part of a plant that MJCF cannot say, in plain MuJoCo: as a callback, a module, in steps."""
 
 from __future__ import annotations
 
+import math
 import pprint
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.files import write_bytes
+from mcpilco.mjcf.models import warnings_of_mujoco
+from mcpilco.mjcf.mujoco.coordinates import states
 from mcpilco.mjcf.mujoco.filters import push, step_force
 from mcpilco.mjcf.mujoco.plant import MujocoPlant
 from mcpilco.mjcf.mujoco.read import mujoco_plant
@@ -77,7 +80,9 @@ def install_correction(
         InputError: the correction does not fit the model.
     """
     correction = content if isinstance(content, Correction) else correction_from(dict(content))
-    callback = StepCallback(model, correction)
+    plant = corrected(mujoco_plant(model, correction.plant), correction)
+    assert isinstance(plant, MujocoPlant)
+    callback = StepCallback(model, plant)
     mujoco.set_mjcb_control(callback)
     return callback
 
@@ -88,9 +93,7 @@ class StepCallback:
     It tells the command that a user has set from the one that it has written itself.
     """
 
-    def __init__(self, model: mujoco.MjModel, correction: Correction) -> None:
-        plant = corrected(mujoco_plant(model, correction.plant), correction)
-        assert isinstance(plant, MujocoPlant)
+    def __init__(self, model: mujoco.MjModel, plant: MujocoPlant) -> None:
         self._model, self._plant = model, plant
         self._tables = plant.tables(plant.nominal[None])._replace(chains=())
         actuators = self._tables.actuators[0]
@@ -102,6 +105,17 @@ class StepCallback:
         self._stages = 0
         self._ctrl = _Given(model.nu)
         self._applied = _Given(model.nv)
+
+    def command(self, data: mujoco.MjData, command: Float[np.ndarray, " U"]) -> None:
+        """Sets the commands of a user, whatever was written over the last ones."""
+        self._ctrl = _Given(len(command))
+        data.ctrl[:] = command
+
+    def begin(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Begins a motion before which every command was 0."""
+        self.command(data, np.zeros(model.nu))
+        self(model, data)
+        self._before = self._after
 
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Called by MuJoCo."""
@@ -138,6 +152,44 @@ class StepCallback:
             return False
         self._stages += 1
         return since < 0.75 * h or self._stages == 3
+
+
+class SteppedModel:
+    """A model with the effects of its plant, which MuJoCo steps from command to command."""
+
+    def __init__(self, plant: MujocoPlant, dt: float) -> None:
+        """In the state 0, of commands that are held for dt [s]."""
+        self._plant = plant
+        self._model = plant.tables(plant.nominal[None]).chains[0]
+        self._steps = max(1, math.ceil(dt / self._model.opt.timestep - 1e-9))
+        self._model.opt.timestep = dt / self._steps
+        self._data = mujoco.MjData(self._model)
+        self.restart(np.zeros(2 * self._model.nv))
+
+    @property
+    def state(self) -> Float[np.ndarray, " X"]:
+        """Positions and velocities now."""
+        q = self._plant.coordinates.positions(np.array(self._data.qpos))
+        return states(q, np.array(self._data.qvel))
+
+    def restart(self, state: Float[np.ndarray, " X"]) -> None:
+        """Begins anew in a state; no command came before."""
+        mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[:] = self._plant.coordinates.qpos(state[0::2])
+        self._data.qvel[:] = state[1::2]
+        self._added = StepCallback(self._model, self._plant)
+        self._added.begin(self._model, self._data)
+
+    def advance(self, command: Float[np.ndarray, " U"]) -> Float[np.ndarray, " X"]:
+        """Holds a command for dt: the state at its end, NaN where MuJoCo gives up."""
+        self._added.command(self._data, command)
+        due = self._data.time + self._steps * self._model.opt.timestep
+        with warnings_of_mujoco():
+            for _ in range(self._steps):
+                self._added(self._model, self._data)
+                mujoco.mj_step(self._model, self._data)
+        late = abs(self._data.time - due) > 0.5 * self._model.opt.timestep
+        return np.full_like(self.state, np.nan) if late else self.state
 
 
 class _Given:

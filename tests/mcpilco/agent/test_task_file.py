@@ -60,7 +60,7 @@ def test_a_cost_is_named_by_file_or_module(
     [
         ("a.yaml", "", "must end in .py, .toml or .json"),
         ("a.toml", "dt = ", "cannot be read"),
-        ("a.json", "[1]", "must hold the entries of a TaskSpec"),
+        ("a.json", "[1]", "must hold entries by name"),
         ("a.toml", "dt = 0.1", "holds no task: .*missing"),
         ("a.toml", TOML + "gravity = 1.0", "holds no task: .*gravity"),
         ("a.toml", TOML.replace("dt = 0.1", "dt = -1"), "dt must be positive"),

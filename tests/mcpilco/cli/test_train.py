@@ -50,6 +50,39 @@ def test_a_warm_start_begins_with_policy_and_numbers_of_a_run(tmp_path: Path, ca
     assert "leave out --horizon, --memory" in capsys.readouterr().err
 
 
+MODEL = """
+<mujoco model="swing">
+  <worldbody>
+    <body>
+      <joint name="cart" type="slide" axis="1 0 0"/><geom size="0.1" mass="1"/>
+      <body><joint name="hinge" axis="0 1 0"/><geom pos="0 0 -0.5" size="0.1" mass="1"/></body>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="cart" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.usefixtures("fake")
+def test_a_model_file_is_learned_in_with_the_goal_of_a_task_file(tmp_path: Path, capsys) -> None:
+    (tmp_path / "swing.xml").write_text(MODEL)
+    (tmp_path / "goal.toml").write_text("dt = 0.1\ncost.hinge_position = { lengthscale = 0.5 }\n")
+    command = ["train", "--sim", "swing.xml", "--trials", "1", "--horizon", "5", "--out", "run"]
+    assert main([*command, "--task", "goal.toml"]) == 0
+    config = RunFolder.open(tmp_path / "run").config
+    assert config["env"] == "mcpilco/Model-v0"
+    assert config["env_kwargs"] == {
+        "max_episode_steps": 5,
+        "model": str(tmp_path / "swing.xml"),
+        "dt": 0.1,
+        "cost": {"hinge_position": {"lengthscale": 0.5}},
+    }
+    assert main(command) == 2
+    assert "--sim needs --task FILE" in capsys.readouterr().err
+    assert main([*command, "--task", "goal.toml", "--env", "other/Env-v0"]) == 2
+    assert "--sim takes the place of --env" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("fake")
 def test_the_demo_needs_no_argument_and_leaves_a_picture_of_two_trials(capsys) -> None:
     pytest.importorskip("matplotlib")
