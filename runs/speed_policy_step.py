@@ -23,7 +23,7 @@ from speed.step import Size
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is timed."""
+    """A setting that is timed."""
 
     yardstick: Path = Path(__file__).parent / "speed" / "plain.py"
     """file with the plain implementation"""
@@ -66,7 +66,7 @@ def main() -> None:
 
 
 def measure(arguments: Arguments, size: Size) -> dict[str, Any]:
-    """What was asked for."""
+    """The options of the command line."""
     from speed import measures
 
     if arguments.measure == "memory":

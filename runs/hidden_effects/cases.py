@@ -61,7 +61,7 @@ AGAIN = 1_000_000
 
 @dataclass(frozen=True)
 class Case:
-    """What is hidden, and what was recorded."""
+    """The hidden effects of a seed, and their recordings."""
 
     seed: int
     plant: str
@@ -542,7 +542,7 @@ def measure(
 
 
 def seen(states: np.ndarray, k: int, t: np.ndarray, hidden: Mapping[str, float]) -> np.ndarray:
-    """What the sensor of state k says of it at times t, without noise."""
+    """The readings of state k at times t, without noise."""
     y = at(states, k, np.maximum(t - hidden.get("sensor_delay", 0.0), 0.0))
     if "sensor_lag" in hidden:
         y = behind(states, k, t, hidden["sensor_lag"])

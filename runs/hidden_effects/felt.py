@@ -20,7 +20,7 @@ NUDGE = 1e-4
 
 @dataclass(frozen=True)
 class Machine:
-    """What a simulation of a plant needs, and how its sensors read."""
+    """A simulated plant and how its sensors read."""
 
     body: np.ndarray
     joint: np.ndarray
@@ -35,7 +35,7 @@ class Machine:
     def positions(
         self, system: System, start: np.ndarray, commands: np.ndarray, how: tuple[float, ...]
     ) -> np.ndarray:
-        """What its sensors say of the positions without noise, (T, J).
+        """The positions as its sensors read them without noise, (T, J).
 
         Args:
             system: the plant.

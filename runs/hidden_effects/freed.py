@@ -92,7 +92,7 @@ class Freed:
 
 
 def everything(plant: Plant, scales: Mapping[str, Scale]) -> list[Freed]:
-    """What can be freed: the effects that MJCF or a sensor's transform can say."""
+    """The parameters that can be freed: the effects that MJCF or a sensor's transform can say."""
     layout = plant.layout
     chosen = [
         *((name, joint) for joint in layout.joints for name in JOINT),

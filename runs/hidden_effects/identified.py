@@ -1,4 +1,4 @@
-"""What `mujoco.sysid` names on the same recordings, with everything freed that it can free.
+"""The effects that `mujoco.sysid` names on the same recordings, with all freed that it can free.
 
 All parameters of `freed.everything` are fitted at once: to short windows whose starts are read off
 the smoothed recordings, for the toolbox fits none; each channel weighed by its noise. Two rules
@@ -60,7 +60,7 @@ class Fit:
 
 
 def missing() -> str | None:
-    """What to install, where the toolbox is not there; without its extra it is there, but empty."""
+    """The package to install, where the toolbox is not there or, without its extra, is empty."""
     with contextlib.suppress(ImportError):  # MuJoCo before 3.5 has none
         from mujoco import sysid
 
@@ -221,7 +221,7 @@ class _Problem:
         return sysid.ModelSequences("windows", spec, names, x0, controls, measured)
 
     def _commands(self, n: int, times: Float[np.ndarray, " S"]) -> Float[np.ndarray, "S U"]:
-        """What is commanded so early that the least delay and lag bring it in time."""
+        """The commands, so early that the least delay and lag bring it in time."""
         w = self._windows
         since = times - self._begins[n] + ADVANCE * TIMESTEP
         rows = w.lead + np.floor(since / w.dt + 1e-6).astype(int)
@@ -278,7 +278,7 @@ class _Problem:
         return roll_out
 
     def _compare(self, free: list[Freed]) -> Callable[..., Any]:
-        """What the sensors say less what was measured, in the noise of each."""
+        """Simulated readings less measured ones, in the noise of each."""
         from mujoco import sysid
 
         states, std = self._plant.layout.states, self._windows.std

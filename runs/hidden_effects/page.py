@@ -73,10 +73,11 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
     seconds = [case["cpu_s"] for case in cases]
     return (
-        f"Where it is right the parameters are off by {100 * np.median(errors):.2f} %, and "
-        f"{100 * np.mean(covered):.0f} % of the 95 % intervals hold the truth; the held-out gap "
-        f"closes by {100 * np.median(closed):.1f} %; a case takes {np.median(seconds):.0f} s of "
-        f"one core, {max(seconds):.0f} s at most (medians)."
+        "Medians: where it is right the parameters are off by "
+        f"{100 * np.median(errors):.2f} %, the held-out gap closes by "
+        f"{100 * np.median(closed):.1f} %, and a case takes {np.median(seconds):.0f} s of one core "
+        f"({max(seconds):.0f} s at most). {100 * np.mean(covered):.0f} % of the 95 % intervals "
+        "hold the truth."
     )
 
 
@@ -117,7 +118,7 @@ def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """What is to be said of the fits of mujoco.sysid: which failed, and what they cost."""
+    """The sentences on the fits of mujoco.sysid: which failed, and what they cost."""
     told = [fit for cases in found.values() for case in cases if (fit := case.get("identified"))]
     if not told:
         return ""
@@ -201,7 +202,7 @@ def places(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def pictures(found: Mapping[str, Sequence[Mapping[str, Any]]], out: Path) -> str:
-    """What was hidden against what was named, a picture a tier."""
+    """Draws what was named over what was hidden, a picture a tier."""
     paths = {
         tier: write_confusion(tier, cases, out / f"confusion-{tier}.png")
         for tier, cases in found.items()

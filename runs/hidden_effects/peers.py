@@ -1,4 +1,4 @@
-"""What sparse regressions name on the same recordings: PySINDy's and scikit-learn's.
+"""The effects that sparse regressions name on the same recordings: PySINDy's and scikit-learn's.
 
 Both get what they are usually given: positions that a Savitzky-Golay filter differentiates, the
 forces that the nominal plant leaves over by its inverse dynamics, and a library of terms, which are

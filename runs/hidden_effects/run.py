@@ -107,7 +107,7 @@ def finished(known: dict[str, Any], with_peers: bool) -> bool:
 
 
 def solve(tier: str, seed: int, known: dict[str, Any], with_peers: bool) -> dict[str, Any]:
-    """What was hidden, and what was found in its recordings.
+    """The effects that were hidden, and those that were found in the recordings.
 
     Args:
         tier: kind of case.
@@ -124,7 +124,7 @@ def solve(tier: str, seed: int, known: dict[str, Any], with_peers: bool) -> dict
 
 
 def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What the workflow says of a case."""
+    """The verdict of the workflow on a case."""
     from mcpilco.gap import investigate, to_json
 
     spent = time.process_time()
@@ -147,7 +147,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
 
 
 def theirs(plant: Plant, recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What the peers name."""
+    """The effects that the peers name."""
     told = peers(plant, recordings)
     if missing():
         return {"peers": _lists(told), "identified": None}

@@ -15,7 +15,7 @@ CONFIDENT = 0.9
 
 
 def hidden(case: Mapping[str, Any]) -> set[frozenset[Hidden]]:
-    """What is to be named: each effect, with those that no recording tells from it."""
+    """The effects to be named, each with those that no recording tells from it."""
     return {same(case, effect) for effect in case["truth"]}
 
 

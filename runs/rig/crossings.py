@@ -35,7 +35,7 @@ TIMES = 3
 
 
 def crossed(seed: int) -> dict:
-    """What the best policies of both simulations did on the rig of a seed."""
+    """Rollouts of the best policies of both simulations on the rig of a seed."""
     out, port = WORK / str(seed), PORT + seed % 10000
     if NOMINAL.exists() and not (out / "nominal").exists():
         shutil.copytree(NOMINAL, out / "nominal")

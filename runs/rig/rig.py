@@ -55,7 +55,7 @@ LARGEST = 32 + 4 * 32 + 8
 
 
 def hidden(seed):
-    """What a seed hides: nothing without one."""
+    """The effects that a seed hides: none without one."""
     if seed is None:
         return {}
     rng = np.random.default_rng([seed, 32])
