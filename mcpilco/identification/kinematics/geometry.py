@@ -26,6 +26,9 @@ MOST = 300
 """samples that a joint is fitted to"""
 MASS, RADIUS = 1.0, 0.05
 """of a link whose mass nobody knows: a solid sphere at its joint [kg, m]"""
+PARALLEL = 0.02
+"""angle below which neighbouring axes are taken for parallel, as machines are built [rad]: the
+inertias about what is left of it no recording would tell"""
 PULL = 1e-3
 """weight of the distances from the axis to the markers, which fixes c along it [-]"""
 
@@ -45,9 +48,17 @@ def chain_in_space(
     names = list(recording.marker_names)
     origin, turned = _standing(recording, names.index(found.base))
     bodies: list[Body] = []
+    standing = turned
+    """orientation of the present link where all joints are at 0"""
+    last = np.zeros(3)
     for before, joint in zip(found.markers, found.joints, strict=False):
         pair = names.index(before), names.index(joint.marker)
         R_0, axis, c, d = _fit(recording, pair, joint, tolerance)
+        wide = standing.apply(axis)
+        if np.linalg.norm(np.cross(wide, last)) < PARALLEL and last.any():
+            wide = last * np.sign(wide @ last)
+        axis, last = standing.inv().apply(wide), wide
+        standing = standing * R_0
         inertia = 0.4 * MASS * RADIUS**2
         bodies.append(
             Body(

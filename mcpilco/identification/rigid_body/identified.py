@@ -195,6 +195,9 @@ QUANTILE = float(t_distribution.ppf(0.5 + 0.5 * LEVEL, BLOCKS - 1))
 """half of an interval, in standard deviations [-]"""
 ROWS_A_PARAMETER = 10
 """least rows, all joints together, for each base parameter"""
+WRITTEN = 1e-4
+"""of a column's length, below which it depends on others [-]: axes have the six digits that MuJoCo
+writes"""
 MOVES = 10.0
 """range of a joint that moves, relative to its encoder's noise [-]"""
 _RANDOM_MOTIONS = 400  # that base parameters are found from
@@ -291,7 +294,7 @@ def identify(
         known = whole.regressor_of(motion) @ whole.nominal
         nominal.append((motion.tau - known)[split:])
     base = base_parameters(
-        body.regressor(*random_motions(body, _RANDOM_MOTIONS, np.random.default_rng(0)))
+        body.regressor(*random_motions(body, _RANDOM_MOTIONS, np.random.default_rng(0))), WRITTEN
     )
     rows, held = Rows.joined(train), Rows.joined(test)
     _require_rows(rows, base, segments)
