@@ -99,18 +99,19 @@ class Identify(options.Command):
         if self._is_file:
             return Path(self.model), None, {}
         from envs import plant_named
+        from mcpilco.files import write_bytes
         from mcpilco.mjcf import mjcf_of
 
         plant: Any = plant_named("--model", self.model)
         layout, path = plant.layout, folder / "plant.xml"
         motors = zip(layout.inputs, layout.drives, plant.gains, strict=True)
-        path.write_text(mjcf_of(plant.chain, [*motors]), encoding="utf-8")
+        write_bytes(path, mjcf_of(plant.chain, [*motors]).encode())
         kinds = ("position", "velocity")
         names = [f"{joint}_{kind}" for joint in layout.joints for kind in kinds]
         return path, plant, dict(zip(names, layout.states, strict=True))
 
     def _prior(self, plant: Any, found: Identified) -> dict[str, Any]:
-        """What was found as a correction of the plant, or of the identified model, as JSON."""
+        """The correction of the plant, or of the identified model, as JSON."""
         from mcpilco.identification import correction_of_identified
         from mcpilco.mjcf import plant_of, text_of
         from mcpilco.plant import correction_json

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from mcpilco.bodies import SLIDE, Chain
+from mcpilco.files import write_bytes
 from mcpilco.mjcf.models import load_mjcf, plant_of
 from mcpilco.plant import ChainPlant
 
@@ -69,5 +70,5 @@ def plant_of_text(text: str, name: str) -> ChainPlant:
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plant.xml"
-        path.write_text(text, encoding="utf-8")
+        write_bytes(path, text.encode())
         return replace(plant_of(path), name=name)

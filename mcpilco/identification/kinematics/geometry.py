@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mcpilco.bodies import SLIDE, Body, Chain, Vector
+from mcpilco.bodies import SLIDE, Body, Chain, Matrix, Vector
 from mcpilco.identification.kinematics.chain import ChainJoint, KinematicChain, Tolerance
 from mcpilco.identification.kinematics.triplets import relative
 from mcpilco.recordings import MarkerRecording
@@ -69,8 +69,8 @@ def chain_in_space(
                 mass=MASS,
                 parent=len(bodies) - 1,
                 origin=_vector(origin + turned.apply(c)),
-                rotation=tuple(map(_vector, (turned * R_0).as_matrix())),
-                inertia=tuple(map(_vector, inertia * np.eye(3))),
+                rotation=_matrix((turned * R_0).as_matrix()),
+                inertia=_matrix(inertia * np.eye(3)),
             )
         )
         origin, turned = d, Rotation.identity()
@@ -121,4 +121,9 @@ def _fit(
 
 def _vector(array: Float[np.ndarray, " 3"]) -> Vector:
     x, y, z = map(float, array)
+    return x, y, z
+
+
+def _matrix(array: Float[np.ndarray, "3 3"]) -> Matrix:
+    x, y, z = map(_vector, array)
     return x, y, z

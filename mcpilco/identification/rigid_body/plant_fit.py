@@ -1,4 +1,4 @@
-"""What was identified of a robot, as numbers of a plant with their joint distribution.
+"""Identified base parameters of a robot, as numbers of a plant with their joint distribution.
 
 Base parameters beta are what forces tell. A plant has numbers p of its own (masses, lengths,
 friction), whose logarithms x are found about the nominal ones:
@@ -99,7 +99,7 @@ def theta_of(plant: ChainPlant, body: RigidBody) -> Float[np.ndarray, " D"]:
 
 
 def _values(plant: ChainPlant, joint: str, term: str) -> Iterator[float]:
-    """What a plant has of a term at a joint, effect by effect."""
+    """The values of a plant's term at a joint, effect by effect."""
     if term == "armature":
         yield next(link.armature for link in plant.chain.bodies if link.joint == joint)
     for base in plant.base:
