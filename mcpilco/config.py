@@ -110,8 +110,9 @@ class ModelConfig(Checked):
     plant: dict | None = None
     """the plant that physics and features are of, as a file of `mcpilco.plant.correction` says it:
     name, parameters, effects; None: the one with the task's states and inputs, as it is"""
-    uncertainty: float = 0.2
-    """prior standard deviation of the logarithms of the plant's uncertain parameters [-]"""
+    uncertainty: float | Literal["told"] = 0.2
+    """prior standard deviation of the logarithms of the plant's uncertain parameters [-]; told:
+    their joint distribution is the part `spread` of `plant`, of its likeliest member"""
     spread: dict | list | None = None
     """plants that particles draw from, so that the policy holds for them: relative standard
     deviations by name, such as {"mass": 0.1, "f_c": 0.3}, or the part `spread` of
@@ -147,9 +148,15 @@ class ModelConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(degree=1, path_features=2, memory=0, delay=0, uncertainty=0, inducing=1)
+        self._at_least(degree=1, path_features=2, memory=0, delay=0, inducing=1)
         self._at_least(subset_threshold=0)
-        self._at_most(degree=20, path_features=100_000, memory=100, uncertainty=3)
+        self._at_most(degree=20, path_features=100_000, memory=100)
+        told = self.uncertainty == "told"
+        _require(
+            bool((self.plant or {}).get("spread")) if told else 0 <= float(self.uncertainty) <= 3,
+            'uncertainty must be from 0 to 3, or "told" where the plant has a spread, got '
+            f"{self.uncertainty!r}.",
+        )
         self._positive("plant_step", "friction_gate")
         parts = self.kernel.split("+")
         _require(

@@ -211,10 +211,11 @@ def with_model(
     """The agent's numbers with another model.
 
     `name` is a sum of parts out of `mcpilco.config.KERNELS`; with `physics` the equations of the
-    plant are the mean, which the file `prior` describes, as `mcpilco gap` writes it. `memory` is
-    how many past inputs a state holds, `delay` how late the actuator answers [s]. `spread` has
-    relative standard deviations by name, or is a file with one, whose plant is the prior where none
-    is given.
+    plant are the mean, which the file `prior` describes, as `mcpilco gap` and `mcpilco identify`
+    write it, or an MJCF; a spread in it is the prior of the parameters, where no `spread` is given.
+    `memory` is how many past inputs a state holds, `delay` how late the actuator answers [s].
+    `spread` has relative standard deviations by name, or is a file with one, whose plant is the
+    prior where none is given.
 
     Raises:
         InputError: the algorithm has no such model, a part is unknown, or the file is no plant.
@@ -249,12 +250,21 @@ def with_model(
         changes["spread"] = dict(spread)
     if prior is not None:
         changes["plant"] = _described(prior)
+        if spread is None and changes["plant"].get("spread"):
+            changes["uncertainty"] = "told"
     return dataclasses.replace(config, model=dataclasses.replace(config.model, **changes))
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """The content of a correction's file."""
+    """The content of a correction's file, or of an MJCF as one."""
+    if path.suffix == ".xml":
+        from mcpilco.mjcf import text_of
+
+        plant = {"plant": path.stem, "parameters": {}, "effects": []}
+        return {"format": 1, **plant, "mjcf": text_of(path)}
     from mcpilco.plant import read_correction
 
     read_correction(path)  # it says what is wrong with the file
-    return json.loads(path.read_text(encoding="utf-8"))
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content.pop("about", None)
+    return content

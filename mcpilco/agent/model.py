@@ -177,15 +177,20 @@ class Model:
 
     def _plant(self) -> Plant:
         """The plant that physics is of; plants need numba, which models without them do not."""
+        from mcpilco.mjcf import plant_of_text
         from mcpilco.plant import plant_for
 
-        return plant_for(self.task, self.config.plant)
+        return plant_for(self.task, self.config.plant, plant_of_text)
 
     def _mean(self) -> PhysicsMean:
         from mcpilco.dynamics import PhysicsMean
-        from mcpilco.plant import Spread, members_of, recipe_of
+        from mcpilco.plant import Spread, doubted, members_of, recipe_of
 
         config, plant = self.config, self._plant()
+        uncertainty: Any = config.uncertainty
+        if uncertainty == "told":
+            told = members_of((config.plant or {})["spread"])
+            plant, uncertainty = doubted(plant, max(told, key=lambda member: member.probability))
         spread = config.spread
         members = recipe_of(plant, spread) if isinstance(spread, dict) else members_of(spread or ())
         return PhysicsMean(
@@ -193,7 +198,7 @@ class Model:
             self.task,
             self.increment,
             config.memory,
-            config.uncertainty,
+            uncertainty,
             config.plant_step,
             FORCE_PART in self.parts,
             Spread(plant, members) if members else None,

@@ -68,6 +68,8 @@ class Gap(options.Command):
     """recordings that no fit may see, without .csv; by default the last ones of three or more"""
     effects: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE.py...")] = ()
     """Python files with effects of your own, which are executed: they are searched for as well"""
+    events: Annotated[Path | None, options.optional("FILE.json", "none")] = None
+    """collisions.json of `mcpilco collisions detect`: nothing is compared while one lasts"""
     dt: Annotated[float | None, options.optional("FLOAT", "the longest of theirs")] = None
     """sampling time to which all are brought [s]"""
     accept: bool = False
@@ -104,7 +106,11 @@ class Gap(options.Command):
         if not self.overwrite:
             options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
         recordings, notes = read_for_plant(
-            plant, self.recordings, options.column_maps(self.columns), self.dt
+            plant,
+            self.recordings,
+            options.column_maps(self.columns),
+            self.dt,
+            None if self.events is None else options.spans_of(self.events),
         )
         for note in notes:
             print(note, file=sys.stderr)

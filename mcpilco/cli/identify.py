@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -44,10 +45,10 @@ class Identify(options.Command):
     recordings: options.Files
     """CSV, npz or parquet, with the columns `time`, `<joint>_position`, and `<joint>_torque` (of a
     slide `<joint>_force`) or a command for each motor"""
-    model: Annotated[Path, tyro.conf.arg(metavar="FILE.xml")]
-    """MJCF of the robot: joints and frames are taken from it"""
+    model: Annotated[str, tyro.conf.arg(metavar="ID|FILE.xml")]
+    """a registered plant, or an MJCF of the robot: joints and frames are taken from it"""
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
-    """folder for identified.json and identified.xml"""
+    """folder for identified.json, which --prior of `mcpilco train` reads, and identified.xml"""
     method: Method = "EIV"
     """the regression; EIV: errors in variables; IV: instruments from `<joint>_reference`; IDIM-IV:
     from simulations of the robot that follows it"""
@@ -72,26 +73,67 @@ class Identify(options.Command):
 
     def __call__(self) -> int:
         options.use_one_thread()
+        options.register("" if self._is_file else self.model)
         from mcpilco.files import make_folder, write_bytes
 
-        found = self._identify()
-        for line in lines(found):
-            print(line)
-        make_folder(self.out, "identified.json", "identified.xml")
-        write_bytes(self.out / "identified.json", json.dumps(as_json(found), indent=1).encode())
-        print(f"In {self.out}: {', '.join(['identified.json', *self._write_mjcf(found)])}.")
+        with tempfile.TemporaryDirectory() as folder:
+            source, plant, columns = self._source(Path(folder))
+            found = self._identify(source, columns)
+            for line in lines(found):
+                print(line)
+            make_folder(self.out, "identified.json", "identified.xml")
+            written = self._write_mjcf(source, found)
+        told = self._prior(plant, found) | {"about": as_json(found)}
+        write_bytes(self.out / "identified.json", json.dumps(told, indent=1).encode())
+        print(f"In {self.out}: {', '.join(['identified.json', *written])}.")
         return 0
 
-    def _identify(self) -> Identified:
+    @property
+    def _is_file(self) -> bool:
+        from envs import MODELS
+
+        return self.model.endswith(MODELS)
+
+    def _source(self, folder: Path) -> tuple[Path, Any, dict[str, str]]:
+        """The robot's MJCF, the plant where it is a registered one, and its names of columns."""
+        if self._is_file:
+            return Path(self.model), None, {}
+        from envs import plant_named
+        from mcpilco.files import write_bytes
+        from mcpilco.mjcf import mjcf_of
+
+        plant: Any = plant_named("--model", self.model)
+        layout, path = plant.layout, folder / "plant.xml"
+        motors = zip(layout.inputs, layout.drives, plant.gains, strict=True)
+        write_bytes(path, mjcf_of(plant.chain, [*motors]).encode())
+        kinds = ("position", "velocity")
+        names = [f"{joint}_{kind}" for joint in layout.joints for kind in kinds]
+        return path, plant, dict(zip(names, layout.states, strict=True))
+
+    def _prior(self, plant: Any, found: Identified) -> dict[str, Any]:
+        """The correction of the plant, or of the identified model, as JSON."""
+        from mcpilco.identification import correction_of_identified
+        from mcpilco.mjcf import plant_of, text_of
+        from mcpilco.plant import correction_json
+
+        with options.without("a prior in identified.json"):
+            path, text = self.out / "identified.xml", ""
+            if plant is None:
+                plant, text = plant_of(path), text_of(path)
+            correction = correction_of_identified(plant, found)
+            return correction_json(replace(correction, mjcf=text))
+        return {}
+
+    def _identify(self, source: Path, columns: dict[str, str]) -> Identified:
         import warnings
 
         from mcpilco.identification import Recipe, UnidentifiedWarning, identify
         from mcpilco.recordings import load_robot, read_robot
 
-        model = load_robot(self.model)
+        model = load_robot(source)
         recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)
         segments, errors, remarks = read_robot(
-            self.recordings, model, options.column_names(self.columns), self.dt
+            self.recordings, model, columns | options.column_names(self.columns), self.dt
         )
         options.warn(*errors, about="left out")
         if not segments:
@@ -113,12 +155,12 @@ class Identify(options.Command):
         options.warn(*{str(warning.message) for warning in told}, about=self.method)
         return found
 
-    def _write_mjcf(self, found: Identified) -> list[str]:
+    def _write_mjcf(self, source: Path, found: Identified) -> list[str]:
         from mcpilco.identification import write_identified_mjcf
 
         path = self.out / "identified.xml"
         with options.without("identified.xml"):
-            write_identified_mjcf(self.model, found.body, found.theta, path)
+            write_identified_mjcf(source, found.body, found.theta, path)
             return [path.name]
         return []
 

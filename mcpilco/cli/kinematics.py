@@ -24,7 +24,9 @@ class Kinematics(Command):
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE...")]
     """CSV, npz or parquet of `time`, joints and marker poses; or one of poses and one of joints"""
     out: Annotated[Path | None, optional("FOLDER", "nothing is written")] = None
-    """folder for kinematics.json, forward.npz and kinematics.png"""
+    """folder for kinematics.json, kinematics.xml, forward.npz and kinematics.png"""
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    """in the camera's frame [m/s^2]: of kinematics.xml, whose masses are placeholders"""
     position_tolerance: float = 0.02
     """largest residual of positions in a test: some five times their noise [m]"""
     orientation_tolerance: float = 0.1
@@ -72,7 +74,7 @@ class Kinematics(Command):
         from mcpilco.show.plots import draw_kinematics
 
         assert self.out is not None
-        make_folder(self.out, "kinematics.json", "forward.npz", "kinematics.png")
+        make_folder(self.out, "kinematics.json", "kinematics.xml", "forward.npz", "kinematics.png")
         told = {
             "base": chain.base,
             "joints": [asdict(joint) for joint in chain.joints],
@@ -86,11 +88,25 @@ class Kinematics(Command):
             },
         }
         write_bytes(self.out / "kinematics.json", json.dumps(told, indent=1).encode())
-        written = ["kinematics.json", model.save(self.out / "forward.npz").name]
+        xml = self._mjcf(recording, chain, tolerance)
+        write_bytes(self.out / "kinematics.xml", xml.encode())
+        forward = model.save(self.out / "forward.npz").name
+        written = ["kinematics.json", "kinematics.xml", forward]
         with without("kinematics.png"):
             draw_kinematics(self.out / "kinematics.png", recording, chain, errors, tolerance)
             written.append("kinematics.png")
         print(f"In {self.out}: {', '.join(written)}.")
+
+    def _mjcf(self, recording: MarkerRecording, chain: KinematicChain, tolerance: Any) -> str:
+        """The chain as a model: a motor for each joint, called as its measured force."""
+        from mcpilco.bodies import SLIDE
+        from mcpilco.identification.kinematics import chain_in_space
+        from mcpilco.mjcf import mjcf_of
+
+        found = chain_in_space(recording, chain, self.gravity, tolerance)
+        forces = ("force" if body.kind == SLIDE else "torque" for body in found.bodies)
+        names = (f"{joint}_{force}" for joint, force in zip(found.joints, forces, strict=True))
+        return mjcf_of(found, [(name, j, 1.0) for j, name in enumerate(names)])
 
 
 def _print_chain(chain: KinematicChain) -> None:

@@ -192,6 +192,21 @@ def limits(entries: Sequence[str]) -> tuple[Limit, ...]:
     return tuple(found)
 
 
+def spans_of(path: Path) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Begin and end of each event by recording, of what `mcpilco collisions detect` has written."""
+    try:
+        told = _json("--events", path)
+        return {
+            name: tuple((float(event["start_s"]), float(event["end_s"])) for event in events)
+            for name, events in told.items()
+        }
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise InputError(
+            f"--events must be a collisions.json of `mcpilco collisions detect`, a list of events "
+            f"with start_s and end_s for each recording, got {path}."
+        ) from None
+
+
 def keywords(option: str, entries: Sequence[str]) -> dict[str, Any]:
     """Keywords of an env: numbers, true, false, words, or what a JSON file holds.
 
@@ -203,17 +218,20 @@ def keywords(option: str, entries: Sequence[str]) -> dict[str, Any]:
 def _value(option: str, text: str) -> Any:
     path = Path(text)
     if path.suffix == ".json":
-        try:
-            text = path.read_text(encoding="utf-8")
-            return json.loads(text)
-        except OSError as error:
-            raise InputError(f"{option}: cannot read {path}: {error.strerror or error}.") from None
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{option}: {path} is no JSON file: {error}.") from None
+        return _json(option, path)
     try:
         return json.loads(text)
     except ValueError:
         return text
+
+
+def _json(option: str, path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{option}: cannot read {path}: {error.strerror or error}.") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{option}: {path} is no JSON file: {error}.") from None
 
 
 # Machines -----------------------------------------------------------------------------------------
@@ -289,8 +307,9 @@ class Learning(Command):
     model: Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")] = None
     """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
     makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""
-    prior: Annotated[Path | None, optional("FILE.json", "the nominal plant of the env")] = None
-    """of mcpilco: the plant that physics and features know, such as gap/corrected.json"""
+    prior: Annotated[Path | None, optional("FILE", "the nominal plant of the env")] = None
+    """of mcpilco: the plant that physics and features know, and what is known of its parameters:
+    gap/corrected.json, identified/identified.json, or an MJCF such as arm/kinematics.xml"""
     spread: Annotated[str | None, optional("FILE.json|NAME=STD,...", "that plant alone")] = None
     """of mcpilco: plants that a policy must hold for, each particle its own: what `mcpilco gap` has
     written, or relative standard deviations, such as mass=0.1,f_c=0.3"""

@@ -26,6 +26,7 @@ from functools import partial
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.linalg import block_diag
 from torch import Tensor
 
 from mcpilco.data import Transitions
@@ -78,7 +79,7 @@ class PhysicsMean:
         task: TaskSpec,
         increment: Increment,
         memory: int = 0,
-        uncertainty: float = 0.2,
+        uncertainty: float | Float[np.ndarray, "K K"] = 0.2,
         longest: float = 0.025,
         missing: bool = False,
         spread: Spread | None = None,
@@ -90,8 +91,8 @@ class PhysicsMean:
             task: names states and inputs.
             increment: which changes the residual is of.
             memory: how many past commands a state holds.
-            uncertainty: prior standard deviation of the logarithm of each uncertain parameter; 0
-                trusts them.
+            uncertainty: prior standard deviation of the logarithm of each uncertain parameter, or
+                the covariance of all these; 0 trusts them.
             longest: Runge-Kutta step [s].
             missing: whether forces are learned that the equations lack, the kernel part `gip`.
             spread: the plants that particles draw from, around this one; None: this one alone.
@@ -105,21 +106,18 @@ class PhysicsMean:
         self._step_of = partial(step_of, task=task, longest=longest, memory=memory)
         self.missing = MissingForces(plant, task) if missing else None
         self._build()
-        self.free = free_parameters(plant) if uncertainty > 0.0 else ()
+        self.free = free_parameters(plant) if np.any(uncertainty) else ()
         self.names = tuple(plant.parameters[i].name for i in self.free)
-        self._prior_std = uncertainty
+        given = np.asarray(uncertainty, dtype=float)
+        self._covariance = given if given.ndim else given**2 * np.eye(len(self.free))
         self.belief = self.prior
 
     @property
     def prior(self) -> Parameters:
         """The prior distribution; of missing forces, given the sizes of their weights."""
-        std = self._prior_stds
-        return Parameters(np.zeros(len(std)), np.diag(std**2))
-
-    @property
-    def _prior_stds(self) -> Float[np.ndarray, " K"]:
         weights = 0 if self.missing is None else len(self.missing.scales)
-        return np.concatenate([np.full(len(self.free), self._prior_std), np.ones(weights)])
+        covariance = block_diag(self._covariance, np.eye(weights))
+        return Parameters(np.zeros(len(covariance)), covariance)
 
     def weakened(self, share: float) -> PhysicsMean:
         """The same with the effects of the plant on their way, see `Plant.weakened`."""
@@ -271,12 +269,12 @@ class PhysicsMean:
 
     def _improve(self, J: Float[np.ndarray, "E N K"], left: Float[np.ndarray, "E N"]) -> float:
         """One step of Gauss and Newton; returns the largest change. Rows have unit noise."""
-        std = self._prior_stds
-        precision = np.diag(1.0 / std**2) + np.einsum("enk,enl->kl", J, J)
-        slope = np.einsum("enk,en->k", J, left) - self.belief.mean / std**2
-        covariance = np.linalg.inv(precision)
+        prior = self.prior.covariance
+        std, known = np.sqrt(np.diag(prior)), np.linalg.inv(prior)
+        slope = np.einsum("enk,en->k", J, left) - known @ self.belief.mean
+        covariance = np.linalg.inv(known + np.einsum("enk,enl->kl", J, J))
         # within three prior standard deviations a parameter has a meaning, and the model a value
-        most = np.where(np.arange(len(std)) < len(self.free), 3.0 * self._prior_std, np.inf)
+        most = np.where(np.arange(len(std)) < len(self.free), 3.0 * std, np.inf)
         step = covariance @ slope
         if len(step) > len(self.free):  # accelerations are no linear functions of inertias
             step *= min(1.0, FARTHEST / max(np.abs(step[len(self.free) :]).max(), SETTLED))

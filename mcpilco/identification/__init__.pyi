@@ -33,6 +33,7 @@ from .rigid_body import (
     Rows,
     base_parameters,
     check_links,
+    correction_of_identified,
     estimate,
     force_errors,
     from_virtual,
@@ -44,6 +45,7 @@ from .rigid_body import (
     random_motions,
     simulated_regressor,
     solve,
+    theta_of,
     to_virtual,
     write_identified_mjcf,
 )
@@ -86,6 +88,7 @@ __all__ = [
     "base_parameters",
     "check_links",
     "collision",
+    "correction_of_identified",
     "errors_in_variables",
     "estimate",
     "find_chain",
@@ -113,6 +116,7 @@ __all__ = [
     "save_volterra",
     "simulated_regressor",
     "solve",
+    "theta_of",
     "to_virtual",
     "write_identified_mjcf",
 ]

@@ -1,3 +1,4 @@
+from .chains import mjcf_of, plant_of_text, text_of
 from .corrected import (
     CorrectedModel,
     passive_forces,
@@ -23,12 +24,15 @@ __all__ = [
     "chain_of",
     "install_correction",
     "load_mjcf",
+    "mjcf_of",
     "mujoco_plant",
     "passive_forces",
     "plant_of",
     "plant_of_model",
+    "plant_of_text",
     "read_plant",
     "save_mjcf",
+    "text_of",
     "write_corrected_mjcf",
     "write_joint_terms",
 ]

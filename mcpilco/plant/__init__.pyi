@@ -86,7 +86,17 @@ from .simulation.motion import (
     simulate,
     switch,
 )
-from .spread import Member, Spread, instance_in, members_of, moved, name_of, opened, recipe_of
+from .spread import (
+    Member,
+    Spread,
+    doubted,
+    instance_in,
+    members_of,
+    moved,
+    name_of,
+    opened,
+    recipe_of,
+)
 
 __all__ = [
     "ABS",
@@ -153,6 +163,7 @@ __all__ = [
     "correction_of",
     "cos",
     "design",
+    "doubted",
     "drive",
     "exp",
     "features_of",

@@ -82,6 +82,8 @@ class Correction:
     """forces that it lacks and no effect explains"""
     spread: tuple[Member, ...] = ()
     """the plants that are as possible as this one, see `mcpilco.plant.Spread`; none: not told"""
+    mjcf: str = ""
+    """the MJCF that the plant is, where it is no registered one"""
 
 
 def correction_of(plant: Plant, nominal: Plant | None = None) -> Correction:
@@ -152,6 +154,8 @@ def correction_json(correction: Correction) -> dict[str, Any]:
         content["learned"] = [_grid(force) for force in correction.learned]
     if correction.spread:
         content["spread"] = [asdict(member) for member in correction.spread]
+    if correction.mjcf:
+        content["mjcf"] = correction.mjcf
     return content
 
 
@@ -184,22 +188,24 @@ def correction_from(content: Any, effects: Own | Iterable[Own] = ()) -> Correcti
     Raises:
         InputError: a part is missing, unknown or of another kind.
     """
-    content = {"learned": [], "spread": [], **_object(content, "it")}
-    keys = ("format", "plant", "parameters", "effects", "learned", "spread")
+    content = {"learned": [], "spread": [], "mjcf": "", **_object(content, "it")}
+    content.pop("about", None)  # what a command tells its user besides
+    keys = ("format", "plant", "parameters", "effects", "learned", "spread", "mjcf")
     content = _object(content, "it", keys)
     if content["format"] != FORMAT or isinstance(content["format"], bool):
         raise InputError(f'"format" must be {FORMAT}, got {_short(content["format"])}.')
     plant, additions = content["plant"], content["effects"]
     if not isinstance(plant, str):
         raise InputError(f'"plant" must be the name of a plant, got {_short(plant)}.')
-    _require_kinds(content, "", effects=list, learned=list, spread=list)
+    _require_kinds(content, "", effects=list, learned=list, spread=list, mjcf=str)
     parameters = _object(content["parameters"], '"parameters"')
     for name, value in parameters.items():
         _require_value(f"parameter {name!r}", value, Symbol(name, "-"))
     learned = tuple(map(_learned, content["learned"]))
     own = {effect.name: effect for effect in own_effects(effects)}
     named = tuple(_addition(a, own) for a in additions)
-    return Correction(plant, parameters, named, learned, members_of(content["spread"]))
+    spread = members_of(content["spread"])
+    return Correction(plant, parameters, named, learned, spread, content["mjcf"])
 
 
 def _addition(content: Any, own: Mapping[str, Effect]) -> Addition:
@@ -289,18 +295,24 @@ def register_plant(name: str, make: Callable[[], Plant]) -> None:
     _KNOWN[name] = make
 
 
-def plant_for(task: TaskSpec, described: Mapping[str, Any] | None) -> Plant:
+def plant_for(
+    task: TaskSpec,
+    described: Mapping[str, Any] | None,
+    parse: Callable[[str, str], Plant] | None = None,
+) -> Plant:
     """The plant that a model is to know.
 
-    `described` is what a file of a correction holds: the plant's name, and parameters and effects
-    that it has beside the nominal ones. None: the one registered plant that has the task's states
-    and inputs, as it is.
+    `described` is what a file of a correction holds: the plant's name, or its MJCF, and parameters
+    and effects that it has beside the nominal ones. None: the one registered plant that has the
+    task's states and inputs, as it is. `parse` makes the plant of an MJCF and its name.
 
     Raises:
         InputError: there is no such plant, or the description does not fit it.
     """
     if described is not None:
         correction = correction_from(dict(described))
+        if correction.mjcf and parse is not None:
+            return corrected(parse(correction.mjcf, correction.plant), correction)
         if correction.plant not in _KNOWN:
             raise InputError(
                 f"There is no plant {correction.plant!r}; there are {_names()}. Register yours "

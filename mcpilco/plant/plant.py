@@ -385,6 +385,11 @@ class ChainPlant(Plant):
         """The bodies, with the nominal values."""
         return self.build(self.values)
 
+    @property
+    def gains(self) -> list[float]:
+        """The force that each input asks for, a unit of it [N or N m a unit]."""
+        return self.tables(self.nominal[None]).actuators[0, :, GAIN].tolist()
+
     def tables(
         self,
         parameters: Float[np.ndarray, "S P"],

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,7 @@ from mcpilco.plant.effects import CATALOGUE, Effect, Symbol
 from mcpilco.plant.plant import Base, EffectInstance, Parameter, Plant
 from mcpilco.typing import InputError
 
+P = TypeVar("P", bound=Plant)
 WIDEST = 1.0
 """largest relative standard deviation [-]: beyond, nothing is known of a number's size"""
 
@@ -82,7 +83,7 @@ def instance_in(name: str, catalogue: Mapping[str, Effect] = CATALOGUE) -> Effec
     return EffectInstance(catalogue[first], target) if known else None
 
 
-def opened(plant: Plant) -> Plant:
+def opened(plant: P) -> P:
     """The plant with the finite numbers of its added effects as parameters, behind its own."""
     parameters, base = list(plant.parameters), list(plant.base)
     for instance, values in plant.added:
@@ -108,6 +109,21 @@ def moved(plant: Plant, values: Mapping[str, float]) -> Plant:
     added = tuple((instance, numbers(instance, known)) for instance, known in plant.added)
     own = {name: float(values[name]) for name in plant.values if name in values}
     return replace(plant.where(**own), added=added)
+
+
+def doubted(plant: Plant, member: Member) -> tuple[Plant, Float[np.ndarray, "K K"]]:
+    """The plant in which only those parameters are uncertain that a member doubts.
+
+    With the covariance of their logarithms [-]. Numbers of effects stay as they are.
+    """
+    own = [name for name, value in plant.values.items() if member.std.get(name) and value != 0.0]
+    flagged = (replace(p, uncertain=p.name in own) for p in plant.parameters)
+    known = member.within(own)
+    std = np.array([known.std[name] / abs(plant.values[name]) for name in known.std])
+    order = [list(known.std).index(name) for name in own]
+    correlation = np.array(known.correlation).reshape(len(own), len(own))
+    covariance = (correlation * np.outer(std, std))[np.ix_(order, order)]
+    return replace(plant, parameters=tuple(flagged)), covariance
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mcpilco.recordings.reader import read_recordings
-from mcpilco.recordings.recording import Recording
+from mcpilco.recordings.recording import Gaps, Recording
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -20,12 +20,14 @@ def read_for_plant(
     paths: Sequence[Path],
     columns: Mapping[str, Mapping[str, str]] | None = None,
     dt: float | None = None,
+    events: Mapping[str, Gaps] | None = None,
 ) -> tuple[list[Recording], list[str]]:
     """The recordings that can be read, and a sentence on what is noteworthy about each.
 
     `columns` are the names of time, states and inputs in files, where they differ, by a file's
     name, stem or pattern; `*` is of all, and one that comes later goes before. All are brought to
-    the sampling time dt [s], by default the longest of theirs.
+    the sampling time dt [s], by default the longest of theirs. `events` are spans of time [s] by a
+    recording's name, such as contacts, that nothing is compared in.
 
     Raises:
         InputError: none of the files can be read, or one with columns is not among them.
@@ -72,7 +74,16 @@ def read_for_plant(
             f"sampling times are {told} s: all are read at {steps[-1]:g} s (--dt names another)."
         )
     notes += [f"{one.name}: {' '.join(one.remarks)}" for one in good if one.remarks]
-    return good, notes
+    masked = {name: spans for name, spans in (events or {}).items() if spans}
+    if masked and not masked.keys() & {path.stem for path in paths}:
+        raise InputError(
+            f"events are of {', '.join(masked)}, expected some of "
+            f"{', '.join(path.stem for path in paths)}; name the recordings that they are of."
+        )
+    for one in good:
+        if spans := masked.get(one.name):
+            notes.append(f"{one.name}: {len(spans)} events are masked.")
+    return [one.without(masked.get(one.name, ())) for one in good], notes
 
 
 def _is(path: Path, pattern: str) -> bool:

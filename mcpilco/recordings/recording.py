@@ -131,6 +131,26 @@ class Recording:
             gaps=tuple((max(a - late, 0.0), b - late) for a, b in self.gaps if b > late),
         )
 
+    def without(self, spans: Gaps) -> Recording:
+        """The recording with some spans of time [s] as gaps, widened to whole samples."""
+        last = len(self) - 1
+        ends = [
+            (max(math.floor(a / self.dt - 1e-6), 0), min(math.ceil(b / self.dt + 1e-6), last))
+            for a, b in spans
+            if a < self.time[-1] and b > 0.0
+        ]
+        lost = np.zeros(last, dtype=bool)  # step k leads from sample k to k + 1
+        for start, end in [
+            *ends,
+            *((round(a / self.dt), round(b / self.dt)) for a, b in self.gaps),
+        ]:
+            lost[start:end] = True
+        states = self.states.copy()
+        for start, end in runs(lost):
+            states[start + 1 : end] = np.nan
+        gaps = tuple((start * self.dt, end * self.dt) for start, end in runs(lost))
+        return replace(self, states=states, gaps=gaps)
+
     def every_nth(self, n: int) -> Recording:
         """One of n samples; the inputs between keep their rate."""
         rows = len(self) // n

@@ -10,6 +10,7 @@ from .forward import (
     prediction_errors,
     rows_for_fit,
 )
+from .geometry import chain_in_space
 from .triplets import TripletTests, triplet_tests
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Reach",
     "Tolerance",
     "TripletTests",
+    "chain_in_space",
     "find_chain",
     "fit_forward",
     "orthonormal",

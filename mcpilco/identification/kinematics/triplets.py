@@ -210,7 +210,7 @@ def triplet_tests(recording: MarkerRecording, outliers: float = 0.0) -> TripletT
     """
     count = len(recording.marker_names)
     pairs = np.array(list(combinations(range(count), 2)))
-    p, r, seen = _relative(recording, pairs)
+    p, r, seen = relative(recording, pairs)
     q = recording.q.T
     each = np.broadcast_to(seen[:, None], (len(pairs), *q.shape))
     constant = np.zeros((1, recording.q.shape[0]))
@@ -235,7 +235,7 @@ def standstill(
     return position, orientation[:, 0]
 
 
-def _relative(
+def relative(
     recording: MarkerRecording, pairs: Int[np.ndarray, "pairs 2"]
 ) -> tuple[Places, Turns, Float[np.ndarray, "pairs N"]]:
     """Relative positions and quaternions of all pairs, and 1 where both are seen, 0 elsewhere."""

@@ -6,6 +6,7 @@ search for it converged, for data without intercept.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
@@ -13,7 +14,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import f as f_distribution
 
-from mcpilco.identification.noisy_inputs.bayesian import NoisyInputConfig, fit_noisy_inputs
+from mcpilco.identification.noisy_inputs.bayesian import (
+    NoisyInputConfig,
+    fit_noisy_inputs,
+    middle_reliability,
+)
 from mcpilco.identification.noisy_inputs.regression import Moments, Solution
 from mcpilco.typing import McPilcoError
 
@@ -162,8 +167,13 @@ def behind_noise(
     """b_noise, eq. (3), to predict from noisy inputs; or b_true, from inputs without noise."""
 
     def method(X: Inputs, y: Outputs, seed: int = 0) -> Solution:
-        fit = fit_noisy_inputs(Moments.of(X, y), config, warn=False)
-        return Solution(getattr(fit, what), fit.converged, len(fit.bounds))
+        moments = Moments.of(X, y)
+        fit = fit_noisy_inputs(moments, config, warn=False)
+        common = 0.0
+        if what == "b_true" and config is None:  # r is anywhere from R^2 to 1, as likely
+            middle = middle_reliability(moments, np.where(fit.active, fit.b_noise, 0.0))
+            common = 2.0 * (1.0 - middle) / math.sqrt(12.0) / middle
+        return Solution(getattr(fit, what), fit.converged, len(fit.bounds), common)
 
     return method
 

@@ -84,6 +84,8 @@ class Solution:
     """whether the search stopped by its own tolerance; a closed form always does"""
     iterations: int = 0
     """of the search; 0 of a closed form"""
+    common_std: float = 0.0
+    """relative standard deviation of a factor of all b that the data do not determine [-]"""
 
 
 def noise_of_repetitions(X: Float[np.ndarray, "R T D"]) -> Float[np.ndarray, "D D"]:

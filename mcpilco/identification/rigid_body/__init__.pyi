@@ -19,6 +19,7 @@ from .identified import (
     identify,
     solve,
 )
+from .plant_fit import correction_of_identified, theta_of
 from .projection import Projection, from_virtual, project, project_virtual, to_virtual
 from .robot_model import Feedback, write_identified_mjcf
 from .rows import Rows, force_errors, simulated_regressor
@@ -38,6 +39,7 @@ __all__ = [
     "Rows",
     "base_parameters",
     "check_links",
+    "correction_of_identified",
     "estimate",
     "force_errors",
     "from_virtual",
@@ -49,6 +51,7 @@ __all__ = [
     "random_motions",
     "simulated_regressor",
     "solve",
+    "theta_of",
     "to_virtual",
     "write_identified_mjcf",
 ]

@@ -191,8 +191,13 @@ BLOCKS = 10
 """of rows, each left out once for the intervals"""
 LEVEL = 0.95
 """of the intervals"""
+QUANTILE = float(t_distribution.ppf(0.5 + 0.5 * LEVEL, BLOCKS - 1))
+"""half of an interval, in standard deviations [-]"""
 ROWS_A_PARAMETER = 10
 """least rows, all joints together, for each base parameter"""
+WRITTEN = 1e-4
+"""of a column's length, below which it depends on others [-]: axes have the six digits that MuJoCo
+writes"""
 MOVES = 10.0
 """range of a joint that moves, relative to its encoder's noise [-]"""
 _RANDOM_MOTIONS = 400  # that base parameters are found from
@@ -212,8 +217,8 @@ class Identified:
     """the sums of parameters that forces depend on"""
     beta: Float[np.ndarray, " B"]
     """base parameters of theta"""
-    half_width: Float[np.ndarray, " B"]
-    """of their intervals: what chance may have done, not what the model lacks"""
+    covariance: Float[np.ndarray, "B B"]
+    """of these: what chance may have done, not what the model lacks"""
     before: tuple[LinkCheck, ...]
     """link by link, consistency of the estimate"""
     after: tuple[LinkCheck, ...]
@@ -235,6 +240,11 @@ class Identified:
     def theta(self) -> Float[np.ndarray, " D"]:
         """The parameters, in the units of `body.units`."""
         return self.estimate.theta
+
+    @property
+    def half_width(self) -> Float[np.ndarray, " B"]:
+        """Of the intervals of the base parameters."""
+        return QUANTILE * np.sqrt(np.diag(self.covariance))
 
 
 def identify(
@@ -284,14 +294,16 @@ def identify(
         known = whole.regressor_of(motion) @ whole.nominal
         nominal.append((motion.tau - known)[split:])
     base = base_parameters(
-        body.regressor(*random_motions(body, _RANDOM_MOTIONS, np.random.default_rng(0)))
+        body.regressor(*random_motions(body, _RANDOM_MOTIONS, np.random.default_rng(0))), WRITTEN
     )
     rows, held = Rows.joined(train), Rows.joined(test)
     _require_rows(rows, base, segments)
     found = estimate(body, rows, recipe, seed=seed, base=base)
     scaled = rows.scaled(found.scale)
-    half = _half_widths(body, base, *_with_last_instruments(scaled, recipe, found), seed)
+    covariance = _covariance(body, base, *_with_last_instruments(scaled, recipe, found), seed)
     beta = base.of(found.theta)
+    covariance += found.solution.common_std**2 * np.outer(beta, beta)
+    half = QUANTILE * np.sqrt(np.diag(covariance))
     judged = held if len(held) else rows
     return Identified(
         body=body,
@@ -299,7 +311,7 @@ def identify(
         estimate=found,
         base=base,
         beta=beta,
-        half_width=half,
+        covariance=covariance,
         before=check_links(body, found.raw),
         after=check_links(body, found.theta),
         force=_rms(judged.tau),
@@ -319,12 +331,13 @@ def _with_last_instruments(scaled: Rows, recipe: Recipe, found: Estimate) -> tup
     return replace(scaled, reference=instruments, simulate=None), replace(recipe, method="IV")
 
 
-def _half_widths(
+def _covariance(
     body: RigidBody, base: BaseParameters, scaled: Rows, recipe: Recipe, seed: int
-) -> Float[np.ndarray, " B"]:
-    """Of intervals for the base parameters, by leaving out one block of rows after another.
+) -> Float[np.ndarray, "B B"]:
+    """Of the base parameters: standard deviations by leaving out one block of rows after another.
 
-    Rows that follow one another share their errors; blocks hardly do.
+    Rows that follow one another share their errors; blocks hardly do. Ten blocks do not tell the
+    correlations of more parameters: these are those of least squares, (X^T X)^-1.
 
     Reference: Shao, Tu, The jackknife and bootstrap, 1995, section 2.3 (delete-d jackknife).
     """
@@ -334,7 +347,11 @@ def _half_widths(
     fits = [estimate(body, part, recipe, seed=seed, scale=ones, base=base) for part in parts]
     betas = np.array([base.of(fit.theta) for fit in fits])
     spread = np.sqrt((BLOCKS - 1) / BLOCKS * ((betas - betas.mean(axis=0)) ** 2).sum(axis=0))
-    return float(t_distribution.ppf(0.5 + 0.5 * LEVEL, BLOCKS - 1)) * spread
+    X = base.columns(scaled.Y).reshape(-1, len(base))
+    X = X / np.linalg.norm(X, axis=0)
+    inverse = np.linalg.pinv(X.T @ X, hermitian=True)
+    size = np.sqrt(np.diag(inverse))
+    return inverse / np.outer(size, size) * np.outer(spread, spread)
 
 
 def _report(

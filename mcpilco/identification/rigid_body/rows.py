@@ -117,10 +117,17 @@ def force_errors(rows: Rows) -> Float[np.ndarray, " J"]:
         identification of robot, Control Engineering Practice 9 (12), 2001.
     """
     least = 1e-9 * np.sqrt((rows.tau**2).mean(axis=0)) + 1e-300
-    scale = np.maximum(rows.tau.std(axis=0), least)
+    driven = rows.tau.any(axis=0)
+
+    def shared(scale: np.ndarray) -> np.ndarray:
+        """Of a joint without a motor, which b = 0 explains, the scale of the others."""
+        return np.where(driven, scale, scale[driven].max(initial=1e-300))
+
+    scale = shared(np.maximum(rows.tau.std(axis=0), least))
     for _ in range(REFITS):
         b = Moments.of(rows.Y / scale[:, None], rows.tau / scale).least_squares()
-        scale = np.maximum(np.sqrt(((rows.tau - rows.Y @ b) ** 2).mean(axis=0)), least)
+        left = np.sqrt(((rows.tau - rows.Y @ b) ** 2).mean(axis=0))
+        scale = shared(np.maximum(left, least))
     return scale
 
 

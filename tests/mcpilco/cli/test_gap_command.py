@@ -189,3 +189,16 @@ def test_a_model_that_cannot_be_compared_is_told_in_one_sentence(
     assert said in told
     assert told.count("error:") == 1
     assert told[told.index("error:") :].count("\n") == 1
+
+
+@pytest.mark.usefixtures("prompt")
+def test_events_of_the_collision_detector_mask_recordings(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    events = tmp_path / "collisions.json"
+    events.write_text(json.dumps({"log": [{"start_s": 0.5, "end_s": 0.7, "joints": ["a"]}]}))
+    assert found_in(tmp_path / "out", log, more=("--events", str(events))) == 0
+    assert "log: 1 events are masked." in capsys.readouterr().err
+    events.write_text('{"log": [{"begin": 0.5}]}')
+    assert found_in(tmp_path / "again", log, more=("--events", str(events))) == 2
+    assert "must be a collisions.json" in capsys.readouterr().err

@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from mcpilco.agent import with_model
 from mcpilco.cli import main
+from mcpilco.config import Config
 from mcpilco.identification import (
     RigidBody,
     base_parameters,
@@ -17,6 +19,7 @@ from mcpilco.identification import (
     write_identified_mjcf,
 )
 from mcpilco.identification.rigid_body import projection
+from mcpilco.plant import read_correction
 from mcpilco.recordings import load_robot, read_robot
 from mcpilco.typing import InputError
 from tests.mcpilco.identification.rigid_body.log import XML, heavier, segment, write
@@ -52,7 +55,7 @@ def test_the_identified_model_is_that_of_the_robot_and_all_is_written(tmp_path, 
     printed = capsys.readouterr().out
     assert "shoulder_viscous" in printed
     assert "+-" in printed
-    found = json.loads((out / "identified.json").read_text())
+    found = json.loads((out / "identified.json").read_text())["about"]
     assert all(link["consistent"] for link in found["links"].values())
     assert found["held_out"]["elbow"]["error_rms"] < 0.1 * found["held_out"]["elbow"]["force_rms"]
     identified = mujoco.MjModel.from_xml_path(str(out / "identified.xml"))
@@ -68,7 +71,7 @@ def test_a_search_that_did_not_converge_is_told(tmp_path, robot, capsys, monkeyp
         monkeypatch.setattr(projection, "_ROUNDS", rounds)
         assert main([*arguments, "--method", "OLS", "--terms", "viscous"]) == 0
         assert ("pseudo-inertia did not converge" in capsys.readouterr().out) == (not converged)
-        found = json.loads((tmp_path / "out" / "identified.json").read_text())
+        found = json.loads((tmp_path / "out" / "identified.json").read_text())["about"]
         assert found["converged"] == converged
 
 
@@ -128,3 +131,20 @@ def test_what_is_wrong_with_a_model_is_said(tmp_path, robot, capsys, inside, sen
     path.write_text(f"<mujoco><worldbody><body>{inside}</body></worldbody></mujoco>")
     log = write(tmp_path / "log.csv", PART)
     assert sentence in refused(capsys, log, "--model", path, "--out", tmp_path / "out")
+
+
+def test_train_reads_what_was_identified_of_a_plant_and_of_an_mjcf(tmp_path, robot):
+    log, plant = write(tmp_path / "log.csv", PART), "mcpilco/DoublePendulum-v0"
+    for name, out in ((str(robot), "file"), (plant, "known")):
+        columns = ["--columns", "shoulder_position=shoulder_position"]
+        columns += ["elbow_position=elbow_position"] if name == plant else []
+        columns += ["shoulder_velocity=none", "elbow_velocity=none"] if name == plant else []
+        arguments = ["identify", str(log), "--model", name, "--out", str(tmp_path / out)]
+        assert main([*arguments, "--terms", "viscous", *columns]) == 0
+        path = tmp_path / out / "identified.json"
+        model = with_model(Config(), "physics+rbf", path).model
+        assert model.uncertainty == "told"
+        (member,) = read_correction(path).spread
+        assert min(member.values.values()) > 0.0
+        assert model.plant["plant"] == ("identified" if name != plant else plant)
+        assert ("mjcf" in model.plant) == (name != plant)

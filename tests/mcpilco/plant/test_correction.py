@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -18,6 +19,7 @@ from mcpilco.plant.correction import (
     Correction,
     corrected,
     correction_from,
+    correction_json,
     correction_of,
     read_correction,
     write_correction,
@@ -208,3 +210,14 @@ def test_any_content_is_a_correction_or_a_sentence(key, value):
     content = damaged(**content) if key in (*WHOLE, "learned") else effect(**content)
     with contextlib.suppress(InputError):
         assert isinstance(correction_from(content), Correction)
+
+
+def test_a_file_may_hold_an_mjcf_and_what_a_command_tells_besides(tmp_path):
+    content = correction_json(replace(correction_from(WHOLE), mjcf="<mujoco/>"))
+    path = tmp_path / "identified.json"
+    path.write_text(json.dumps({**content, "about": {"rows": 3}}))
+    read = read_correction(path)
+    assert read.mjcf == "<mujoco/>"
+    assert read.parameters == WHOLE["parameters"]
+    with pytest.raises(InputError, match='"mjcf" must be a word, got 3'):
+        correction_from({**WHOLE, "mjcf": 3})

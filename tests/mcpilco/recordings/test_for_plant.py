@@ -50,3 +50,20 @@ def test_each_recording_has_one_line(tmp_path: Path) -> None:
     assert [note.split(":")[0] for note in notes] == ["a", "b"]
     assert "far off" in notes[0]
     assert "missing" in notes[0]
+
+
+def test_nothing_is_compared_while_an_event_lasts(tmp_path: Path) -> None:
+    paths = [write(tmp_path / f"{name}.csv", uniform()) for name in ("free", "hit")]
+    (free, hit), notes = read_for_plant(PLANT, paths, events={"hit": ((0.13, 0.21),), "free": ()})
+    assert free.gaps == ()
+    assert notes == ["hit: 1 events are masked."]
+    ((start, end),) = hit.gaps
+    assert start <= 0.13 < 0.21 <= end < 0.21 + 2 * hit.dt
+    inside = (hit.time > start + 1e-9) & (hit.time < end - 1e-9)
+    assert np.isnan(hit.states[inside]).all()
+    np.testing.assert_array_equal(hit.states[~inside], free.states[~inside])
+    first, second = hit.segments()
+    assert hit.time[first][-1] == pytest.approx(start)
+    assert hit.time[second][0] == pytest.approx(end)
+    with pytest.raises(InputError, match="events are of other, expected some of free, hit"):
+        read_for_plant(PLANT, paths, events={"other": ((0.0, 0.1),)})
