@@ -289,7 +289,7 @@ class Model:
         return False
 
     def known(self, transitions: Transitions) -> Transitions:
-        """What the GPs know, given these data: with the mirror images of few, where they count."""
+        """The samples that the GPs are conditioned on: these, and where they count their images."""
         counts = self.mirrored and self._few(transitions)
         return transitions + transitions.mirrored() if counts else transitions
 
