@@ -137,6 +137,10 @@ class ModelConfig(Checked):
     inducing: int = 300
     """with more than twice as many samples as this the GPs' hyperparameters are learned from twice
     as many, evenly spaced, and the GPs know all samples through at most so many inducing points"""
+    mirror: int = 60
+    """with at most so many samples the GPs learn from each one's mirror image too, in which states,
+    inputs and changes have the other sign, where the marginal likelihood of the samples says that
+    the system obeys the same laws in a mirror; 0 never asks"""
     plausible: float = 5.0
     """a particle stops where it would leave this multiple of the largest magnitude recorded [-]"""
     sampling: Literal["step", "path"] = "step"
@@ -149,7 +153,7 @@ class ModelConfig(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._at_least(degree=1, path_features=2, memory=0, delay=0, inducing=1)
-        self._at_least(subset_threshold=0)
+        self._at_least(subset_threshold=0, mirror=0)
         self._at_most(degree=20, path_features=100_000, memory=100)
         told = self.uncertainty == "told"
         _require(

@@ -125,6 +125,10 @@ class Transitions:
             np.concatenate([self.next_states, after], 1),
         )
 
+    def mirrored(self) -> Transitions:
+        """The same with all signs turned: what a system does that looks the same in a mirror."""
+        return Transitions(-self.states, -self.inputs, -self.next_states)
+
     def __getitem__(self, rows: slice | np.ndarray) -> Transitions:
         """Some of the rows."""
         return Transitions(self.states[rows], self.inputs[rows], self.next_states[rows])

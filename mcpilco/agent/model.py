@@ -46,6 +46,8 @@ INTEGRATIONS = {"speed": speed_integration, "full": full_state}
 """what `ModelConfig.integration` names"""
 ITERATIONS = {"lbfgs": 200, "adam": 1500}
 """most steps of each optimiser of the marginal likelihood; the authors later give Adam 1501"""
+STRONG = 3.0
+"""log Bayes factor from which evidence is strong (Kass & Raftery, Bayes factors, JASA 90, 1995)"""
 
 
 KernelFactory = Callable[[int, tuple[int, ...]], Kernel]
@@ -142,6 +144,8 @@ class Model:
             made = _fitting(kernel(width, batch), width, batch)
         self.gp = GP(made, noise_floor=config.noise_floor, names=self.names)
         self.physics = self._mean() if config.mean == "physics" else None
+        self.mirrored = False
+        """whether mirror images of few samples count, by the evidence of the last fit"""
 
     @property
     def memory(self) -> int:
@@ -244,9 +248,8 @@ class Model:
         if len(everything) > self._exact:
             transitions = everything[evenly_spaced(len(everything), self._exact)]
         X, Y = self.rows(transitions)
-        optimiser = self.config.optimiser
-        limit = ITERATIONS[optimiser]
-        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
+        self._maximise(X, Y, warm)
+        self.mirrored = self._few(transitions) and self._looks_the_same(transitions, warm)
         if self.physics is not None:
             self.physics.refine(transitions, self.gp.condition(X, Y))
             X, Y = self.rows(transitions)
@@ -264,10 +267,41 @@ class Model:
         parameters = {} if self.physics is None else self.physics.values
         return values | {f"model/{name}": value for name, value in parameters.items()}
 
+    def _maximise(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"], warm: bool) -> None:
+        """Give the GPs the hyperparameters of the highest marginal likelihood."""
+        optimiser = self.config.optimiser
+        limit = ITERATIONS[optimiser]
+        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
+
+    def _few(self, transitions: Transitions) -> bool:
+        """Whether images may count: the mean is zero, and with them an exact posterior is cheap."""
+        most = min(self.config.mirror, self.config.inducing)
+        return self.physics is None and len(transitions) <= most
+
+    @torch.no_grad()
+    def _looks_the_same(self, transitions: Transitions, warm: bool) -> bool:
+        """Whether the samples' evidence is strongly for a system that its mirror image equals.
+
+        If so the hyperparameters are those of samples and images, else they stay as they are.
+        """
+        (X, Y), (images, turned) = self.rows(transitions), self.rows(transitions.mirrored())
+        before, nlml = self.gp.to_arrays(), self.gp.nlml(X, Y).sum()
+        with torch.enable_grad():
+            self._maximise(torch.cat([X, images]), torch.cat([Y, turned]), warm)
+        if nlml - self.gp.odd_nlml(X, images, Y).sum() > STRONG:
+            return True
+        self.gp.load_arrays(before)
+        return False
+
+    def known(self, transitions: Transitions) -> Transitions:
+        """The samples that the GPs are conditioned on: these, and where they count their images."""
+        counts = self.mirrored and self._few(transitions)
+        return transitions + transitions.mirrored() if counts else transitions
+
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Everything learned, as named arrays: what `load_arrays` reads."""
         known = {} if self.physics is None else self.physics.to_arrays()
-        return self.gp.to_arrays() | known
+        return self.gp.to_arrays() | known | ({"mirrored": np.array(True)} if self.mirrored else {})
 
     def load_arrays(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Take what `to_arrays` gave.
@@ -276,7 +310,9 @@ class Model:
             InputError: an array is missing or unknown, of another shape, or not finite.
         """
         ours = {} if self.physics is None else self.physics.to_arrays()
-        self.gp.load_arrays({name: a for name, a in arrays.items() if name not in ours})
+        kept = {*ours, "mirrored"}
+        self.gp.load_arrays({name: a for name, a in arrays.items() if name not in kept})
+        self.mirrored = "mirrored" in arrays
         if self.physics is not None:
             self.physics.load_arrays(arrays)
 
@@ -308,7 +344,8 @@ class Model:
         return None
 
     def _posterior(self, transitions: Transitions) -> tuple[Posterior, Transitions]:
-        """The posterior given these data, and those of them that it is of."""
+        """The posterior given what is known of these data, and those rows that it is of."""
+        transitions = self.known(transitions)
         X, Y = self.rows(transitions)
         kept = self._kept(X, Y)
         if kept is None:

@@ -235,7 +235,25 @@ class GP(nn.Module):
 
         Reference: R&W Alg. 2.1 and eq. (5.9).
         """
-        return NegativeLogEvidence.apply(self.kernel(X, X), self.noise_std.square(), Y, self.names)
+        return self._nlml(self.kernel(X, X), Y)
+
+    def _nlml(self, K: Float[Tensor, "E N N"], Y: Float[Tensor, "N E"]) -> Float[Tensor, " E"]:
+        return NegativeLogEvidence.apply(K, self.noise_std.square(), Y, self.names)
+
+    def odd_nlml(
+        self, X: Float[Tensor, "N D"], images: Float[Tensor, "N D"], Y: Float[Tensor, "N E"]
+    ) -> Float[Tensor, " E"]:
+        """Negative log marginal likelihood of functions whose sign turns at the samples' images.
+
+        For any h of the prior, g(x) = (h(x) - h(image of x)) / sqrt(2) is such a function.
+
+        Raises:
+            NotPositiveDefiniteError: the covariance of the samples has no Cholesky factor.
+        """
+        both = torch.cat([X, images])
+        K = self.kernel(both, both).unflatten(-1, (2, len(X))).unflatten(-3, (2, len(X)))
+        same, across = K[:, 0, :, 0] + K[:, 1, :, 1], K[:, 0, :, 1] + K[:, 1, :, 0]
+        return self._nlml(0.5 * (same - across), Y)
 
     def fit(
         self,

@@ -60,6 +60,7 @@ SETTINGS = {
     "float32": replace(DEFAULT, precision="float32"),
     "no-polish": searching(polish=False),
     "no-widening": searching(widening=1.0),
+    "no-mirror": replace(DEFAULT, model=ModelConfig(mirror=0)),
     "uncorrelated": searching(correlations=(0.0,)),
     "correlated-always": searching(correlations=(0.8,)),
     "one-start": searching(restarts=(0,)),

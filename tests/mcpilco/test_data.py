@@ -102,3 +102,11 @@ def test_a_table_in_html_has_the_columns_of_all_rows_and_escapes_what_they_hold(
     table = ElementTree.fromstring(html_table([{"a": "1", "b": "<i>&"}, {"a": "2", "c [m]": "3"}]))
     lines = [[cell.text for cell in line] for line in table.iter("tr")]
     assert lines == [["a", "b", "c [m]"], ["1", "<i>&", "-"], ["2", "-", "3"]]
+
+
+def test_a_mirror_turns_every_sign_and_twice_turns_none() -> None:
+    rows = some_rows(3)
+    image = rows.mirrored()
+    for name, values in vars(rows).items():
+        np.testing.assert_array_equal(getattr(image, name), -values)
+        np.testing.assert_array_equal(getattr(image.mirrored(), name), values)

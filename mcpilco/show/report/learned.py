@@ -75,7 +75,7 @@ def one_step(history: History, trial: PastTrial) -> OneStep:
     except InputError as error:
         path = history.run.arrays_path(trial.number, "gp")
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error
-    X, Y = model.rows(history.transitions_before(trial))
+    X, Y = model.rows(model.known(history.transitions_before(trial)))
     posterior = model.gp.condition(X, Y)
     Xq, Yq = model.rows(read_transitions(history.run, trial.number))
     with torch.no_grad():

@@ -154,7 +154,8 @@ def test_the_search_is_given_the_task_and_the_cost_of_random_inputs(
     assert tuple(problem.start_mean.tolist()) == TASK.start_mean
     assert tuple(problem.start_std.tolist()) == TASK.start_std
     assert problem.horizon == STEPS
-    assert len(problem.dynamics.posterior.X) == STEPS
+    known = agent.model.known(agent.transitions[:STEPS])
+    assert len(problem.dynamics.posterior.X) == len(known)
 
 
 def test_experience_is_the_duration_of_the_data_before_the_trial() -> None:

@@ -205,3 +205,53 @@ def test_a_gp_that_cannot_be_factorised_is_named(task: TaskSpec) -> None:
             parameter[1] = float("nan")
     with pytest.raises(NotPositiveDefiniteError, match="covariance matrix of pole_velocity"):
         model.dynamics(data)
+
+
+RBF_ALONE = ModelConfig(kernel="rbf")
+
+
+def pushed_aside(data: Transitions) -> Transitions:
+    """The same motion, of an input that had an offset: no law that a mirror leaves as it is."""
+    return dataclasses.replace(data, inputs=data.inputs + 1.0)
+
+
+def test_images_count_where_a_system_is_its_own_mirror_image(task: TaskSpec) -> None:
+    model, data = Model(RBF_ALONE, task), some_data(task, 25)
+    model.fit(data)
+    assert model.mirrored
+    dynamics, still = model.dynamics(data), torch.zeros(40, 2, dtype=torch.float64)
+    unseen = some_data(task, 40, seed=1)
+    states, inputs = torch.from_numpy(unseen.states), torch.from_numpy(unseen.inputs)
+    there, image = dynamics.step(states, inputs, still), dynamics.step(-states, -inputs, still)
+    torch.testing.assert_close(there, -image, rtol=0, atol=1e-6)
+
+
+def test_images_do_not_count_against_the_evidence(task: TaskSpec) -> None:
+    data = pushed_aside(some_data(task, 25))
+    asked, never = Model(RBF_ALONE, task), Model(dataclasses.replace(RBF_ALONE, mirror=0), task)
+    assert asked.fit(data) == never.fit(data)
+    assert not asked.mirrored
+    assert asked.known(data) is data
+
+
+def test_many_samples_have_no_images(task: TaskSpec) -> None:
+    model, few, many = (
+        Model(dataclasses.replace(RBF_ALONE, mirror=30), task),
+        some_data(task, 30),
+        some_data(task, 31),
+    )
+    model.fit(few)
+    assert len(model.known(few)) == 60
+    assert model.known(many) is many
+    model.fit(many)
+    assert not model.mirrored
+
+
+def test_a_model_remembers_whether_images_count(task: TaskSpec) -> None:
+    model, data = Model(RBF_ALONE, task), some_data(task, 25)
+    model.fit(data)
+    other = Model(RBF_ALONE, task)
+    other.load_arrays(model.to_arrays())
+    assert len(other.known(data)) == 50
+    other.load_arrays(Model(RBF_ALONE, task).to_arrays())
+    assert other.known(data) is data

@@ -504,3 +504,19 @@ def test_a_fit_tells_each_iteration_and_finds_the_same(optimiser: str) -> None:
         gp.fit(X, X.sin(), optimiser=optimiser, max_iterations=9)
     assert told == [(k, 9) for k in range(1, loud.report.iterations + 1)]
     assert np.array_equal(silent.get_logs(), loud.get_logs())
+
+
+def test_evidence_of_odd_functions_is_that_of_their_covariance():
+    rng = np.random.default_rng(3)
+    X, Y = torch.from_numpy(rng.normal(size=(6, 2))), torch.from_numpy(rng.normal(size=(6, 1)))
+    gp = GP(RBF(2, (1,)), noise_std=0.3)
+    K = gp.kernel(X, X) - gp.kernel(X, -X) + 0.3**2 * torch.eye(6)
+    normal = torch.distributions.MultivariateNormal(torch.zeros(6).double(), K[0])
+    assert gp.odd_nlml(X, -X, Y).item() == pytest.approx(-normal.log_prob(Y[:, 0]).item())
+
+
+def test_evidence_tells_an_odd_function_from_another():
+    X = torch.linspace(-2, 2, 15, dtype=torch.float64)[:, None]
+    gp = GP(RBF(1, (1,)), noise_std=0.1)
+    for Y, odd in ((X.sin(), True), (X.cos(), False)):
+        assert bool(gp.odd_nlml(X, -X, Y) < gp.nlml(X, Y)) == odd
