@@ -107,7 +107,9 @@ class Train(options.Learning, options.OnMachine):
         entries = {"model": str(model.resolve()), **task_entries(self.task)}
         given = (f"{name}={json.dumps(value)}" for name, value in entries.items())
         kwargs = (*given, *self.env_kwargs)
-        return replace(self, sim=None, env="mcpilco/Model-v0", env_kwargs=kwargs, task=None)
+        known = self.prior or (None if self.model is None else model)
+        env = "mcpilco/Model-v0"
+        return replace(self, sim=None, env=env, env_kwargs=kwargs, task=None, prior=known)
 
     def _go_on(self) -> int:
         from mcpilco.agent import changed_versions, reopened
