@@ -97,19 +97,15 @@ def scene(posture: Posture, target: Float[np.ndarray, " X"]) -> Scene:
     return Scene(shapes=shapes, poses=poses, marker=posture.marker, target=(x, y, z))
 
 
-class MujocoPicture:
-    """Draws a model in a state from the side, with the force on its first body."""
+class ModelPicture:
+    """Draws any model in a state, from where its file says that it is looked at."""
 
     def __init__(self, posture: Posture) -> None:
         """A picture that opens OpenGL when it first draws."""
         self._posture = posture
-        rest = np.zeros(2 * posture.model.njnt)
-        along = posture.marker(rest) - posture.hinge(rest)
-        self._length = float(np.hypot(along[0], along[2]))
         self._scene = mujoco.MjvScene(posture.model, maxgeom=posture.model.ngeom + 1000)
         self._camera = mujoco.MjvCamera()
-        self._camera.azimuth, self._camera.elevation = 90.0, _ELEVATION
-        self._camera.distance = _DISTANCE * self._length
+        mujoco.mjv_defaultFreeCamera(posture.model, self._camera)
         self._offscreen: Offscreen | None = None
 
     def __call__(
@@ -117,28 +113,14 @@ class MujocoPicture:
     ) -> UInt8[np.ndarray, "H W 3"]:
         """The picture.
 
-        The push is relative to its limit, in [-1, 1].
+        The push is relative to its limit, in [-1, 1]; only some pictures show it.
 
         Raises:
             EnvError: there is no OpenGL here.
         """
-        model, length = self._posture.model, self._length
         if self._offscreen is None:
-            self._offscreen = Offscreen(model, WIDTH, HEIGHT)
-        hinge = self._posture.hinge(state)
-        x = float(hinge[0])
-        self._camera.lookat = [x - min(max(x, -_MARGIN * length), _MARGIN * length), *hinge[1:]]
-        mujoco.mjv_updateScene(
-            model,
-            self._posture.at(state),
-            mujoco.MjvOption(),
-            None,
-            self._camera,
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self._scene,
-        )
-        if push:
-            self._add_arrow(hinge, push)
+            self._offscreen = Offscreen(self._posture.model, WIDTH, HEIGHT)
+        self._place(state, push)
         return self._offscreen.draw(self._scene)
 
     def close(self) -> None:
@@ -146,6 +128,33 @@ class MujocoPicture:
         if self._offscreen is not None:
             self._offscreen.close()
             self._offscreen = None
+
+    def _place(self, state: Float[np.ndarray, " X"], push: float) -> None:
+        """Puts the model in a state into the scene."""
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        looked = self._posture.at(state), mujoco.MjvOption(), None, self._camera, everything
+        mujoco.mjv_updateScene(self._posture.model, *looked, self._scene)
+
+
+class MujocoPicture(ModelPicture):
+    """Draws a model in a state from the side, with the force on its first body."""
+
+    def __init__(self, posture: Posture) -> None:
+        """A picture that opens OpenGL when it first draws."""
+        super().__init__(posture)
+        rest = np.zeros(2 * posture.model.njnt)
+        along = posture.marker(rest) - posture.hinge(rest)
+        self._length = float(np.hypot(along[0], along[2]))
+        self._camera.azimuth, self._camera.elevation = 90.0, _ELEVATION
+        self._camera.distance = _DISTANCE * self._length
+
+    def _place(self, state: Float[np.ndarray, " X"], push: float) -> None:
+        hinge = self._posture.hinge(state)
+        x, most = float(hinge[0]), _MARGIN * self._length
+        self._camera.lookat = [x - min(max(x, -most), most), *hinge[1:]]
+        super()._place(state, push)
+        if push:
+            self._add_arrow(hinge, push)
 
     def _add_arrow(self, hinge: Float[np.ndarray, " 3"], push: float) -> None:
         """Puts the force into the scene, in front of the hinge."""
@@ -164,37 +173,6 @@ class MujocoPicture:
             color,
         )
         self._scene.ngeom += 1
-
-
-class ModelPicture:
-    """Draws any model in a state, from where its file says that it is looked at."""
-
-    def __init__(self, posture: Posture) -> None:
-        """A picture that opens OpenGL when it first draws."""
-        self._posture = posture
-        self._scene = mujoco.MjvScene(posture.model, maxgeom=posture.model.ngeom + 1000)
-        self._camera = mujoco.MjvCamera()
-        mujoco.mjv_defaultFreeCamera(posture.model, self._camera)
-        self._offscreen: Offscreen | None = None
-
-    def __call__(self, state: Float[np.ndarray, " X"]) -> UInt8[np.ndarray, "H W 3"]:
-        """The picture.
-
-        Raises:
-            EnvError: there is no OpenGL here.
-        """
-        if self._offscreen is None:
-            self._offscreen = Offscreen(self._posture.model, WIDTH, HEIGHT)
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        looked = self._posture.at(state), mujoco.MjvOption(), None, self._camera, everything
-        mujoco.mjv_updateScene(self._posture.model, *looked, self._scene)
-        return self._offscreen.draw(self._scene)
-
-    def close(self) -> None:
-        """Gives OpenGL back."""
-        if self._offscreen is not None:
-            self._offscreen.close()
-            self._offscreen = None
 
 
 def _drawn(model: mujoco.MjModel, i: int) -> bool:
