@@ -85,6 +85,14 @@ def test_before_an_episode_every_command_was_0(tmp_path: Path) -> None:
     assert abs(ends[0][1][1] - ends[1][1][1]) > 0.1
 
 
+def test_an_episode_knows_nothing_of_the_one_before(tmp_path: Path) -> None:
+    late = {"format": 1, "plant": "swing", "parameters": {}, "effects": LATE}
+    env = make(write(tmp_path, FLOOR), effects=late)
+    first = end(env)
+    env.reset(options={"state": [2.0, 1.0]})
+    np.testing.assert_array_equal(end(env), first)
+
+
 def test_task_names_what_the_model_has(tmp_path: Path) -> None:
     env = make(write(tmp_path), dt=0.1, start_std=(0.1, 0.2), start_mean={"hinge_position": 0.3})
     task = env.unwrapped.task

@@ -113,6 +113,7 @@ class StepCallback:
 
     def begin(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Begins a motion before which every command was 0."""
+        self._clock = -np.inf
         self.command(data, np.zeros(model.nu))
         self(model, data)
         self._before = self._after
@@ -164,6 +165,7 @@ class SteppedModel:
         self._steps = max(1, math.ceil(dt / self._model.opt.timestep - 1e-9))
         self._model.opt.timestep = dt / self._steps
         self._data = mujoco.MjData(self._model)
+        self._added = StepCallback(self._model, plant)
         self.restart(np.zeros(2 * self._model.nv))
 
     @property
@@ -177,7 +179,6 @@ class SteppedModel:
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[:] = self._plant.coordinates.qpos(state[0::2])
         self._data.qvel[:] = state[1::2]
-        self._added = StepCallback(self._model, self._plant)
         self._added.begin(self._model, self._data)
 
     def advance(self, command: Float[np.ndarray, " U"]) -> Float[np.ndarray, " X"]:
