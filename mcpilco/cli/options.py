@@ -194,8 +194,8 @@ def limits(entries: Sequence[str]) -> tuple[Limit, ...]:
 
 def spans_of(path: Path) -> dict[str, tuple[tuple[float, float], ...]]:
     """Begin and end of each event by recording, of what `mcpilco collisions detect` has written."""
+    told = _json("--events", path)
     try:
-        told = _json("--events", path)
         return {
             name: tuple((float(event["start_s"]), float(event["end_s"])) for event in events)
             for name, events in told.items()

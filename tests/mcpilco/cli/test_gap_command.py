@@ -202,3 +202,6 @@ def test_events_of_the_collision_detector_mask_recordings(
     events.write_text('{"log": [{"begin": 0.5}]}')
     assert found_in(tmp_path / "again", log, more=("--events", str(events))) == 2
     assert "must be a collisions.json" in capsys.readouterr().err
+    events.unlink()
+    assert found_in(tmp_path / "again", log, more=("--events", str(events))) == 2
+    assert "--events: cannot read" in capsys.readouterr().err
