@@ -100,12 +100,11 @@ class Identify(options.Command):
             return Path(self.model), None, {}
         from envs import plant_named
         from mcpilco.files import write_bytes
-        from mcpilco.mjcf import mjcf_of
+        from mcpilco.mjcf import mjcf_of_plant
 
         plant: Any = plant_named("--model", self.model)
         layout, path = plant.layout, folder / "plant.xml"
-        motors = zip(layout.inputs, layout.drives, plant.gains, strict=True)
-        write_bytes(path, mjcf_of(plant.chain, [*motors]).encode())
+        write_bytes(path, mjcf_of_plant(plant).encode())
         kinds = ("position", "velocity")
         names = [f"{joint}_{kind}" for joint in layout.joints for kind in kinds]
         return path, plant, dict(zip(names, layout.states, strict=True))

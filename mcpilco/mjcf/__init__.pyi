@@ -1,4 +1,4 @@
-from .chains import mjcf_of, plant_of_text, text_of
+from .chains import mjcf_of, mjcf_of_plant, plant_of_text, text_of
 from .corrected import (
     CorrectedModel,
     passive_forces,
@@ -25,6 +25,7 @@ __all__ = [
     "install_correction",
     "load_mjcf",
     "mjcf_of",
+    "mjcf_of_plant",
     "mujoco_plant",
     "passive_forces",
     "plant_of",

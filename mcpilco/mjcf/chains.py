@@ -50,6 +50,12 @@ def mjcf_of(chain: Chain, motors: Sequence[tuple[str, int, float]]) -> str:
     return spec.to_xml()
 
 
+def mjcf_of_plant(plant: ChainPlant) -> str:
+    """The MJCF of a plant's chain, with a motor for each of its inputs."""
+    layout = plant.layout
+    return mjcf_of(plant.chain, [*zip(layout.inputs, layout.drives, plant.gains, strict=True)])
+
+
 def text_of(path: str | Path) -> str:
     """The MJCF of a file with what it includes, whole in itself but for meshes.
 

@@ -25,6 +25,7 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from harness import fill, folder, hasty, keep, kept, parse_seeds, places, use_one_thread
+from pendubot_swingup.run import CONFIG
 
 import envs
 from envs import SwingUp
@@ -32,7 +33,7 @@ from envs.arms import record_sinusoids
 from envs.double_pendulum import DoublePendulumEnv
 from envs.plants import register_env
 from mcpilco import MCPILCO
-from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
+from mcpilco.config import Config, ModelConfig
 from mcpilco.identification import (
     Identified,
     Recipe,
@@ -42,7 +43,7 @@ from mcpilco.identification import (
     theta_of,
 )
 from mcpilco.logbook import versions
-from mcpilco.mjcf import mjcf_of
+from mcpilco.mjcf import mjcf_of_plant
 from mcpilco.plant import ChainPlant, correction_json, correction_of
 from mcpilco.policies import SaturatingCost
 from mcpilco.recordings import Recording, load_robot, read_robot, write_recording
@@ -71,22 +72,6 @@ CUTOFF = 12.0
 """of the filter of the recordings [Hz]"""
 SECONDS, FILES = 15.0, 3
 """of a recording [s], and how many there are"""
-
-CONFIG = Config(
-    policy=PolicyConfig(lengthscale=8.0, squash=1.0, weight=0.3),
-    search=SearchConfig(
-        particles=48,
-        evaluation_particles=96,
-        restarts=(1,),
-        rates=(1.0, 1.0, 0.7, 0.5, 0.3),
-        failing=0.02,
-        phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
-        widening=2.0,
-        correlations=(0.0,),
-    ),
-    precision="float32",
-)
-"""that of runs/pendubot_swingup"""
 
 
 class ArmEnv(DoublePendulumEnv):
@@ -149,7 +134,7 @@ def main() -> int:
 
 
 def learned(name: str, config: Config, seed: int, trials: int) -> dict[str, Any]:
-    """What a seed learns with a prior, as JSON."""
+    """The trials of a seed with a prior, as JSON."""
     drawing = drawn(seed)
     model, error = ModelConfig(kernel="rbf", mean="physics"), None
     described = correction_json(correction_of(drawing))
@@ -180,10 +165,10 @@ def drawn(seed: int) -> ChainPlant:
 
 
 def identified(drawing: ChainPlant, recipe: Recipe, seed: int) -> Identified:
-    """What recordings of the true arm say, by a model whose kinematics is right."""
+    """The parameters found in recordings of the true arm, by a model of the right kinematics."""
     with tempfile.TemporaryDirectory() as place:
         path = Path(place)
-        (path / "arm.xml").write_text(mjcf_of(drawing.chain, motors_of(drawing)))
+        (path / "arm.xml").write_text(mjcf_of_plant(drawing))
         robot, files = load_robot(path / "arm.xml"), [path / f"{k}.csv" for k in range(FILES)]
         for k, file in enumerate(files):
             write_recording(file, recorded(np.random.default_rng([seed, 8, k])))
@@ -194,17 +179,11 @@ def identified(drawing: ChainPlant, recipe: Recipe, seed: int) -> Identified:
 def recorded(rng: np.random.Generator) -> Recording:
     """Sinusoids of the true arm under feedback, as its sensors tell them."""
     plant = envs.PLANTS[PLANT]()
-    model = mujoco.MjModel.from_xml_string(mjcf_of(plant.chain, motors_of(plant)))
+    model = mujoco.MjModel.from_xml_string(mjcf_of_plant(plant))
     frictions = ("shoulder_friction", "elbow_friction")
     model.dof_damping[:] = [plant.values[name] for name in frictions]
     model.jnt_range[:], model.actuator_ctrlrange[:] = (-2.0, 2.0), (-10.0, 10.0)
     return record_sinusoids(model, rng, seconds=SECONDS, encoder_std=NOISE)
-
-
-def motors_of(plant: ChainPlant) -> list[tuple[str, int, float]]:
-    """The motors of a plant, as its MJCF has them."""
-    layout = plant.layout
-    return list(zip(layout.inputs, layout.drives, plant.gains, strict=True))
 
 
 def wrong_by(found: Identified) -> list[float]:

@@ -1,4 +1,4 @@
-"""What was identified becomes numbers of a plant that no noise can make negative."""
+"""Identified base parameters become numbers of a plant that no noise can make negative."""
 
 from __future__ import annotations
 
