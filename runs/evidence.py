@@ -267,7 +267,12 @@ TABLES = (
     Table("pendubot_swingup", "results/*/*.json", ("run:learned", *AGENT, PENDUBOT)),
     Table("pendulum_swingup", "results/default/seeds/*.json", (*AGENT, PENDULUM)),
     Table("real_machines", "results/*/*.json", ("run:solve",), seeded=False),
-    Table("realaigym", "results/*.json", ("run:learned", "run:judged", *AGENT, PENDUBOT)),
+    Table(
+        "realaigym",
+        "results/*.json",
+        ("run:learned", "run:judged", "board:made", "fast:rhs", *AGENT, PENDUBOT),
+        "0:3",
+    ),
     Table("recipe", "cartpole/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), ":"),
     Table("recipe", "pendulum/*/seeds/*.json", ("run:SETTINGS", *AGENT, PENDULUM)),
     Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 from double_pendulum.controller.abstract_controller import AbstractController
-from realaigym.regulator import Regulator, Switched
+from realaigym.equations import nominal_row
+from realaigym.observer import Observer
+from realaigym.regulator import Regulator, blended
 
 from envs.plants import BOARD, PLANTS
 from mcpilco.agent import NumpyPolicy
@@ -25,25 +27,33 @@ ORDER = [0, 2, 1, 3]
 
 
 class Controller(AbstractController):
-    """The policy of a run, with the regulator near the top."""
+    """The policy of a run on the observed state, and the regulator near the top."""
 
-    def __init__(self, robot: str, policy: Path, dt: float, limit: float, regulated: bool) -> None:
+    def __init__(
+        self, robot: str, policy: Path, limit: float, regulated: bool, observed: bool
+    ) -> None:
         super().__init__()
         self.joint, self.exported = JOINT[robot], NumpyPolicy(policy)
         plant = PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().where(**BOARD)
-        regulator = Regulator(plant, DT, limit) if regulated else None
-        self.act = Switched(self._torque, regulator, round(dt / DT))
+        self.regulator = Regulator(plant, DT, limit) if regulated else None
+        self.observer = Observer(nominal_row(plant), self.joint, DT) if observed else None
 
-    def _torque(self, state: Any) -> float:
+    def _policy(self, state: Any) -> float:
         return float(self.exported(state)[0])
 
     def init_(self) -> None:
-        self.act.reset()
         self.exported.reset()
+        if self.observer is not None:
+            self.observer.reset()
 
     def get_control_output_(self, x: Any, t: float | None = None) -> list[float]:
+        state = np.asarray(x, dtype=float)
+        if self.observer is not None:
+            state = self.observer(state)
         torques = [0.0, 0.0]
-        torques[self.joint] = self.act(np.asarray(x, dtype=float)[ORDER])
+        torques[self.joint] = blended(self._policy, self.regulator, state[ORDER])
+        if self.observer is not None:
+            self.observer.told(torques[self.joint])
         return torques
 
 

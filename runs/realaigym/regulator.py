@@ -1,19 +1,23 @@
-"""A linear regulator about the upright state, found by Riccati, and the switch to it."""
+"""A linear regulator about the upright state, found by Riccati, and where it acts."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
+from numba import njit
 from scipy.linalg import solve_discrete_are
 
 from mcpilco.plant import Plant
 
 UPRIGHT = np.array([np.pi, 0.0, 0.0, 0.0])
 """shoulder angle and velocity, elbow angle and velocity [rad, rad/s]"""
-STATE_COST, INPUT_COST = (10.0, 0.1, 10.0, 0.1), 1.0
+STATE_COST, INPUT_COST = (1.0, 1.0, 1.0, 1.0), 1.0
 """weights of squared states [1/rad^2, s^2/rad^2] and torque [1/(N m)^2]"""
+ROOM = 6.3
+"""torque that the regulator may ask for in its region, to the limit, at which it is cut off [-]"""
 NUDGE = 1e-4
 """of finite differences about the upright state [rad, rad/s, N m]"""
 
@@ -24,10 +28,10 @@ Act = Callable[[State], float]
 class Regulator:
     """u = -K (x - x_up), and the region in which it may be trusted."""
 
-    def __init__(self, plant: Plant, dt: float, limit: float, room: float = 1.0) -> None:
+    def __init__(self, plant: Plant, dt: float, limit: float, room: float = ROOM) -> None:
         """The regulator of a plant with one input, which is held for dt [s].
 
-        It is trusted where x' P x < c: within, no torque exceeds `room` times its `limit` [N m].
+        Its region is x' P x < c: within, it asks for no more than `room` times the `limit` [N m].
         P is that of the Riccati equation, c the largest such level.
         """
         A, B = _linearised(plant, dt)
@@ -37,47 +41,34 @@ class Regulator:
         self.level = (room * limit) ** 2 / float(self.K @ np.linalg.solve(self.P, self.K))
         self.limit = limit
 
-    def trusted(self, state: State, levels: float = 1.0) -> bool:
-        """Whether the state is in the region, or in one of some times its level."""
-        error = _error(state)
-        return bool(error @ self.P @ error < levels * self.level)
+    def __call__(self, state: State) -> tuple[float, float]:
+        """Its share [-] and its torque [N m].
 
-    def __call__(self, state: State) -> float:
-        return float(np.clip(-self.K @ _error(state), -self.limit, self.limit))
-
-
-class Switched:
-    """A policy that acts once in a while, and the regulator where that is trusted."""
-
-    def __init__(self, policy: Act, regulator: Regulator | None, every: int) -> None:
-        """`policy` acts at the first of `every` calls, and its torque is held for the others.
-
-        Once trusted, the regulator acts until the state has left four times its level.
+        The share is 1 to half of the way to the edge of the region, 0 from there on, and falls
+        evenly between: so the torque never jumps.
         """
-        self.policy, self.regulator, self.every = policy, regulator, every
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin an episode."""
-        self._waits, self._held, self.regulated = 0, 0.0, False
-
-    def __call__(self, state: State) -> float:
-        regulator = self.regulator
-        if regulator is not None:
-            self.regulated = regulator.trusted(state, 4.0 if self.regulated else 1.0)
-            if self.regulated:
-                self._waits = 0
-                return regulator(state)
-        if self._waits == 0:
-            self._waits, self._held = self.every, self.policy(state)
-        self._waits -= 1
-        return self._held
+        squared, torque = _pull(state, self.P, self.K)
+        share = 2.0 - 2.0 * math.sqrt(squared / self.level)
+        return min(max(share, 0.0), 1.0), min(max(torque, -self.limit), self.limit)
 
 
-def _error(state: State) -> State:
-    error = state - UPRIGHT
-    error[::2] = (error[::2] + np.pi) % (2.0 * np.pi) - np.pi
-    return error
+def blended(policy: Act, regulator: Regulator | None, state: State) -> float:
+    """The torque of the policy, and of the regulator by its share [N m]."""
+    if regulator is None:
+        return policy(state)
+    share, torque = regulator(state)
+    return torque if share == 1.0 else share * torque + (1.0 - share) * policy(state)
+
+
+@njit(cache=True)
+def _pull(
+    state: State, P: Float[np.ndarray, "4 4"], K: Float[np.ndarray, " 4"]
+) -> tuple[float, float]:
+    """x' P x and -K x of the error from upright; a turn more is the same place."""
+    error = state.copy()
+    for i in range(0, 4, 2):
+        error[i] = (state[i] - UPRIGHT[i] + np.pi) % (2.0 * np.pi) - np.pi
+    return error @ P @ error, -(K @ error)
 
 
 def _linearised(
