@@ -33,7 +33,6 @@ SCRIPTS = {"speed": "survey"}
 UNKEPT = {
     "exported_policy": "needs a compiler to be written",
     "identified_double_pendulum": "keeps no results: it fits public recordings anew",
-    "realaigym": "has no results yet",
     "rig": "has no template beside its page",
 }
 """pages that are not written from kept results, and why"""
