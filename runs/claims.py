@@ -220,7 +220,7 @@ CLAIMS = (
         pendubot,
     ),
     Claim(
-        "RealAIGym's board of the pendubot: robustness, mean of seeds",
+        "RealAIGym's board of the pendubot, whose equations are given: robustness, mean of seeds",
         *BOARDED,
         mean_on_board("robustness"),
         "best published 0.913",
@@ -309,7 +309,7 @@ SHORTFALLS = (
     Claim("limits: seeds that were run", "limits", "results/limited/*.json", count, "50"),
     Claim("policy step: CPU time of the first, which compiles [s]", *SPEED, compiling, "15"),
     Claim(
-        "RealAIGym's board of the pendubot: RealAI score, mean of seeds",
+        "RealAIGym's board of the pendubot, whose equations are given: RealAI score, mean of seeds",
         *BOARDED,
         mean_on_board("score", "RealAI Score"),
         "best published 0.682",
