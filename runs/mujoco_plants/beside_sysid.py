@@ -1,4 +1,4 @@
-"""The arm of mujoco.sysid's tutorial: its armatures by both tools, and by name.
+"""The arm of mujoco.sysid's tutorial: its armatures by both tools.
 
 The model, its truth, its torques and its noise are those of the tutorial's notebook (Google
 DeepMind, python/mujoco/sysid/sysid.ipynb, Apache 2.0): five hinges, 2 s at 500 Hz from rest,
@@ -20,10 +20,8 @@ import numpy as np
 from mujoco import rollout
 from scipy.optimize import least_squares
 
-from mcpilco.gap import investigate
 from mcpilco.mjcf import read_plant
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
-from mcpilco.recordings import Recording
 from mcpilco.sweep import machine
 
 STEP_S, SECONDS = 0.002, 2.0
@@ -35,8 +33,6 @@ TORQUES = (5.0, 4.0, 3.0, 2.0, 1.0)
 RATES = (0.5, 0.7, 0.4, 0.9, 0.6)
 """their frequencies [Hz]"""
 PHASES = 0.5 * np.arange(5)
-NAMED_NOISE_RAD, NAMED_RECORDINGS = 1e-3, 6
-"""of the recordings in which names are looked for: an encoder's, and as many phases"""
 
 
 @dataclass(frozen=True)
@@ -93,20 +89,18 @@ def arm(armatures: Sequence[float]) -> mujoco.MjSpec:
     return spec
 
 
-def moved(seed: int, noise: float, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def moved(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stamps (T,), torques (T + 1, 5) and positions (T, 5), as sensors read them beside the stamps.
 
     MuJoCo reads sensors at the beginning of a timestep: what is stamped t was so a timestep ago.
-    `shift` is by how much more the phases of the sines differ from joint to joint [rad].
     """
     t = STEP_S * np.arange(round(SECONDS / STEP_S))
-    phases = PHASES + shift * np.arange(1, 6)
-    torques = TORQUES * np.sin(2.0 * np.pi * t[:, None] * RATES + phases)
+    torques = TORQUES * np.sin(2.0 * np.pi * t[:, None] * RATES + PHASES)
     model = arm(TRUTH).compile()
     data = mujoco.MjData(model)
     states, read = rollout.rollout(model, data, _rest(model), torques[None, :-1])
     rng = np.random.default_rng(seed)
-    return states[0, :, 0], torques, read[0] + rng.normal(0.0, noise, read[0].shape)
+    return states[0, :, 0], torques, read[0] + rng.normal(0.0, NOISE_RAD, read[0].shape)
 
 
 def _rest(model: mujoco.MjModel) -> np.ndarray:
@@ -186,7 +180,7 @@ def nominal() -> Plant:
 def fitted(seed: int) -> dict[str, Any]:
     """Armatures by both tools of one recording, and the CPU time of each, on one core."""
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    plant, (stamps, torques, read) = nominal(), moved(seed, NOISE_RAD)
+    plant, (stamps, torques, read) = nominal(), moved(seed)
     tools: dict[str, Callable[[], np.ndarray]] = {
         "sysid": lambda: by_sysid(stamps, torques, read),
         "equations": lambda: by_equations(plant, torques, read),
@@ -198,35 +192,3 @@ def fitted(seed: int) -> dict[str, Any]:
         armatures = fit()
         found[tool] = {"armatures": armatures.tolist(), "cpu_s": time.process_time() - begun}
     return found
-
-
-def named(seed: int) -> dict[str, Any]:
-    """What the workflow names in recordings of an encoder's noise, at several phases."""
-    plant, recordings = nominal(), []
-    for n in range(NAMED_RECORDINGS):
-        shift = 2.0 * np.pi * n / NAMED_RECORDINGS
-        _, torques, read = moved(seed + n, NAMED_NOISE_RAD, shift)
-        states = np.full((len(read), 10), np.nan)
-        states[:, 0::2] = read
-        t = STEP_S * np.arange(len(read))
-        layout = plant.layout
-        recordings.append(
-            Recording(f"tutorial_{n}", t, states, torques[: len(t)], layout.states, layout.inputs)
-        )
-    begun = time.process_time()
-    gap = investigate(plant, recordings)
-    return {
-        "seed": seed,
-        "place": machine(),
-        "verdict": gap.verdict,
-        "cpu_s": time.process_time() - begun,
-        "found": [
-            {
-                "name": each.name,
-                "target": each.target,
-                "value": each.parameters[0].value,
-                "probability": each.probability,
-            }
-            for each in gap.named
-        ],
-    }

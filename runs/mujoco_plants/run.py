@@ -4,7 +4,6 @@ python runs/mujoco_plants/run.py models        # every MJCF of three packages, e
 python runs/mujoco_plants/run.py throughput    # beside a plain loop of mj_step, mujoco.rollout
 python runs/mujoco_plants/run.py study --seeds 1000:1060   # hidden effects in others' models
 python runs/mujoco_plants/run.py sysid --seeds 100:120     # beside mujoco.sysid, on its tutorial
-python runs/mujoco_plants/run.py names --seeds 100:103     # the same arm: what is named
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ SHIPPED = {
     "gymnasium_robotics": "envs/assets",
 }
 """packages with models, and where they are in them"""
-PARTS = ("models", "throughput", "study", "sysid", "names")
+PARTS = ("models", "throughput", "study", "sysid")
 MEASURED = ("half_cheetah", "walker", "quadruped", "panda on motors", "ur5e on motors")
 """machines whose throughput is measured"""
 
@@ -149,7 +148,6 @@ def write_page(out: Path) -> None:
         "speed": _speeds,
         "study": _study,
         "sysid": _beside_sysid,
-        "names": _names,
     }
     written = [
         text for part, write in parts.items() for text in write(kept(out / "results" / part))
@@ -263,24 +261,6 @@ def _beside_sysid(results: Sequence[dict[str, Any]]) -> list[str]:
     ]
 
 
-def _names(results: Sequence[dict[str, Any]]) -> list[str]:
-    if not results:
-        return []
-    rows = [
-        (
-            str(each["seed"]),
-            each["verdict"],
-            ", ".join(
-                f"{e['name']} ({e['target']}) {e['value']:.3g}, p {e['probability']:.2f}"
-                for e in each["found"]
-            ),
-            f"{each['cpu_s'] / 60.0:.1f}",
-        )
-        for each in results
-    ]
-    return [f"### Its names\n\n{markdown(('seed', 'verdict', 'named', 'CPU [min]'), rows)}"]
-
-
 def _named(effect: dict[str, Any]) -> str:
     values = ", ".join(f"{value:.3g}" for value in effect["values"].values())
     return f"{effect['name']} ({effect['target']}) {values}, p {effect['probability']:.2f}"
@@ -312,13 +292,12 @@ def main() -> None:
             if not path.exists():
                 keep(path, result := tried(seed), HERE.name)
                 print(seed, result["machine"], *result["truth"], judged(result), flush=True)
-    if options.what in ("sysid", "names"):
-        job = {"sysid": beside_sysid.fitted, "names": beside_sysid.named}[options.what]
+    if options.what == "sysid":
         for seed in parse_seeds(options.seeds):
-            path = out / "results" / options.what / f"{seed}.json"
+            path = out / "results" / "sysid" / f"{seed}.json"
             if not path.exists():
-                keep(path, job(seed), HERE.name)
-                print(options.what, seed, flush=True)
+                keep(path, beside_sysid.fitted(seed), HERE.name)
+                print(seed, flush=True)
     write_page(out)
 
 
