@@ -261,6 +261,7 @@ TABLES = (
     Table("mujoco_plants", "results/models/*.json", ("run:looked_at",), seeded=False),
     Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
     Table("mujoco_plants", "results/study/*.json", ("study:tried",), ":100"),
+    Table("mujoco_plants", "results/sysid/*.json", ("beside_sysid:fitted",), ":100"),
     Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
     Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
     Table("partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE)),

@@ -331,6 +331,9 @@ def _every_reading(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
     joints = [(q, q + 1) for q in range(0, X, 2)]
     known = np.flatnonzero(spans.measured).tolist()
     groups = [(c,) for c in known] + [pair for pair in joints if spans.measured[list(pair)].all()]
+    turning = [c for c in known if units[c].startswith("rad")]
+    if len(turning) > 2:
+        yield "are all angles in degrees?", spans.times(dict.fromkeys(turning, DEGREE))
     for group in groups:
         named = " and ".join(names[c] for c in group)
         verb = "is" if len(group) == 1 else "are"

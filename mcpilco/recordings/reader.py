@@ -90,8 +90,8 @@ class LogRows(Samples):
         if step >= _LONGEST_STEP_S:
             raise RecordingError(
                 f"{self.table.path}, column {self.sources['time']!r}: expected seconds, got a "
-                f"median step of {step:g}, which looks like milliseconds or less; convert the "
-                "column to seconds, or give dt."
+                f"median step of {step:g}, which looks like milliseconds or less; say which, for "
+                f"example --columns time={self.sources['time']}@ms, or give dt."
             )
 
 
@@ -111,8 +111,9 @@ def read_rows(
         path: of a CSV with a header row, an `.npz` or a `.parquet`.
         names: of the columns besides `time`; all that the file has by default.
         optional: which of them may be absent; `time` too: then rows count as seconds.
-        columns: the file's name for `time` or another column, where it differs, empty for one that
-            is ignored; None where names cannot be mapped.
+        columns: the file's name for `time` or another column, where it differs, with its unit
+            where that is not the SI's (`q1@deg`), empty for one that is ignored; None where names
+            cannot be mapped.
 
     Raises:
         RecordingError: the file cannot be read; the sentence names row and column.
@@ -150,7 +151,7 @@ def _sources(
     missing = [
         name
         for name, source in sources.items()
-        if source not in table.columns and (name not in optional or name in columns)
+        if not _has(table, source) and (name not in optional or name in columns)
     ]
     if missing:
         wanted = ", ".join(sources[name] for name in missing)
@@ -160,7 +161,11 @@ def _sources(
             f"{table.path}: expected a column for each of {wanted}, got the columns {present}; "
             f"{'rename them' if mapped is None else remedy}."
         )
-    return {name: source for name, source in sources.items() if source in table.columns}
+    return {name: source for name, source in sources.items() if _has(table, source)}
+
+
+def _has(table: Table, source: str) -> bool:
+    return table.source(source)[0] in table.columns
 
 
 def _cut(text: str) -> str:
@@ -249,8 +254,8 @@ def read_recording(
         input_names: of the plant; each needs a column.
         angles: which states are angles [rad]; where the log has them wrapped, turns are counted.
         velocities: pairs (position, velocity) of states; the columns of velocities may be absent.
-        columns: the file's name for `time`, a state or an input, where it differs; empty for a
-            velocity that is ignored.
+        columns: the file's name for `time`, a state or an input, where it differs, with its unit
+            where that is not the SI's (`q1@deg`); empty for a velocity that is ignored.
         dt: step of the grid [s]; the log's own, rounded, when None.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Files of named columns: CSV, npz, parquet. Nothing in them is executed."""
+"""Files of named columns: CSV, npz, parquet, ROS bags. Nothing in them is executed."""
 
 from __future__ import annotations
 
@@ -14,12 +14,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from mcpilco.files import csv_bytes, read_arrays, write_bytes
-from mcpilco.typing import RecordingError, RunFolderError
+from mcpilco.recordings.ros_bag import is_bag, read_bag
+from mcpilco.typing import InputError, RecordingError, RunFolderError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none"})
 """cells that say that a value is missing, in small letters"""
 LARGEST = 1e15
 """beyond it a number is no measurement in SI units"""
+UNITS = {
+    **{"deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+    **{"mm": 1e-3, "mm/s": 1e-3, "mNm": 1e-3, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+}
+"""what one of each unit is in SI units"""
 _SEPARATORS = ",;\t"
 
 
@@ -41,6 +47,7 @@ class Table:
 
         A magnitude beyond `largest` is no measurement.
         """
+        name, factor = self.source(name)
         cells = self.columns[name]
         values = np.empty(len(self.rows))
         for k, cell in enumerate(cells):
@@ -51,7 +58,26 @@ class Table:
         wrong = np.flatnonzero(np.abs(values) > largest)
         if len(wrong):
             raise self.error(name, wrong[0], "a measured value", _shown(cells[wrong[0]]))
-        return values
+        return factor * values
+
+    def source(self, name: str) -> tuple[str, float]:
+        """The column that a name means, and its factor to SI units: `q1`, `q1@deg`, `q1@-1`.
+
+        Raises:
+            InputError: what is behind the @ is neither a unit of `UNITS`, its negative, nor a
+                number.
+        """
+        column, at, unit = name.rpartition("@")
+        if not at or name in self.columns:
+            return name, 1.0
+        size = unit.removeprefix("-")
+        try:
+            return column, (-1.0 if size != unit else 1.0) * (UNITS.get(size) or float(size))
+        except ValueError:
+            raise InputError(
+                f"{name}: expected a number or one of {', '.join(UNITS)} behind the @, got "
+                f"{unit!r}; write for example {column}@deg, or {column}@-1 for another sign."
+            ) from None
 
     def error(self, name: str, k: int, expected: str, got: str) -> RecordingError:
         """The sentence about the cell in the k-th row of a column."""
@@ -62,7 +88,7 @@ class Table:
 
 
 def read_table(path: str | Path) -> Table:
-    """The columns of a file: `.npz` and `.parquet` by their names, anything else as CSV.
+    """The columns of a file: `.npz`, `.parquet` and ROS bags by their names, all else as CSV.
 
     A CSV has a header row, is separated by commas, semicolons or tabs, and is UTF-8.
 
@@ -70,6 +96,8 @@ def read_table(path: str | Path) -> Table:
         RecordingError: it is missing, damaged, or holds no named columns.
     """
     path = Path(path)
+    if is_bag(path):
+        return _table(path, read_bag(path))
     match path.suffix.lower():
         case ".npz":
             return _read_npz(path)

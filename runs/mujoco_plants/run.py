@@ -3,6 +3,7 @@
 python runs/mujoco_plants/run.py models        # every MJCF of three packages, equal to mj_step?
 python runs/mujoco_plants/run.py throughput    # beside a plain loop of mj_step, mujoco.rollout
 python runs/mujoco_plants/run.py study --seeds 1000:1060   # hidden effects in others' models
+python runs/mujoco_plants/run.py sysid --seeds 100:120     # beside mujoco.sysid, on its tutorial
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import mujoco
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import beside_sysid
 from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
 from study import judged, summary, tried
 from truth import HELD_S, MACHINES
@@ -35,6 +37,7 @@ SHIPPED = {
     "gymnasium_robotics": "envs/assets",
 }
 """packages with models, and where they are in them"""
+PARTS = ("models", "throughput", "study", "sysid")
 MEASURED = ("half_cheetah", "walker", "quadruped", "panda on motors", "ur5e on motors")
 """machines whose throughput is measured"""
 
@@ -140,10 +143,16 @@ def throughput(path: Path, motions: int = 100, seconds: float = 1.0) -> dict[str
 
 def write_page(out: Path) -> None:
     """The tables of all results that are there."""
-    models, speeds, cases = (kept(out / "results" / part) for part in ("models", "speed", "study"))
-    fill(
-        out / "README.md", [*_models(models), *_speeds(speeds), *_study(cases)], HERE / "README.md"
-    )
+    parts = {
+        "models": _models,
+        "speed": _speeds,
+        "study": _study,
+        "sysid": _beside_sysid,
+    }
+    written = [
+        text for part, write in parts.items() for text in write(kept(out / "results" / part))
+    ]
+    fill(out / "README.md", written, HERE / "README.md")
 
 
 def _models(results: Sequence[dict[str, Any]]) -> list[str]:
@@ -224,6 +233,34 @@ def _study(results: Sequence[dict[str, Any]]) -> list[str]:
     ]
 
 
+def _beside_sysid(results: Sequence[dict[str, Any]]) -> list[str]:
+    if not results:
+        return []
+    tools = {"sysid": "mujoco.sysid", "equations": "mcpilco's equations, scipy's least squares"}
+    errors = {
+        t: [np.array(r[t]["armatures"]) / beside_sysid.TRUTH - 1.0 for r in results] for t in tools
+    }
+    cpu = {t: np.array([r[t]["cpu_s"] for r in results]) for t in tools}
+    rows = [
+        (
+            told,
+            *(f"{100.0 * e:.1f}" for e in np.sqrt(np.square(errors[t]).mean(axis=0))),
+            f"{100.0 * np.sqrt(np.square(errors[t]).mean()):.1f}",
+            f"{np.median(cpu[t]):.2f} ({cpu[t].max():.2f})",
+        )
+        for t, told in tools.items()
+    ]
+    head = ("tool", *beside_sysid.JOINTS, "all", "CPU [s]: median (most)")
+    ratio = np.median(cpu["equations"] / cpu["sysid"])
+    squares = {t: np.square(error).mean(axis=1) for t, error in errors.items()}
+    closer = int((squares["equations"] < squares["sysid"]).sum())
+    return [
+        f"### Beside mujoco.sysid\n\nErrors of the armatures, rms over {len(results)} noises [%].",
+        f"{markdown(head, rows)}\nThe equations take {ratio:.2f} times as long (median of the "
+        f"ratios), and are the closer ones in {closer} of {len(results)}.",
+    ]
+
+
 def _named(effect: dict[str, Any]) -> str:
     values = ", ".join(f"{value:.3g}" for value in effect["values"].values())
     return f"{effect['name']} ({effect['target']}) {values}, p {effect['probability']:.2f}"
@@ -232,7 +269,7 @@ def _named(effect: dict[str, Any]) -> str:
 def main() -> None:
     """Run what is asked for, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("models", "throughput", "study", "page"))
+    parser.add_argument("what", choices=(*PARTS, "page"))
     parser.add_argument("--seeds", default="1000:1060", help="of the study, as 1000:1060")
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
@@ -255,6 +292,12 @@ def main() -> None:
             if not path.exists():
                 keep(path, result := tried(seed), HERE.name)
                 print(seed, result["machine"], *result["truth"], judged(result), flush=True)
+    if options.what == "sysid":
+        for seed in parse_seeds(options.seeds):
+            path = out / "results" / "sysid" / f"{seed}.json"
+            if not path.exists():
+                keep(path, beside_sysid.fitted(seed), HERE.name)
+                print(seed, flush=True)
     write_page(out)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, suspicions, verdict_sentence
 from mcpilco.gap.suspicion import at_rest, distinct, far_from_noise, unchanging
 from mcpilco.gap.thresholds import SUSPICION
+from mcpilco.mjcf import read_plant
 from mcpilco.recordings import Recording, noise_std, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap import pendulum as rods
@@ -333,3 +335,45 @@ def test_time_in_milliseconds_is_refused(
     assert main(["gap", str(tmp_path / "log.csv"), "--out", str(out)]) == 2
     assert "looks like milliseconds" in capsys.readouterr().err
     assert not out.exists()
+
+
+SERVOS = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default><joint axis="0 1 0" damping="0.05"/><position kp="3" kv="0.3"/></default>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.5" contype="0"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="elbow"/>
+        <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.3" contype="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="first" joint="shoulder"/>
+    <position name="second" joint="elbow"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_a_servo_arm_whose_driver_counts_in_degrees_is_asked_about_all_at_once(
+    tmp_path: Path,
+) -> None:
+    path, rng = tmp_path / "arm.xml", np.random.default_rng(0)
+    path.write_text(SERVOS)
+    plant, model = read_plant(path), mujoco.MjModel.from_xml_path(str(path))
+    data, states, targets = mujoco.MjData(model), [], np.repeat(rng.uniform(-1, 1, (30, 2)), 10, 0)
+    for target in targets:
+        q = data.qpos + rng.normal(0.0, 1e-3, 2)
+        states.append([q[0], np.nan, q[1], np.nan])
+        data.ctrl[:] = target
+        mujoco.mj_step(model, data, 10)
+    names = plant.layout.states, plant.layout.inputs
+    time = 0.02 * np.arange(len(targets))
+    log = Recording("log", time, np.array(states), targets, *names)
+    assert suspicions(plant, [log]) == ()
+    degrees = replace(log, states=DEGREES * log.states, inputs=DEGREES * log.inputs)
+    assert "are all angles in degrees?" in suspicions(plant, [degrees])[0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mcpilco.recordings.table import read_table
-from mcpilco.typing import RecordingError
+from mcpilco.typing import InputError, RecordingError
 
 GOOD = "time,angle,torque\n0.00,0.1,1\n0.02,0.2,2\n0.04,,3\n"
 
@@ -165,3 +165,25 @@ def test_a_damaged_container_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(buffer.getvalue()[:200])
     with pytest.raises(RecordingError, match="damaged"):
         read_table(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("deg", np.pi / 180.0), ("-deg", -np.pi / 180.0), ("-1", -1.0), ("0.5", 0.5), ("mm", 1e-3)],
+)
+def test_a_column_behind_which_a_unit_stands_comes_in_si_units(
+    tmp_path: Path, unit: str, factor: float
+) -> None:
+    table = read_table(written(tmp_path, GOOD))
+    np.testing.assert_allclose(table.numbers(f"torque@{unit}"), factor * np.array([1.0, 2.0, 3.0]))
+
+
+def test_a_unit_that_nobody_knows_is_refused_with_those_that_are_known(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path, GOOD))
+    with pytest.raises(InputError, match=r"torque@grad: expected a number or one of deg, .*'grad'"):
+        table.numbers("torque@grad")
+
+
+def test_a_column_whose_name_has_an_at_sign_is_taken_as_it_is(tmp_path: Path) -> None:
+    table = read_table(written(tmp_path, GOOD.replace("torque", "torque@deg")))
+    np.testing.assert_array_equal(table.numbers("torque@deg"), [1.0, 2.0, 3.0])
