@@ -223,6 +223,9 @@ TABLES = (
     Table("gip", "results/scara/*.json", ("experiments:accuracy",)),
     Table("gip", "results/ur10/*.json", ("experiments:six_joints",)),
     Table("gip", "results/efficiency/*.json", ("experiments:efficiency",)),
+    Table("gip", "results/ur10-efficiency/*.json", ("experiments:six_joint_efficiency",)),
+    Table("gip", "results/unexplained/*.json", ("experiments:unexplained",)),
+    Table("gip", "results/recorded/*.json", ("experiments:recorded",), seeded=False),
     *(
         Table("hidden_effects", f"results/{tier}/*.json", ("run:solve",), chosen_on)
         for tier, chosen_on in {

@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from envs.arms.motions import random_motion
 from envs.arms.robots import scara, ur10
 from mcpilco.bodies import Body, Chain, generalised_forces
 from mcpilco.bodies import accelerations as true_accelerations
+from mcpilco.dynamics import friction
 from mcpilco.identification.inverse_dynamics import (
     FeedForward,
     InverseDynamics,
@@ -22,7 +25,8 @@ from mcpilco.identification.inverse_dynamics import (
     fit_inverse_dynamics,
     inertia,
 )
-from mcpilco.recordings import JointData
+from mcpilco.identification.inverse_dynamics.gaussian import NOISE_FLOORS, fit_gaussian, geometric
+from mcpilco.recordings import JointData, held_out, joint_data, read_joint_recordings
 
 NOISE = 0.01
 """standard deviation of the torques' noise [N m or N]"""
@@ -55,14 +59,14 @@ class Sizes:
     """samples that hyperparameters are fitted to"""
 
 
-QUICK = Sizes(samples=250, curve=(120, 200), estimators=("fe", "pp", "gip", "rbf"), tuned_on=120)
+QUICK = Sizes(samples=250, curve=(160, 250), estimators=("fe", "pp", "gip", "rbf"), tuned_on=120)
 
 
 def measured(
-    chain: Chain, rng: np.random.Generator, samples: int, noise: float = NOISE
+    chain: Chain, rng: np.random.Generator, samples: int, noise: float = NOISE, dt: float = 0.05
 ) -> JointData:
-    """A motion of its own, and its torques."""
-    motion = random_motion(chain, rng, samples)
+    """A motion of its own at steps of dt [s], and its torques."""
+    motion = random_motion(chain, rng, samples, dt)
     tau = generalised_forces(chain, *motion) + noise * rng.normal(size=motion[0].shape)
     return JointData(*motion, tau, chain.joints, tuple(body.kind for body in chain.bodies))
 
@@ -125,7 +129,83 @@ def efficiency(seed: int, sizes: Sizes) -> dict[str, Any]:
     return {"seed": seed, "samples": list(sizes.curve), "gmse": gmse}
 
 
-EXPERIMENTS = {"scara": accuracy, "ur10": six_joints, "efficiency": efficiency}
+def six_joint_efficiency(seed: int, sizes: Sizes) -> dict[str, Any]:
+    """How much data six joints take: the arms of figure 3.4, the beginning of one long motion."""
+    rng = np.random.default_rng([seed, 1])
+    nominal = ur10()
+    robot = perturbed(nominal, rng)
+    train, test = measured(robot, rng, sizes.curve[-1]), measured(robot, rng, sizes.samples)
+    nmse: dict[str, list[list[float]]] = {name: [] for name in ("pp", "gip")}
+    for count in sizes.curve:
+        models = _fitted(tuple(nmse), train[:count], test, nominal, seed, sizes.tuned_on)[0]
+        for name, model in models.items():
+            nmse[name].append(model.nmse(test).tolist())
+    return {"seed": seed, "samples": list(sizes.curve), "joints": list(train.joints), "nmse": nmse}
+
+
+UNEXPLAINED, STEP = 0.15, 0.01
+"""a force that depends on time alone, in parts of the torque's std [-]; its sampling time [s]"""
+
+
+def unexplained(seed: int, sizes: Sizes) -> dict[str, Any]:
+    """A SCARA one of whose forces no motion explains: hyperparameters by evidence, or left out."""
+    rng = np.random.default_rng([seed, 3])
+    robot = scara()
+    train, test = (measured(robot, rng, sizes.samples, dt=STEP) for _ in range(2))
+    smooth = gaussian_filter1d(rng.normal(size=train.tau.shape), 8, axis=0)
+    force = UNEXPLAINED * train.tau.std(0) * smooth / smooth.std(0)
+    train = replace(train, tau=train.tau + force)
+    prior, nmse = geometric(train.kinds, False), {}
+    for name, tried in {"evidence": NOISE_FLOORS[-1:], "left out": NOISE_FLOORS}.items():
+        model = fit_gaussian("gip", prior, train, sizes.tuned_on, floors=tried, seed=seed)
+        nmse[name] = model.nmse(test).tolist()
+    return {"seed": seed, "samples": len(train), "joints": list(train.joints), "nmse": nmse}
+
+
+def recorded(learn: Path, other: Path, counts: Sequence[int]) -> dict[str, Any]:
+    """A real arm like the UR10: the last fifth of a recording, and another recording.
+
+    `friction` is least squares on 1, q' and tanh(q' / v_r), a joint at a time.
+    """
+    chain = ur10()
+    kinds = tuple(body.kind for body in chain.bodies)
+    whole, test = (
+        joint_data(recording, chain.joints, kinds)
+        for recording in read_joint_recordings([learn, other], chain.joints)
+    )
+    train, rest = held_out(whole, 0.2)
+    tests = {"last fifth": rest, "other recording": test}
+    nmse: dict[str, dict[str, list[list[float]]]] = {name: {} for name in tests}
+    for count in counts:
+        some = train.thinned(count)
+        for name in ("pp", "sp", "gip", "rbf"):
+            model = fit_inverse_dynamics(some, name, chain=chain)
+            for where, data in tests.items():
+                nmse[where].setdefault(name, []).append(model.nmse(data).tolist())
+        for where, data in tests.items():
+            nmse[where].setdefault("friction", []).append(_by_friction(some, data))
+    return {"samples": list(counts), "joints": list(chain.joints), "nmse": nmse}
+
+
+def _by_friction(train: JointData, test: JointData) -> list[float]:
+    def regressors(data: JointData, j: int) -> np.ndarray:
+        one = friction(torch.as_tensor(data.dq[:, j : j + 1]))[:, 0].numpy()
+        return np.column_stack([np.ones(len(data)), one])
+
+    errors = []
+    for j in range(len(train.joints)):
+        w = np.linalg.lstsq(regressors(train, j), train.tau[:, j], rcond=None)[0]
+        errors.append(np.mean((regressors(test, j) @ w - test.tau[:, j]) ** 2))
+    return (np.array(errors) / test.tau.var(0)).tolist()
+
+
+EXPERIMENTS = {
+    "scara": accuracy,
+    "ur10": six_joints,
+    "efficiency": efficiency,
+    "ur10-efficiency": six_joint_efficiency,
+    "unexplained": unexplained,
+}
 
 
 def _fitted(

@@ -37,6 +37,13 @@ def write(out: Path, found: Mapping[str, Trials], template: Path) -> None:
     if "ur10" in found:
         _boxes(out / "ur10.png", found["ur10"])
         parts += ur10(found["ur10"])
+    for name, told in (
+        ("ur10-efficiency", six_joint_efficiency),
+        ("unexplained", unexplained),
+        ("recorded", recorded),
+    ):
+        if name in found:
+            parts += told(found[name])
     fill(
         out / "README.md",
         [*parts, places((t for trials in found.values() for t in trials), ", one thread")],
@@ -73,7 +80,7 @@ def ur10(trials: Trials) -> list[str]:
 
 def _setting(trials: Trials) -> str:
     return (
-        f"{len(trials)} robots, {trials[0]['samples']} samples each: median (least to greatest) "
+        f"robots: {len(trials)}, {trials[0]['samples']} samples each: median (least to greatest) "
         "over the robots"
     )
 
@@ -160,6 +167,54 @@ def efficiency(trials: Trials) -> list[str]:
         "![Figure 3.3](efficiency.png)",
         markdown(("estimator", *map(str, samples)), rows),
     ]
+
+
+def six_joint_efficiency(trials: Trials) -> list[str]:
+    counts, joints = trials[0]["samples"], trials[0]["joints"]
+    rows = []
+    for name in trials[0]["nmse"]:
+        medians = np.median([trial["nmse"][name] for trial in trials], 0)  # counts, joints
+        rows += [
+            (f"`{name}`", str(count), *(f"{value:.1e}" for value in row))
+            for count, row in zip(counts, medians, strict=True)
+        ]
+    return [
+        "### Six joints take more data",
+        f"nMSE over the number of samples, medians of {len(trials)} of these arms.",
+        markdown(("estimator", "samples", *joints), rows),
+    ]
+
+
+def unexplained(trials: Trials) -> list[str]:
+    rows = []
+    for name, how in (("evidence", "highest evidence"), ("left out", "stretches left out")):
+        each = nmse(trials, name)
+        cells = (f"{np.median(c):.1e} ({c.min():.0e} to {c.max():.0e})" for c in each.T)
+        rows.append((how, *cells))
+    ratios = [f"{r:.2g}" for r in np.median(nmse(trials, "evidence") / nmse(trials, "left out"), 0)]
+    return [
+        "### Forces that no motion explains",
+        f"nMSE of `gip` on a motion without such forces, {_setting(trials)}. Those it learned from "
+        "have a smooth random force besides, of 15 % of each torque's standard deviation.",
+        markdown(("hyperparameters by", *trials[0]["joints"]), rows),
+        f"Medians of the ratio of the two: {', '.join(ratios)}.",
+    ]
+
+
+def recorded(trials: Trials) -> list[str]:
+    (trial,) = trials
+    parts = ["### A real UR10"]
+    for where, found in trial["nmse"].items():
+        rows = [
+            (f"`{name}`", str(count), *(f"{value:.2g}" for value in row))
+            for name, each in found.items()
+            for count, row in zip(trial["samples"], each, strict=True)
+        ]
+        parts += [
+            f"nMSE on the {where}.",
+            markdown(("estimator", "samples", *trial["joints"]), rows),
+        ]
+    return parts
 
 
 # Pictures -----------------------------------------------------------------------------------------

@@ -1,7 +1,8 @@
 """Inverse dynamics of a SCARA and of an arm with six hinges, by six estimators.
 
 python runs/gip/run.py --quick       # does it run at all? To runs/out
-python runs/gip/run.py               # 20 SCARAs, 3 six-joint arms, 3 curves: about 15 CPU minutes
+python runs/gip/run.py               # all: about an hour of one core
+python runs/gip/run.py --recorded LEARN.csv OTHER.csv   # two recordings of a real arm like a UR10
 
 Results are kept in results/<experiment>/, a file a seed; the same command goes on where it was
 stopped, and rewrites the pictures, and README.md between its marked lines, from all that is there.
@@ -20,7 +21,7 @@ import tyro
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from gip import pages
-from gip.experiments import EXPERIMENTS, QUICK, Sizes
+from gip.experiments import EXPERIMENTS, QUICK, Sizes, recorded
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
@@ -29,8 +30,10 @@ from harness import folder, keep, kept, use_one_thread
 from mcpilco.sweep import machine
 
 HERE = Path(__file__).parent
-SEEDS = {"scara": 20, "ur10": 3, "efficiency": 3}
+SEEDS = {"scara": 20, "ur10": 3, "efficiency": 3, "ur10-efficiency": 3, "unexplained": 20}
 """trials of each experiment"""
+RECORDED = (500, 1000, 2000)
+"""samples to learn from, of a real arm's"""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class Arguments:
     """experiments to run"""
     trials: int | None = None
     """at most so many of each"""
+    recorded: tuple[Path, Path] | None = None
+    """two recordings of a real arm with the joints of a UR10, to learn from and to test on"""
     quick: bool = False
     """one seed of few samples, without the network; all goes to runs/out"""
     out: Path | None = None
@@ -52,6 +57,9 @@ def main() -> int:
     use_one_thread()
     out = folder(HERE, arguments.out, arguments.quick)
     sizes = QUICK if arguments.quick else Sizes()
+    if arguments.recorded is not None:
+        found = recorded(*arguments.recorded, RECORDED) | {"machine": machine()}
+        keep(out / "results" / "recorded" / "0000.json", found, HERE.name)
     for experiment in arguments.only:
         most = 1 if arguments.quick else arguments.trials or SEEDS[experiment]
         for seed in range(min(most, SEEDS[experiment])):
@@ -67,7 +75,7 @@ def main() -> int:
 
 def gathered(out: Path) -> dict[str, list[dict[str, Any]]]:
     """The trials of each experiment that are there."""
-    found = {name: kept(out / "results" / name) for name in SEEDS}
+    found = {name: kept(out / "results" / name) for name in (*SEEDS, "recorded")}
     return {name: trials for name, trials in found.items() if trials}
 
 

@@ -39,7 +39,7 @@ def test_tables_hold_what_was_measured_and_nothing_is_measured_twice(run) -> Non
     page = Path("out/README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
     assert "| noise-free | 150 |" in page
     assert "1 of 2" in page
-    assert "mended, refitted" in page
+    assert "mended, refit 3" in page
     assert "Not measured yet" not in page
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from envs.arms.motions import random_motion
 from mcpilco.bodies import SLIDE, Body, Chain, generalised_forces
 from mcpilco.recordings import JointData
 
@@ -45,3 +46,10 @@ def measured(
     tau = generalised_forces(robot, q, dq, ddq) + noise * rng.normal(size=shape)
     tau += friction * (dq + np.tanh(dq / 0.02))
     return JointData(q, dq, ddq, tau, robot.joints, tuple(body.kind for body in robot.bodies))
+
+
+def moved(robot: Chain, rng: np.random.Generator, count: int, dt: float = 0.01) -> JointData:
+    """One smooth motion at steps of dt [s], and its torques."""
+    motion = random_motion(robot, rng, count, dt)
+    tau = generalised_forces(robot, *motion)
+    return JointData(*motion, tau, robot.joints, tuple(body.kind for body in robot.bodies))

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter1d
 
 from mcpilco.files import read_groups, write_groups
+from mcpilco.gp import GP
 from mcpilco.identification.inverse_dynamics import (
     ESTIMATORS,
     fit_inverse_dynamics,
@@ -12,8 +16,10 @@ from mcpilco.identification.inverse_dynamics import (
     save_inverse_dynamics,
 )
 from mcpilco.identification.inverse_dynamics.estimators import GEOMETRIES
+from mcpilco.identification.inverse_dynamics.gaussian import STRETCHES, left_out_error
+from mcpilco.kernels import RBF
 from mcpilco.typing import InputError, RunFolderError
-from tests.mcpilco.identification.inverse_dynamics.robots import measured, random_robot
+from tests.mcpilco.identification.inverse_dynamics.robots import measured, moved, random_robot
 
 TWO = ("hinge", "slide")
 
@@ -69,6 +75,31 @@ def test_friction_is_learned_where_it_is_allowed(robot):
     )
     assert told.max() < 1e-5
     assert (untold > 1e-3).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_forces_that_no_motion_explains_are_not_interpolated(seed):
+    """They are smooth in time, as those of a joint that sticks or of filtered torques."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(("hinge", "hinge"), rng)
+    told, test = (moved(robot, rng, 1000) for _ in range(2))
+    smooth = gaussian_filter1d(rng.normal(size=told.tau.shape), 8, axis=0)
+    told = replace(told, tau=told.tau + 0.15 * told.tau.std(0) * smooth / smooth.std(0))
+    model = fit_inverse_dynamics(told, "gip", friction=False, tuned_on=200)
+    assert model.nmse(test).max() < 0.15
+
+
+def test_the_left_out_error_is_that_of_processes_that_never_saw_the_stretch():
+    rng = np.random.default_rng(0)
+    X, noise = torch.as_tensor(rng.normal(size=(60, 2))), 0.1 * rng.normal(size=(60, 1))
+    y = X[:, :1].sin() + torch.as_tensor(noise)
+    gp = GP(RBF(2, (1,)), noise_std=0.2)
+    errors = []
+    for left in np.array_split(np.arange(60), STRETCHES):
+        others = np.setdiff1d(np.arange(60), left)
+        errors.append(gp.condition(X[others], y[others]).mean(X[left]) - y[left])
+    expected = float(torch.cat(errors).square().mean())
+    assert left_out_error(gp.condition(X, y)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_knowing_the_kinds_of_joints_is_better_than_knowing_nothing(robot, models):
