@@ -19,13 +19,15 @@ from mcpilco.bodies import Body, Chain, generalised_forces
 from mcpilco.bodies import accelerations as true_accelerations
 from mcpilco.dynamics import friction
 from mcpilco.identification.inverse_dynamics import (
+    NOISE_FLOORS,
     FeedForward,
     InverseDynamics,
     accelerations,
+    fit_gaussian,
     fit_inverse_dynamics,
+    geometric,
     inertia,
 )
-from mcpilco.identification.inverse_dynamics.gaussian import NOISE_FLOORS, fit_gaussian, geometric
 from mcpilco.recordings import JointData, held_out, joint_data, read_joint_recordings
 
 NOISE = 0.01
