@@ -147,6 +147,13 @@ def test_a_recording_without_torques_is_refused(tmp_path):
         read_joint_recordings([path], JOINTS)
 
 
+def test_an_effort_of_ros_is_the_torque_that_the_file_lacks(tmp_path):
+    path, columns = log(tmp_path / "log.csv", ("position", "torque"))
+    path.write_text(path.read_text().replace("_torque", "_effort"))
+    (recording,) = read_joint_recordings([path], JOINTS)
+    np.testing.assert_array_equal(recording.inputs, columns["torque"])
+
+
 def test_letters_name_the_kinds_of_joints():
     assert kinds_of("RrP") == kinds_of("hHS") == ("hinge", "hinge", "slide")
     assert kinds_of(("revolute", "slide", "prismatic")) == ("hinge", "slide", "slide")
