@@ -299,13 +299,6 @@ SHORTFALLS = (
         "40",
     ),
     Claim(
-        "collisions: arms that were simulated, of each controller",
-        "collision",
-        "results/pd/*.json",
-        count,
-        "5",
-    ),
-    Claim(
         "comparison: seeds of SAC that were run; as many of PPO, none of TQC",
         "cartpole_comparison",
         "cartpole/sac/seeds/*.json",
