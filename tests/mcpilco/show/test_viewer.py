@@ -260,6 +260,7 @@ import signal
 from pathlib import Path
 from mcpilco.show import viewer
 signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background ignore it
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and so does what nohup began
 viewer._executable = lambda: str(Path("rerun").resolve())
 try:
     viewer.open_viewer(["01.rrd"], web=True, tell=lambda address: print(address, flush=True))
