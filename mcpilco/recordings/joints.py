@@ -179,8 +179,8 @@ def read_joint_recordings(
     """Recordings of a robot, all of which must be readable.
 
     Each has the columns `time` [s] and, for each joint, `<joint>_position` and `<joint>_torque`;
-    `<joint>_velocity` and `<joint>_acceleration` may be absent, and where the first file has
-    `<joint>_effort` for a torque, as ROS calls it, that is read.
+    `<joint>_velocity` and `<joint>_acceleration` may be absent, and `<joint>_effort`, as ROS calls
+    it, is read for a torque that the file lacks.
 
     `columns` are the files' names of columns, where they differ; all are brought to the step dt
     [s], by default each to its own.
@@ -190,7 +190,6 @@ def read_joint_recordings(
     """
     J = len(joints)
     states = [joint + what for what in (POSITION, VELOCITY, ACCELERATION) for joint in joints]
-    columns = {**_efforts(paths[0], joints), **(columns or {})}
     good, bad = read_recordings(
         paths,
         states,
@@ -202,13 +201,6 @@ def read_joint_recordings(
     if bad:
         raise bad[0]
     return good
-
-
-def _efforts(path: str | Path, joints: Sequence[str]) -> dict[str, str]:
-    """The columns of efforts by the name of the torque that the file lacks."""
-    there = read_table(path).columns
-    named = {joint + TORQUE: joint + "_effort" for joint in joints}
-    return {torque: at for torque, at in named.items() if at in there and torque not in there}
 
 
 def joint_data(recording: Recording, joints: Sequence[str], kinds: Sequence[Kind]) -> JointData:

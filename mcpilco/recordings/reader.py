@@ -7,6 +7,7 @@ on a uniform grid of it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -147,7 +148,11 @@ def _sources(
             f"A column map expected the names of {', '.join(needed)}, which no recording can do "
             "without, got nothing after the equals sign; only velocities can be ignored."
         )
-    sources = {name: columns.get(name, name) for name in names if columns.get(name) != ""}
+    sources = {
+        name: columns.get(name) or _as_in_ros(table, name)
+        for name in names
+        if columns.get(name) != ""
+    }
     missing = [
         name
         for name, source in sources.items()
@@ -162,6 +167,12 @@ def _sources(
             f"{'rename them' if mapped is None else remedy}."
         )
     return {name: source for name, source in sources.items() if _has(table, source)}
+
+
+def _as_in_ros(table: Table, name: str) -> str:
+    """The column of a name that is not mapped: ROS calls `<joint>_torque` `<joint>_effort`."""
+    effort = re.sub("_torque$", "_effort", name)
+    return effort if name not in table.columns and effort in table.columns else name
 
 
 def _has(table: Table, source: str) -> bool:

@@ -146,7 +146,7 @@ def by_equations(plant: Plant, torques: np.ndarray, read: np.ndarray) -> np.ndar
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def at(armatures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is missed, and its slopes, in one batch of simulations."""
+        """The residuals and their slopes, in one batch of simulations."""
         steps = 1e-3 * np.maximum(armatures, NOMINAL)
         y = positions(armatures + np.vstack([np.zeros(5), np.diag(steps)]))
         return known.setdefault(

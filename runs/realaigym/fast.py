@@ -25,7 +25,7 @@ def row_of(plant: DoublePendulumPlant) -> Row:
 
 
 def rhs(self: Any, t: float, state: Any, tau: Any) -> Any:
-    """What theirs returns: velocities and accelerations."""
+    """Velocities and accelerations, as theirs returns them."""
     if not hasattr(self, "compiled_row"):
         self.compiled_row = row_of(self)
     motors = self.B @ tau
