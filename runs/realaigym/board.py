@@ -11,47 +11,77 @@ from typing import Any
 
 import numpy as np
 from double_pendulum.controller.abstract_controller import AbstractController
-from realaigym.equations import nominal_row
+from realaigym.equations import DT, JOINT, nominal_row
 from realaigym.observer import Observer
+from realaigym.polish import ROOM, Gaussians, motion
 from realaigym.regulator import Regulator, blended
 
 from envs.plants import BOARD, PLANTS
-from mcpilco.agent import NumpyPolicy
 
-DT = 0.002
-"""time between two calls of a controller [s]"""
-JOINT = {"pendubot": 0, "acrobot": 1}
-"""which joint has the motor"""
 ORDER = [0, 2, 1, 3]
 """where our states are among theirs: they put the angles first"""
 
 
+TUBE = np.array([0.1, 0.1, 1.0, 1.0])
+"""how far the machine may be from the plan of the thrifty policy [rad, rad/s]"""
+STEPS = 5000
+"""of a plan: 10 s"""
+
+
 class Controller(AbstractController):
-    """The policy of a run on the observed state, and the regulator near the top."""
+    """The policies of a run on the observed state, and a regulator near the top.
+
+    From hanging the thrifty policy acts, while the machine goes as planned: as this policy and the
+    nominal plant would. From the first step that is outside of a tube about the plan, the robust
+    policy acts for the rest of the motion. Without a thrifty policy it acts from the beginning.
+    """
 
     def __init__(
-        self, robot: str, policy: Path, limit: float, regulated: bool, observed: bool
+        self,
+        robot: str,
+        policy: Path,
+        limit: float,
+        room: float,
+        regulated: bool,
+        observed: bool,
+        thrifty: Path | None = None,
     ) -> None:
         super().__init__()
-        self.joint, self.exported = JOINT[robot], NumpyPolicy(policy)
+        self.joint, self.robust = JOINT[robot], Gaussians.read(policy)
         plant = PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().where(**BOARD)
-        self.regulator = Regulator(plant, DT, limit) if regulated else None
-        self.observer = Observer(nominal_row(plant), self.joint, DT) if observed else None
-
-    def _policy(self, state: Any) -> float:
-        return float(self.exported(state)[0])
+        row = nominal_row(plant)
+        self.regulator = Regulator(plant, DT, limit, room) if regulated else None
+        self.observer = Observer(row, self.joint, DT) if observed else None
+        self.thrifty = None if thrifty is None else Gaussians.read(thrifty)
+        self.gentle = Regulator(plant, DT, limit, ROOM)
+        self.plan = np.empty((0, 4))
+        if self.thrifty is not None:
+            self.plan, _ = motion(self.thrifty, self.gentle, row, self.joint, STEPS)
+        self._step: int | None = 0
 
     def init_(self) -> None:
-        self.exported.reset()
+        self._step = 0
         if self.observer is not None:
             self.observer.reset()
+
+    def _as_planned(self, state: Any) -> bool:
+        """Whether the machine has been in the tube about the plan up to now."""
+        if self._step is None or self._step >= len(self.plan):
+            self._step = None
+            return False
+        away = np.abs(state - self.plan[self._step])
+        self._step = self._step + 1 if (away < TUBE).all() else None
+        return self._step is not None
 
     def get_control_output_(self, x: Any, t: float | None = None) -> list[float]:
         state = np.asarray(x, dtype=float)
         if self.observer is not None:
             state = self.observer(state)
+        acting = self.robust, self.regulator
+        if self._as_planned(state):
+            acting = self.thrifty, self.gentle
         torques = [0.0, 0.0]
-        torques[self.joint] = blended(self._policy, self.regulator, state[ORDER])
+        torques[self.joint] = blended(*acting, state[ORDER])
         if self.observer is not None:
             self.observer.told(torques[self.joint])
         return torques
@@ -61,7 +91,9 @@ def made(told: Path) -> tuple[Controller, dict[str, str]]:
     """The controller that a file describes, and its entry in a board."""
     entry = json.loads(told.read_text())
     name = entry.pop("name").replace("-", "_")  # as the file of the controller has it
-    controller = Controller(**{**entry, "policy": told.parent / entry["policy"]})
+    for policy in {"policy", "thrifty"} & set(entry):
+        entry[policy] = told.parent / entry[policy]
+    controller = Controller(**entry)
     controller.init()
     config = {
         "csv_path": f"{name}/sim_swingup.csv",

@@ -13,6 +13,10 @@ from numba import njit
 
 from mcpilco.plant import Plant
 
+DT = 0.002
+"""time between two calls of a controller [s]"""
+JOINT = {"pendubot": 0, "acrobot": 1}
+"""which joint has the motor"""
 Row = Float[np.ndarray, " P"]
 """numbers of a plant: (m1 r1, m2 r2, m2, l1, I1, I2, gravity, b1, b2, cf1, cf2, Ir, gear ratio)"""
 ENDS = "upper", "lower"

@@ -39,7 +39,7 @@ class Regulator:
         self.P = solve_discrete_are(A, B, Q, R)
         self.K = np.linalg.solve(R + B.T @ self.P @ B, B.T @ self.P @ A)[0]
         self.level = (room * limit) ** 2 / float(self.K @ np.linalg.solve(self.P, self.K))
-        self.limit = limit
+        self.limit, self.room, self.dt = limit, room, dt
 
     def __call__(self, state: State) -> tuple[float, float]:
         """Its share [-] and its torque [N m].
@@ -47,7 +47,7 @@ class Regulator:
         The share is 1 to half of the way to the edge of the region, 0 from there on, and falls
         evenly between: so the torque never jumps.
         """
-        squared, torque = _pull(state, self.P, self.K)
+        squared, torque = pull(state, self.P, self.K)
         share = 2.0 - 2.0 * math.sqrt(squared / self.level)
         return min(max(share, 0.0), 1.0), min(max(torque, -self.limit), self.limit)
 
@@ -61,7 +61,7 @@ def blended(policy: Act, regulator: Regulator | None, state: State) -> float:
 
 
 @njit(cache=True)
-def _pull(
+def pull(
     state: State, P: Float[np.ndarray, "4 4"], K: Float[np.ndarray, " 4"]
 ) -> tuple[float, float]:
     """x' P x and -K x of the error from upright; a turn more is the same place."""
