@@ -274,7 +274,15 @@ TABLES = (
     Table(
         "realaigym",
         "results/*.json",
-        ("run:learned", "run:judged", "board:made", "fast:rhs", *AGENT, PENDUBOT),
+        (
+            "run:learned",
+            "run:judged",
+            "polish:polished",
+            "board:made",
+            "fast:rhs",
+            *AGENT,
+            PENDUBOT,
+        ),
         "0:3",
     ),
     Table("recipe", "cartpole/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), ":"),

@@ -1,17 +1,22 @@
-"""`runs/realaigym`: the regulator near the top, the observer, and our rows in the boards."""
+"""`runs/realaigym`: regulator, observer, cost, polish, who acts, and our rows in the boards."""
 
 from __future__ import annotations
 
 import json
+import sys
+from types import ModuleType
 
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 from realaigym.equations import nominal_row, step
 from realaigym.observer import Observer
+from realaigym.polish import ROOM, Gaussians, motion, polished, upright
 from realaigym.regulator import UPRIGHT, Regulator, blended
 
 from envs.plants import BOARD, PLANTS
+from mcpilco.agent import NumpyPolicy
 
 DT = 0.002
 
@@ -81,6 +86,112 @@ def test_the_observer_finds_the_delay_and_tells_the_state_now(late):
         observer.told(torque)
         states.append(step(states[-1], torque, 0.0, row, DT))
     assert observer.delay == late
+
+
+def written(path, weight: float):
+    """A file of a policy as `write_policy` makes it, with random Gaussians."""
+    rng = np.random.default_rng(3)
+    arrays = {
+        "centres": rng.normal(size=(20, 6)),
+        "lengthscales": np.array([8.0, 8.0, 1.0, 1.0, 1.0, 1.0]),
+        "weights": weight * rng.normal(size=(20, 1)),
+        "middle": np.zeros(1),
+        "half_range": np.array([6.0]),
+        "angles": np.array([0, 2]),
+        "squash": np.array(1.0),
+    }
+    np.savez(path, **arrays)
+    return path
+
+
+def test_a_compiled_policy_answers_as_the_exported_one(tmp_path):
+    path = written(tmp_path / "policy.npz", 1.0)
+    ours, exported = Gaussians.read(path), NumpyPolicy(path)
+    for state in np.random.default_rng(4).normal(size=(10, 4)) * 3.0:
+        assert ours(state) == pytest.approx(exported(state)[0])
+
+
+@pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
+def test_a_compiled_motion_is_that_of_policy_regulator_and_plant(robot, tmp_path):
+    plant, joint = plant_of(robot.capitalize()), ["pendubot", "acrobot"].index(robot)
+    policy = Gaussians.read(written(tmp_path / "policy.npz", 1.0))
+    regulator, row = Regulator(plant, DT, 6.0, ROOM), nominal_row(plant)
+    state = np.array([2.9, 0.1, 0.5, -0.5])
+    states, torques = motion(policy, regulator, row, joint, 50, state)
+    for after, torque in zip(states[1:], torques, strict=True):
+        assert torque == pytest.approx(blended(policy, regulator, state[ORDER]))
+        state = step(state, *((torque, 0.0) if joint == 0 else (0.0, torque)), row, DT)
+        np.testing.assert_allclose(after, state, atol=1e-9)
+
+
+def test_polish_betters_the_score_in_the_model(tmp_path):
+    plant = plant_of("Pendubot")
+    path, row = written(tmp_path / "policy.npz", 0.3), nominal_row(plant)
+    regulator = Regulator(plant, DT, 6.0, ROOM)
+    scores = [polished(path, regulator, row, 0, steps)[1] for steps in (0, 5)]
+    assert scores[1] > scores[0]
+
+
+def test_a_policy_is_upright_from_as_many_starts_as_its_region_has(tmp_path):
+    """Without a torque all hang; nothing that swings comes to rest upright."""
+    plant = plant_of("Acrobot")
+    path = written(tmp_path / "policy.npz", 0.0)
+    assert upright(path, Regulator(plant, DT, 6.0, 1e-6), nominal_row(plant), 1) == 0.0
+
+
+def cost_of(run, **numbers):
+    plant = plant_of("Acrobot")
+    row, region = nominal_row(plant), Regulator(plant, DT, 6.0, 4.0)
+    return run.SwingCost(row, region, 1, (1.5, 1.5, 1.5), **numbers)
+
+
+def test_the_cost_is_least_upright_and_a_turn_more_is_the_same(run):
+    cost = cost_of(run, near=0.4, energy=0.3)
+    upright = torch.from_numpy(UPRIGHT)
+    turn = torch.from_numpy(np.pi * np.array([2.0, 0.0, -2.0, 0.0]))
+    torque, others = torch.zeros(1), torch.randn(50, 4, generator=torch.manual_seed(0)) * 3.0
+    assert float(cost(upright, torque)) == pytest.approx(0.0, abs=1e-12)
+    assert float(cost(upright + turn, torque)) == pytest.approx(0.0, abs=1e-12)
+    assert (cost(others.double(), torch.zeros(50, 1)) > 0.01).all()
+
+
+def test_the_energy_that_is_missing_is_kept_by_a_motion_without_torque(run):
+    """It is -1 hanging and 0 upright; only a torque changes it."""
+    lacking = cost_of(run)._lacking
+    ends = torch.tensor([[0.0, 0.0, 0.0, 0.0], [np.pi, 0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(lacking(ends), [-1.0, 0.0], atol=1e-6)
+    state, row = np.array([1.0, -2.0, 3.0, 1.0]), nominal_row(plant_of("Acrobot"))
+    before = lacking(torch.from_numpy(state[ORDER]))
+    for _ in range(500):
+        state = step(state, 0.0, 0.0, row, DT)
+    assert float(lacking(torch.from_numpy(state[ORDER])) - before) == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.fixture
+def controller(tmp_path, monkeypatch):
+    """Of a thrifty and a robust policy; the boards' base class is theirs, so here is another."""
+    base = ModuleType("double_pendulum.controller.abstract_controller")
+    base.AbstractController = type("AbstractController", (), {"init": lambda self: self.init_()})
+    monkeypatch.setitem(sys.modules, base.__name__, base)
+    from realaigym.board import Controller
+
+    robust, thrifty = (written(tmp_path / f"{w}.npz", w) for w in (1.0, -1.0))
+    made = Controller("acrobot", robust, 6.0, 6.3, True, True, thrifty)
+    made.init()
+    return made
+
+
+@pytest.mark.parametrize("push", [0.0, 2.5])
+def test_the_robust_policy_acts_from_where_the_plan_is_left(controller, push):
+    state, row = np.zeros(4), nominal_row(plant_of("Acrobot"))
+    for k in range(100):
+        torque = controller.get_control_output_(state)[1]
+        by = controller.thrifty if not push or k < 50 else controller.robust
+        if k < 50 or k > 60:
+            assert torque == pytest.approx(by(state[ORDER]), abs=0.2)
+        state = step(state, 0.0, torque, row, DT)
+        state[3] += push * (k == 50)
+    assert (controller._step is None) == bool(push)
 
 
 def test_the_plant_of_the_boards_is_an_env():
