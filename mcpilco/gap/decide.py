@@ -127,19 +127,12 @@ class LeftForce:
 
 def left_forces(judged: Weighed) -> tuple[LeftForce, ...]:
     """The random forces of the best model, one a joint."""
-    model = judged.best.model
-    layout = model.plant.layout
+    layout = judged.best.model.plant.layout
+    left, before = judged.evidence.std.tolist(), judged.nominal.std.tolist()
+    units = [judged.best.model.scales[joint].force for joint in layout.joints]
     return tuple(
-        LeftForce(
-            joint,
-            float(std * model.scales[joint].force),
-            layout.unit_of(joint)[1],
-            float(std),
-            float(nominal * model.scales[joint].force),
-        )
-        for joint, std, nominal in zip(
-            layout.joints, judged.evidence.std, judged.nominal.std, strict=True
-        )
+        LeftForce(joint, usual * std, layout.unit_of(joint)[1], std, usual * nominal)
+        for joint, std, nominal, usual in zip(layout.joints, left, before, units, strict=True)
     )
 
 
@@ -241,13 +234,15 @@ class Rival:
 
 
 def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
-    """The models of a search that differ from its best one by another effect for one of its own."""
+    """The models of a search as likely as its best one, but with another effect for one of it."""
     ours = set(result.best.model.effects)
     listed = []
     for fitted, b in result.ranked:
         theirs = set(fitted.model.effects)
-        if instance not in theirs and len(theirs) == len(ours) and len(theirs - ours) == 1:
-            listed.append(Rival(next(iter(theirs - ours)), fitted, b - result.ranked[0][1]))
+        behind, other = b - result.ranked[0][1], theirs - ours
+        one = instance not in theirs and len(theirs) == len(ours) and len(other) == 1
+        if one and behind < CHOICE.tied:
+            listed.append(Rival(next(iter(other)), fitted, behind))
     return listed
 
 
@@ -273,16 +268,10 @@ def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, .
             )
             if symbol.reported
         }
-        family = [instance.effect.name]
-        family += [
-            rival.instance.effect.name
-            for rival in rivals(result, instance)
-            if rival.behind < CHOICE.tied
-        ]
+        tied = [rival.instance.effect.name for rival in rivals(result, instance)]
         sure = _probability(result, instance) * _present(instance, estimates)
-        name, target = instance.effect.name, instance.target
-        alike = tuple(dict.fromkeys(family))
-        share = judged.share(instance)
+        name, target, share = instance.effect.name, instance.target, judged.share(instance)
+        alike = tuple(dict.fromkeys([name, *tied]))
         named.append(NamedEffect(name, target, estimates, sure, share, alike))
     return tuple(named)
 
@@ -364,17 +353,13 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
         id(rival.fit): rival
         for instance in chosen.model.effects
         for rival in rivals(result, instance)
-        if rival.behind < CHOICE.tied
     }
     weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
     total = 1.0 + sum(weights)
     others = [on_windows(rival.fit, windows) for rival in tied.values()]
     return (
         _member(chosen, windows, 1.0 / total, final.theta),
-        *(
-            _member(fit, windows, w / total, fit.theta)
-            for fit, w in zip(others, weights, strict=True)
-        ),
+        *(_member(f, windows, w / total, f.theta) for f, w in zip(others, weights, strict=True)),
     )
 
 

@@ -94,7 +94,7 @@ def fit_model(
         hasty: end as well where the cost falls but slowly.
         near: how a model changes that lacks its last effect, with which the search begins.
 
-    Where a simulation is costly, a linear form is kept as long as it foretells what a step does.
+    Without learned forces a linear form is kept as long as it foretells what a step does.
     """
     damping, share = 1e-4, model.budget.share(BUDGET.fit)
     for _ in range(iterations):
@@ -124,7 +124,7 @@ def fit_model(
             damping = max(10.0 * damping, 1e-4)
         expected = _squares(residual_there - np.einsum("wnx,wx->wn", lin.Jx, moved - x0))
         hoped = now - _cost(model, there, expected, robust, temper)
-        near = lin if model.plant.costly and now - then > FIT.foretold * hoped else None
+        near = lin if not model.learned and now - then > FIT.foretold * hoped else None
         if not then < now:
             if kept:
                 continue
@@ -239,7 +239,7 @@ def _fit_initial_states(
         expected = _squares(here - np.einsum("wnx,wx->wn", J, step))
         better = then < now
         x0[moving[better]], r[moving[better]] = moved[better], there[better]
-        foretold = model.plant.costly & (now - then > FIT.foretold * (now - expected))
+        foretold = now - then > FIT.foretold * (now - expected)
         anew = np.where(better, ~foretold, kept[moving])
         kept[moving] = better & foretold
         damping[moving] *= np.where(better, 0.1, 10.0)

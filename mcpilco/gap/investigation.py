@@ -47,7 +47,7 @@ from mcpilco.gap.fit import (
     refit_truncated,
     truncated,
 )
-from mcpilco.gap.learned_force import learned_of, with_learned_force
+from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
@@ -152,7 +152,7 @@ def investigate(
         final = base
     clear, closest = _clear(reported, problem, events, final), None
     if unknown and named and not helps:
-        named, closest = (), Closest(named, judged.closed(clear), _corrected(best))
+        named, closest = (), Closest(named, judged.closed(clear), corrected(best))
 
     known = "named" if named else "none"
     verdict = ("partly" if named else "unknown") if unknown else known
@@ -167,7 +167,7 @@ def investigate(
         plant=plant,
         verdict=verdict,
         named=named,
-        corrected=_corrected(final),
+        corrected=corrected(final),
         where=where,
         comparison=compared,
         events=events,
@@ -205,11 +205,8 @@ def _tell(stage: str, best: Fit | None = None) -> None:
 
 
 def _too_short(windows: Windows) -> str:
-    return (
-        f"Record longer: at least {DATA.fewest_windows} windows of one second are needed, "
-        f"there are {len(windows)}. `mcpilco record --policy excitation` moves a plant so that "
-        "effects show."
-    )
+    few, there = f"at least {DATA.fewest_windows} windows of one second", len(windows)
+    return f"Record longer: {few} are needed, there are {there}. {MOVE}"
 
 
 def _too_poor(
@@ -226,17 +223,6 @@ def _too_poor(
         suspicions=doubts,
         remarks=remarks,
     )
-
-
-def _corrected(best: Fit) -> Plant:
-    """The plant with the effects, parameters and learned forces of a fit."""
-    model, plant, theta = best.model, best.model.plant, best.theta[None]
-    parameters, _ = model.decode(theta)
-    names = [parameter.name for parameter in plant.parameters]
-    changed = {name: float(parameters[0, names.index(name)]) for name in model.priors}
-    added = model.effect_values(theta)[len(model.freed) :]
-    pairs = [(effect, values[0]) for effect, values in added]
-    return plant.where(**changed).having(pairs).with_learned(learned_of(best))
 
 
 def _spread(windows: Windows, most: int) -> Windows:

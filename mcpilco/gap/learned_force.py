@@ -23,7 +23,7 @@ from mcpilco.gap.plant_model import GridForce, PerWindow
 from mcpilco.gap.residual_force import ForceResponse, force_response
 from mcpilco.gap.sensitivities import motion_midway
 from mcpilco.gap.thresholds import BUDGET, FORCE
-from mcpilco.plant import Axis, Layout, LearnedForce
+from mcpilco.plant import Axis, Layout, LearnedForce, Plant
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,16 @@ def learned_of(fit: Fit) -> tuple[LearnedForce, ...]:
         LearnedForce(grid.joint, grid.axes, tuple(map(float, own[0])))
         for grid, own in zip(fit.model.learned, weights, strict=True)
     )
+
+
+def corrected(fit: Fit) -> Plant:
+    """The plant with the effects, parameters and learned forces of a fit."""
+    model, plant, theta = fit.model, fit.model.plant, fit.theta[None]
+    parameters, _ = model.decode(theta)
+    names = [parameter.name for parameter in plant.parameters]
+    changed = {name: float(parameters[0, names.index(name)]) for name in model.priors}
+    pairs = [(effect, values[0]) for effect, values in model.effect_values(theta)]
+    return plant.where(**changed).having(pairs[len(model.freed) :]).with_learned(learned_of(fit))
 
 
 def best_force(fit: Fit, short: Windows) -> GridForce | None:

@@ -190,10 +190,8 @@ def summary(gap: Gap) -> list[str]:
     lines += map(_effect_line, gap.named)
     lines += [*map("  {}".format, gap.on_bounds), *_left(gap)]
     lines += [f"  Missing at {part.joint}: {part.condition}." for part in gap.where if part.joint]
-    missed = [part for part in gap.where if not part.joint]
-    if missed:
-        share = f"{100 * missed[0].share:.0f} % of the misfit"
-        part = missed[0]
+    for part in [part for part in gap.where if not part.joint][:1]:
+        share = f"{100 * part.share:.0f} % of the misfit"
         lines.append(f"The residual is largest in {part.channel} ({share}), {part.condition}.")
     lines += _errors(gap)
     if gap.corrected.learned:
@@ -395,8 +393,7 @@ def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
     """
     sentences = _unexcited(result)
     for effect in best.model.effects:
-        near = [rival for rival in rivals(result, effect) if rival.behind < CHOICE.tied]
-        tied = [rival for rival in near if not rival.instance.holds(effect)]
+        tied = [rival for rival in rivals(result, effect) if not rival.instance.holds(effect)]
         if tied:
             sentences.append(_told_apart(effect, tied[0], best, windows))
     return sentences

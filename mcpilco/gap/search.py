@@ -174,15 +174,28 @@ class Tried:
     def _without_superfluous(self, best: Fit) -> Fit:
         """Without effects that are not worth it, or with special cases that do as well."""
         ours = frozenset(best.model.effects)
-        keys = [key for each in best.model.effects for key in self._plainer(ours, each)]
+        keys = [key for e in best.model.effects for key in (ours - {e}, *self.special(ours, e))]
         plainer = [self.fits[key] for key in keys if key in self.fits]
         enough = [fit for fit in plainer if not self.prefers(best, fit)]
         return self._without_superfluous(min(enough, key=self.bic)) if enough else best
 
-    def _plainer(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
-        """The sets without an effect, and with a special case of it."""
-        special = [c for c in self.candidates if instance.holds(c)]
-        return [ours - {instance}, *(ours - {instance} | {c} for c in special)]
+    def special(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
+        """The sets of effects with a special case of one of them in its place."""
+        rest = ours - {instance}
+        return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
+
+    def simplify(self, share: BudgetShare) -> None:
+        """Fits the best model with special cases of its effects, where they are not known yet."""
+        best = self.best()
+        ours = frozenset(best.model.effects)
+        for instance in best.model.effects:
+            new = [key for key in self.special(ours, instance) if key not in self.fits]
+            if new and not share.used_up:
+                rest = self.keep(without(best, instance, self.windows, self.null))
+                candidates = [c for key in new for c in key - ours]
+                self._add(rest, candidates, len(candidates), share, SEARCH.promising)
+        if self.best() is not best:
+            self.simplify(share)
 
     def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
@@ -315,6 +328,7 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
             best, idle = tried.best(), 0
         else:
             idle += 1
+    tried.simplify(tried.null.model.budget.share(BUDGET.simplified))
     return scores
 
 
@@ -324,7 +338,8 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     What still misses an effect may bend the nominal parameters far beyond their priors to imitate
     it. That costs it its rank, but it is one effect away from what is there. And of three effects
     none may explain as much as the others leave over before these are known: models that are far
-    likelier than the best one go on, though they are not preferred to it yet.
+    likelier than the best one go on, though they are not preferred to it yet. So do the special
+    cases of the best one, which may miss but one further effect.
     """
     most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
     ours = frozenset(best.model.effects)
@@ -337,28 +352,33 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     ]
     rest = [fit for fit in open_ if fit is not best]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
-    chosen = [*(fit for fit in open_ if fit is best), *rest[: SEARCH.beam]]
+    keys = [key for each in best.model.effects for key in tried.special(ours, each)]
+    new = [key for key in keys if not {(key, True), (key, False)} & tried.grown]
+    special = [tried.fits[key] for key in new if key in tried.fits]
+    chosen = [*(fit for fit in open_ if fit is best), *special, *rest[: SEARCH.beam]]
     return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
 
 
 def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit:
-    """The fit of a model with one effect more, from the size at which it misses least.
+    """The closest fit of a model with one effect more, from the sizes at which it misses least.
 
-    A linear response overrates what moves a motion far, so smaller sizes are tried as well.
+    `lin` is how the model of the fit changes on the windows.
     """
     effect = score.instance.effect
     sized = effect.amplitudes & np.isfinite(effect.neutral)
-    begun = []
+    model, begun = fit.model, {}
     for part in SEARCH.begun:
         with np.errstate(invalid="ignore"):  # of a limit that is nowhere
-            smaller = effect.neutral + part * (score.start - effect.neutral)
-        values = np.where(sized, smaller, score.start)
-        begun.append(fit.model.grown(fit.theta, score.instance, values))
-    by_window = [misfits(model, windows, theta, fit.x0) for model, theta in begun]
-    missed = [np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in by_window]
-    model, theta = begun[int(np.argmin(missed))]
-    near = lin if model.plant.costly else None
-    return fit_model(model, windows, theta, fit.x0, iterations=4, hasty=True, near=near)
+            scaled = effect.neutral + part * (score.start - effect.neutral)
+        values = np.where(sized, scaled, score.start)
+        model, theta = fit.model.grown(fit.theta, score.instance, values)
+        begun[theta.tobytes()] = theta
+    missed = [misfits(model, windows, theta, fit.x0) for theta in begun.values()]
+    order = np.argsort([np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in missed])
+    starts = [list(begun.values())[n] for n in order[: SEARCH.starts]]
+    near = None if model.learned else lin
+    fits = [fit_model(model, windows, each, fit.x0, 4, hasty=True, near=near) for each in starts]
+    return min(fits, key=lambda each: each.chi2)
 
 
 def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables, design
+from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables, accuracy_for, design
 
 LOST = 1e3
 """residual of a sample that a simulation that ran away did not reach, in noise std"""
@@ -50,6 +50,7 @@ def run(
         model.budget.used,
         every=windows.every,
         path=windows.before,
+        accuracy=accuracy_for(windows.std),
     )
     return model.plant.beside(y.reshape(S, W, *y.shape[1:]), windows.y)
 

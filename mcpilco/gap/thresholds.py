@@ -83,6 +83,8 @@ class BudgetThresholds:
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7
     """part of the steps left for the search [-]"""
+    simplified: float = 0.2
+    """part of the steps left to end it with the special cases of what it found [-]"""
     bursts: float = 0.5
     """part of the steps left to find bursts of force [-]"""
     learning: float = 0.6
@@ -198,9 +200,11 @@ class SearchThresholds:
     """models that are judged anew with the random forces of a better one, for the cost"""
     patience: int = 1
     """rounds that a search goes on without a better model"""
-    begun: tuple[float, float, float] = (1.0, 0.25, 0.0625)
-    """parts of the size by the linear response, from the best of which an effect is fitted [-]: it
-    overrates what moves a motion far"""
+    begun: tuple[float, ...] = (4.0, 1.0, 0.25, 0.0625)
+    """parts of the size by the linear response that are tried for an effect [-]: it overrates what
+    moves a motion far, and underrates friction in a joint that sticks"""
+    starts: int = 2
+    """of these, the best, from which an effect is fitted: a joint that sticks has several optima"""
     most_effects: int = 5
     """in a model, at most"""
     parts: int = 4

@@ -77,6 +77,7 @@ from .simulation.layout import (
 from .simulation.motion import (
     RUNAWAY,
     SOURCES,
+    accuracy_for,
     drive,
     grid_place,
     look,
@@ -157,6 +158,7 @@ __all__ = [
     "Symbol",
     "Tables",
     "ViscousFriction",
+    "accuracy_for",
     "corrected",
     "correction_from",
     "correction_json",

@@ -266,10 +266,12 @@ class Plant(ABC):
         taken: Int[np.ndarray, " 1"] | None = None,
         every: int = 1,
         path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
+        accuracy: float = 1.0,
     ) -> Float[np.ndarray, "B X T"]:
         """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
-        Arguments are those of `mcpilco.plant.simulate`.
+        Arguments are those of `mcpilco.plant.simulate`. MuJoCo keeps its timesteps, whatever
+        accuracy is asked for.
         """
 
     @abstractmethod
@@ -427,8 +429,10 @@ class ChainPlant(Plant):
         taken: Int[np.ndarray, " 1"] | None = None,
         every: int = 1,
         path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
+        accuracy: float = 1.0,
     ) -> Float[np.ndarray, "B X T"]:
-        return simulate(tables, system, start, window, commands, lead, dt, taken, 1.0, every, path)
+        given = tables, system, start, window, commands, lead, dt, taken, every, path
+        return simulate(*given, accuracy)
 
     @property
     def simulated_by(self) -> str:

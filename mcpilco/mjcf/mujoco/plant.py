@@ -223,6 +223,7 @@ class MujocoPlant(Plant):
         taken: Int[np.ndarray, " 1"] | None = None,
         every: int = 1,
         path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
+        accuracy: float = 1.0,
     ) -> Float[np.ndarray, "B X T"]:
         steps = max(1, math.ceil(dt / self.model.opt.timestep - 1e-9))
         exact = abs(dt / steps - self.model.opt.timestep) < 1e-9 * dt

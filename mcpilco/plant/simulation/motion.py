@@ -51,6 +51,9 @@ SOURCES = "bodies", "plant/simulation", "plant/effects"
 """folders of the code that is compiled here"""
 POSITION_TOLERANCE, VELOCITY_TOLERANCE = 2e-7, 1e-5
 """of a step [m or rad, m/s or rad/s]"""
+PART_OF_NOISE, COARSEST = 1.0 / 30.0, 10.0
+"""error of a step that noisy readings allow: a part of their std [-], and at most so many
+tolerances [-]; a motion of a second takes some hundred steps, whose errors do not all add up"""
 SHORTEST = 1e-6
 """step that is taken whatever its error [s]"""
 BEGINNINGS = 10
@@ -487,6 +490,16 @@ def _compiled(source: str):
 _follow = _compiled(digest(*SOURCES))
 
 
+def accuracy_for(std: Float[np.ndarray, " X"]) -> float:
+    """The error of a step that is far below the noise of readings [tolerances of `simulate`].
+
+    Args:
+        std: of the noise of [q1, q1', q2, ...], each in its unit.
+    """
+    tolerances = np.tile([POSITION_TOLERANCE, VELOCITY_TOLERANCE], len(std) // 2)
+    return float(np.clip(PART_OF_NOISE * np.min(std / tolerances), 1.0, COARSEST))
+
+
 def simulate(
     tables: Tables,
     system: Int[np.ndarray, " B"],
@@ -496,9 +509,9 @@ def simulate(
     lead: int,
     dt: float,
     taken: Int[np.ndarray, " 1"] | None = None,
-    accuracy: float = 1.0,
     every: int = 1,
     path: Float[np.ndarray, "W lead_plus_1 X"] | None = None,
+    accuracy: float = 1.0,
 ) -> Float[np.ndarray, "B X T"]:
     """The measured states of B motions, at T samples; NaN from where a motion runs away.
 
@@ -512,10 +525,10 @@ def simulate(
         lead: how many these are.
         dt: time for which a command is held [s].
         taken: the steps of the integrator are added to it.
-        accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
         every: commands a sample; a machine may be driven faster than its motion is compared.
         path: the states at each command before the start and at it, as measured: forces that
             remember follow them; None: they begin with the motion.
+        accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
 
     Raises:
         InputError: a law that no effect has.
