@@ -384,13 +384,7 @@ LISTED = 6
 
 
 def experiments(result: SearchResult, best: Fit, windows: Windows) -> list[str]:
-    """Sentences on what to record next.
-
-    Args:
-        result: of the search.
-        best: its best model, fitted.
-        windows: to which.
-    """
+    """Sentences on what to record next, after a search and the fit of its best model to windows."""
     sentences = _unexcited(result)
     for effect in best.model.effects:
         tied = [rival for rival in rivals(result, effect) if not rival.instance.holds(effect)]

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
-from mcpilco.gap.plant_model import BudgetShare, PlantModel
+from mcpilco.gap.plant_model import BudgetShare, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise
 from mcpilco.gap.thresholds import BUDGET, SEARCH
@@ -184,18 +184,20 @@ class Tried:
         rest = ours - {instance}
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
-    def simplify(self, share: BudgetShare) -> None:
-        """Fits the best model with special cases of its effects, where they are not known yet."""
+    def simplify(self) -> None:
+        """Fits the best model with special cases of its effects, from where its own values are."""
         best = self.best()
-        ours = frozenset(best.model.effects)
-        for instance in best.model.effects:
-            new = [key for key in self.special(ours, instance) if key not in self.fits]
-            if new and not share.used_up:
-                rest = self.keep(without(best, instance, self.windows, self.null))
-                candidates = [c for key in new for c in key - ours]
-                self._add(rest, candidates, len(candidates), share, SEARCH.promising)
+        for instance, values in best.model.effect_values(best.theta[None]):
+            for special in [c for c in self.candidates if instance.holds(c)]:
+                model, theta = shrunk(best, instance, self.null)
+                if any(special == other or special.repeats(other) for other in model.effects):
+                    continue
+                model, theta = model.grown(
+                    theta, special, instance.values_as(special, list(values[0]))
+                )
+                self.keep(fit_model(model, self.windows, theta, best.x0, iterations=8))
         if self.best() is not best:
-            self.simplify(share)
+            self.simplify()
 
     def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
@@ -328,7 +330,7 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
             best, idle = tried.best(), 0
         else:
             idle += 1
-    tried.simplify(tried.null.model.budget.share(BUDGET.simplified))
+    tried.simplify()
     return scores
 
 
@@ -382,11 +384,15 @@ def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit:
 
 
 def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:
-    """The fit of a model without one of its effects; a parameter gets the prior of no effect."""
-    parameter = fit.model.plant.parameter_of(instance)
-    prior = null.model.priors.get(parameter or "", np.inf)
-    model, theta = fit.model.shrunk(fit.theta, instance, prior)
+    """The fit of a model without one of its effects."""
+    model, theta = shrunk(fit, instance, null)
     return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
+
+
+def shrunk(fit: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, Theta]:
+    """The model without one of its effects, and theta; a parameter gets the prior of no effect."""
+    parameter = fit.model.plant.parameter_of(instance)
+    return fit.model.shrunk(fit.theta, instance, null.model.priors.get(parameter or "", np.inf))
 
 
 def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:

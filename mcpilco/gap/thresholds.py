@@ -83,8 +83,6 @@ class BudgetThresholds:
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7
     """part of the steps left for the search [-]"""
-    simplified: float = 0.2
-    """part of the steps left to end it with the special cases of what it found [-]"""
     bursts: float = 0.5
     """part of the steps left to find bursts of force [-]"""
     learning: float = 0.6

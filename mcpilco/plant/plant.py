@@ -70,6 +70,15 @@ class EffectInstance:
             elsewhere or self.target == other.target
         )
 
+    def values_as(self, special: EffectInstance, values: Sequence[float]) -> list[float]:
+        """Values of a special case near those of this: of equal symbols, else by their order."""
+        symbols = special.effect.symbols
+        near = {symbol.name: value for symbol, value in zip(symbols, values, strict=False)}
+        near |= {
+            symbol.name: value for symbol, value in zip(self.effect.symbols, values, strict=True)
+        }
+        return [near.get(symbol.name, symbol.neutral) for symbol in symbols]
+
     def repeats(self, other: EffectInstance) -> bool:
         """Whether one of the two, beside the other, says a part of the same again."""
         return self.target == other.target and (

@@ -17,6 +17,7 @@ from mcpilco.gap.fit import (
     misfits,
     possible_clocks,
 )
+from mcpilco.gap.thresholds import FIT
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
@@ -94,8 +95,8 @@ def test_a_linear_form_that_is_kept_leads_to_the_same_fit(monkeypatch) -> None:
     nominal, spring = problem.model(windows), EffectInstance(CATALOGUE["spring"], "pendulum")
     model, theta = nominal.grown(np.zeros(nominal.nuisances), spring, [0.02])
     begun, taken = fit_initial_states(model, windows, theta), []
-    for costly in (False, True):
-        monkeypatch.setattr(type(problem.plant), "costly", costly)
+    for foretold in (np.inf, FIT.foretold):  # never kept, and where it foretells a step
+        monkeypatch.setattr("mcpilco.gap.fit.FIT", replace(FIT, foretold=foretold))
         before = int(model.budget.used[0])
         taken.append((fit_model(model, windows, theta, begun), model.budget.used[0] - before))
     (fresh, steps), (kept, fewer) = taken

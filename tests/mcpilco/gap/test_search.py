@@ -19,6 +19,7 @@ from tests.mcpilco.gap.lagging import active, fitted, problem
 FRICTION = active("coulomb_friction", "pendulum")
 LAG = active("actuator_lag", "actuator")
 DELAY = active("actuator_delay", "actuator")
+MOTOR = active("back_emf", "pendulum")
 UNEVEN = active("asymmetric_friction", "pendulum")
 OFFSET = active("sensor_offset", "angle")
 
@@ -54,6 +55,20 @@ def test_a_special_case_is_named_where_it_explains_as_much(
     candidates = [FRICTION, UNEVEN, active("stribeck_friction", "pendulum")]
     known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (*forces, 2e-3))])
     assert found(known, candidates) == {named}
+
+
+def test_a_search_ends_by_the_special_cases_of_each_of_its_effects(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    """However little it has tried of them: what is there is told in its plainest form."""
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [UNEVEN, MOTOR, FRICTION, LAG, DELAY])
+    model, theta = null.model.grown(null.theta, MOTOR, [0.01, 0.07])
+    model, theta = model.grown(theta, UNEVEN, [0.12, 0.1, 2e-3])
+    tried.keep(fitted(model, tried.windows, theta))
+    tried.simplify()
+    assert {*tried.best().model.effects} == {LAG, FRICTION}
+    assert frozenset({DELAY, UNEVEN}) not in tried.fits
 
 
 def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:

@@ -10,7 +10,7 @@ from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance, Plant
-from mcpilco.plant.simulation.motion import simulate
+from mcpilco.plant.simulation.motion import accuracy_for, simulate
 from tests.mcpilco.plant.effects.test_catalogue import FORMULAS, ORDINARY
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
 from tests.reference.cartpole import CartPoleDynamics
@@ -229,6 +229,29 @@ def test_a_double_pendulum_without_friction_keeps_its_energy():
     energy = kinetic + potential
     np.testing.assert_allclose(energy, energy[0], atol=2e-5)
     assert np.ptp(kinetic) > 1.0
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-2])
+def test_noisy_readings_allow_coarse_steps_whose_error_stays_far_below_the_noise(noise):
+    plant = double_pendulum()
+    commands = np.random.default_rng(0).uniform(-0.5, 0.5, (1, 51, len(plant.layout.inputs)))
+    start, std = np.array([[0.5, 0.0, -0.3, 0.0]]), np.array([noise, 10 * noise] * 2)
+    exact, steps = [], np.zeros((2, 1), dtype=np.int64)
+    for taken, accuracy in zip(steps, (0.1, accuracy_for(std)), strict=True):
+        each = np.zeros(1, dtype=np.int64)
+        tables = plant.tables(plant.nominal[None])
+        how = {"taken": taken, "accuracy": accuracy}
+        exact.append(simulate(tables, each, start, each, commands, 0, DT, **how)[0])
+    assert (np.abs(exact[1] - exact[0]) <= np.maximum(std[:, None] / 3.0, 2e-5)).all()
+    assert steps[1] < steps[0]
+
+
+@pytest.mark.parametrize(
+    ("std", "times"), [([1e-9, 1e-3], 1.0), ([3e-5, 3.0], 5.0), ([1.0, 1.5e-3], 5.0), ([1, 1], 10)]
+)
+def test_the_most_exact_reading_says_how_coarse_steps_may_be(std, times):
+    """A thirtieth of its noise, against tolerances of 2e-7 and 1e-5, and no more than tenfold."""
+    assert accuracy_for(np.array(std)) == pytest.approx(times)
 
 
 def test_a_motion_that_runs_away_is_lost_from_there_on_and_alone():
