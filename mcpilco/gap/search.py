@@ -316,6 +316,7 @@ def _search(
 
 def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
+    tried.simplify()
     best, idle = tried.best(), 0
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
@@ -327,10 +328,10 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
             tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
+            tried.simplify()
             best, idle = tried.best(), 0
         else:
             idle += 1
-    tried.simplify()
     return scores
 
 
