@@ -55,7 +55,10 @@ from mcpilco.gap import Gap, investigate, suspicions
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
 from mcpilco.plant import (
+    CATALOGUE,
+    Addition,
     Correction,
+    EffectInstance,
     Spread,
     corrected,
     correction_of,
@@ -301,8 +304,8 @@ class Workflow:
             return {}
         if leg == "nominal":
             return {"name": PHYSICS_MODEL}
-        correction = self._correction
-        prior = write_correction(self.out / "prior.json", as_mean(correction))
+        correction = as_mean(self._correction, self.plant)
+        prior = write_correction(self.out / "prior.json", correction)
         spread = {"spread": prior} if self.settings.spread and correction.spread else {}
         place = self.settings.simulation
         with contextlib.closing(make_env(place.env, **place.kwargs)) as env:
@@ -311,13 +314,32 @@ class Workflow:
         return {"name": PHYSICS_MODEL, "prior": prior, **spread, **late}
 
 
-def as_mean(correction: Correction) -> Correction:
-    """The part of a correction that equations can say as a model's mean; the rest is learned."""
-    written = tuple(addition for addition in correction.effects if addition.effect.in_equations())
+def as_mean(correction: Correction, plant: Plant) -> Correction:
+    """The part of a correction of a plant that equations can say as a model's mean.
+
+    The rest is learned. Of an effect that they cannot say they say the special cases: of a motor
+    under a voltage, viscous friction and a lag.
+    """
+    written = tuple(said for each in correction.effects for said in _in_equations(each, plant))
     told = {name: instance_in(name) for member in correction.spread for name in member.values}
     kept = [name for name, each in told.items() if each is None or each.effect.in_equations()]
     spread = tuple(member.within(kept) for member in correction.spread)
     return replace(correction, effects=written, learned=(), spread=spread)
+
+
+def _in_equations(addition: Addition, plant: Plant) -> list[Addition]:
+    """An effect as equations can say it: as it is, by its special cases, or not at all."""
+    if addition.effect.in_equations():
+        return [addition]
+    said, own = [], EffectInstance(addition.effect, addition.target)
+    motors = zip(plant.layout.actuators, plant.layout.drives, strict=True)
+    driving = [motor for motor, joint in motors if plant.layout.joints[joint] == own.target]
+    for special in (CATALOGUE[name] for name in own.effect.special):
+        for target in [own.target] if special.place == own.effect.place else driving:
+            values = own.values_as(EffectInstance(special, target), addition.values)
+            named = dict(zip((symbol.name for symbol in special.symbols), values, strict=True))
+            said += _in_equations(Addition(special.name, target, named), plant)
+    return said
 
 
 def remembered_inputs(correction: Correction, dt: float) -> int:

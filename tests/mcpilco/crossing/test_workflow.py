@@ -60,14 +60,33 @@ def test_mean_has_what_can_be_written_and_leaves_the_rest_to_be_learned():
     whole = correction(FRICTION, LAG, ("backlash", "actuator", {"p": 0.1}))
     whole = replace(whole, learned=correction_from(as_file(learned=[force])).learned)
     assert len(whole.learned) == 1
-    assert as_mean(whole) == correction(FRICTION, LAG)
+    assert as_mean(whole, cart_pole()) == correction(FRICTION, LAG)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "said"),
+    [
+        (
+            ("back_emf", "cart", {"b": 0.4, "T": 0.05}),
+            [("viscous_friction", "cart", {"b": 0.4}), LAG],
+        ),
+        (
+            ("elastic_joint", "cart", {"I_m": 0.2, "k": 90.0, "z": 0.1}),
+            [("armature", "cart", {"I_a": 0.2})],
+        ),
+        (("backlash", "actuator", {"p": 0.1}), []),
+    ],
+    ids=lambda case: case[0] if isinstance(case, tuple) else "",
+)
+def test_mean_says_the_special_cases_of_what_equations_cannot_say(beyond, said):
+    assert as_mean(correction(FRICTION, beyond), cart_pole()) == correction(FRICTION, *said)
 
 
 def test_mean_has_the_spread_of_what_can_be_written():
     values = {"coulomb_friction.cart.f_c": 1.0, "backlash.actuator.p": 0.1, "cart_mass": 0.5}
     std = dict.fromkeys(values, 0.01)
     member = Member(1.0, values, std, ((1.0, 0.2, 0.3), (0.2, 1.0, 0.4), (0.3, 0.4, 1.0)))
-    (kept,) = as_mean(replace(correction(FRICTION), spread=(member,))).spread
+    (kept,) = as_mean(replace(correction(FRICTION), spread=(member,)), cart_pole()).spread
     assert list(kept.std) == list(kept.values) == ["coulomb_friction.cart.f_c", "cart_mass"]
     assert kept.correlation == ((1.0, 0.3), (0.3, 1.0))
 
@@ -121,6 +140,6 @@ def test_effects_left_out_of_the_mean_are_those_that_equations_cannot_have():
         bare = cart_pole() if effect.targets(cart_pole().layout) else pendubot()
         plant = bare.having([(EffectInstance(effect, effect.targets(bare.layout)[0]), values)])
         whole = correction_of(plant, bare)
-        kept = as_mean(whole).effects
+        kept = as_mean(whole, cart_pole()).effects
         assert (kept == whole.effects) == (beyond_equations(plant) == ())
-        assert beyond_equations(corrected(bare, as_mean(whole))) == ()
+        assert beyond_equations(corrected(bare, as_mean(whole, cart_pole()))) == ()
