@@ -237,14 +237,14 @@ def _fit_initial_states(
         there = residual(some, run(model, some, theta[None], moved[None]))[0]
         now, then = _squares(here), _squares(there)
         expected = _squares(here - np.einsum("wnx,wx->wn", J, step))
-        better = then < now
+        better, small, was_kept = then < now, now - then < 1e-2 * now, kept[moving]
         x0[moving[better]], r[moving[better]] = moved[better], there[better]
         foretold = now - then > FIT.foretold * (now - expected)
-        anew = np.where(better, ~foretold, kept[moving])
-        kept[moving] = better & foretold
+        kept[moving] = model.plant.costly & better & ~small & foretold
+        anew = np.where(better, ~kept[moving], was_kept)
         damping[moving] *= np.where(better, 0.1, 10.0)
         damping = np.maximum(damping, 1e-9)
-        settled = (now - then < 1e-2 * now) & (better | (damping[moving] > 1e3))
+        settled = small & ~was_kept & (better | (damping[moving] > 1e3))
         anew, moving = moving[anew & ~settled], moving[~settled]
         if not len(moving):
             break
