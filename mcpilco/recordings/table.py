@@ -65,19 +65,22 @@ class Table:
 
         Raises:
             InputError: what is behind the @ is neither a unit of `UNITS`, its negative, nor a
-                number.
+                number, which is finite and not 0.
         """
         column, at, unit = name.rpartition("@")
         if not at or name in self.columns:
             return name, 1.0
         size = unit.removeprefix("-")
         try:
-            return column, (-1.0 if size != unit else 1.0) * (UNITS.get(size) or float(size))
+            factor = UNITS.get(size) or float(size)
         except ValueError:
-            raise InputError(
-                f"{name}: expected a number or one of {', '.join(UNITS)} behind the @, got "
-                f"{unit!r}; write for example {column}@deg, or {column}@-1 for another sign."
-            ) from None
+            factor = 0.0
+        if factor > 0.0 and math.isfinite(factor):
+            return column, -factor if size != unit else factor
+        raise InputError(
+            f"{name}: expected a number other than 0 or one of {', '.join(UNITS)} behind the @, "
+            f"got {unit!r}; write for example {column}@deg, or {column}@-1 for another sign."
+        )
 
     def error(self, name: str, k: int, expected: str, got: str) -> RecordingError:
         """The sentence about the cell in the k-th row of a column."""

@@ -180,8 +180,10 @@ def test_a_column_behind_which_a_unit_stands_comes_in_si_units(
 
 def test_a_unit_that_nobody_knows_is_refused_with_those_that_are_known(tmp_path: Path) -> None:
     table = read_table(written(tmp_path, GOOD))
-    with pytest.raises(InputError, match=r"torque@grad: expected a number or one of deg, .*'grad'"):
-        table.numbers("torque@grad")
+    for wrong in ("grad", "nan", "-inf", "0", "--1", ""):
+        expected = rf"torque@{wrong}: expected a number other than 0 or one of deg, .*'{wrong}'"
+        with pytest.raises(InputError, match=expected):
+            table.numbers(f"torque@{wrong}")
 
 
 def test_a_column_whose_name_has_an_at_sign_is_taken_as_it_is(tmp_path: Path) -> None:
