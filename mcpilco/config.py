@@ -411,6 +411,11 @@ class Config(Checked):
             f"exploration must be >= 1 step and at most {LONGEST}, got {self.exploration}; None is "
             "one horizon.",
         )
+        _require(
+            not (self.search.limits and self.model.delay),
+            "limits go with model.delay 0: a brake does not know how late an actuator answers, got "
+            f"{self.model.delay} s.",
+        )
 
 
 def from_dict(kind: type[Any], values: Mapping[str, Any]) -> Any:

@@ -104,9 +104,9 @@ class MCPILCO(ModelBasedAgent):
         )
 
     def _set_up(self) -> None:
-        super()._set_up()
         search = self.config.search
         self.limits = Limits.of(search.limits, search.kept, self.task)
+        super()._set_up()
 
     def _new_model(self) -> Model:
         return Model(self.config.model, self.task, self.kernel)

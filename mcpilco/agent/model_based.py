@@ -39,8 +39,9 @@ class ModelBasedAgent(TrialAgent):
     more, for its data; one whose env breaks off keeps the steps before. Either tells why in
     `TrialResult.failure`, and the next trial follows.
 
-    Where there are limits, an episode of random inputs ends half-way to one of them, and a trial
-    without a policy that is predicted to keep them is such an episode.
+    Where there are limits, a brake acts on the commands from the first episode on, in which it is
+    learned. While it does not hold them all, an episode of random inputs ends half-way to a limit,
+    and a trial without a policy that is predicted to keep them is such an episode.
     """
 
     saved_type = SavedModelBased
@@ -187,21 +188,20 @@ class ModelBasedAgent(TrialAgent):
         Where there are limits the brake is learned on the way; until it holds them all, the rollout
         ends half-way to one.
         """
-        draws, episode = (
-            (inputs.uniform(self.low, self.high) for _ in itertools.count()),
-            len(before),
-        )
+        draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
+        episode = len(before)
         brake = self.policy.brake
         if brake is None:
             return self._run_episode(lambda _: next(draws), trial, steps, episode)
         known = [record.transitions() for record in before]
         learns = self._unexplored and self.perception is None
         act = Controller(careful(brake, draws, known, learns), self.estimator)
-        far = lambda measured: not brake.holds and self._far(measured)
-        return self._run_episode(remembering(act.answer), trial, steps, episode, far)
+        return self._run_episode(remembering(act.answer), trial, steps, episode, self._far)
 
     def _far(self, measured: Float[np.ndarray, " Y"]) -> bool:
         """Whether a random input might lead out of the limits, as far as they are measured."""
+        if self.policy.brake.holds:
+            return False
         assert self.limits is not None
         states = np.array(self.task.start_mean)
         states[list(self.task.measured_states)] = measured

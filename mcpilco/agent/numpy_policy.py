@@ -18,6 +18,9 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+OPERATIONS: tuple[np.ufunc, ...] = (np.add, np.subtract, np.multiply, np.divide)
+OPERATIONS += (np.minimum, np.maximum, np.sin, np.cos, np.tanh, np.exp, np.sqrt, np.absolute)
+"""by their numbers in a brake's program"""
 
 
 class NumpyPolicy:
@@ -60,7 +63,20 @@ class NumpyPolicy:
         p = self._policy
         z = augmented(x, p["angles"])
         phi = np.exp(-np.square((z - p["centres"]) / p["lengthscales"]).sum(-1))
-        return p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
+        u = p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
+        return self._braked(x, u) if "brake.outputs" in p else u
+
+    def _braked(self, x: Array, u: Array) -> Array:
+        """The program's results: registers are state, command, constants, and those operations."""
+        names = "operations", "first", "second"
+        constants, outputs, *rows = (
+            self._policy[f"brake.{n}"] for n in ("constants", "outputs", *names)
+        )
+        registers = [*x, *u, *constants]
+        for operation, first, second in zip(*rows, strict=True):
+            function = OPERATIONS[operation]
+            registers.append(function(*(registers[first], registers[second])[: function.nin]))
+        return np.array([registers[i] for i in outputs])
 
 
 def _read(path: str | Path) -> dict[str, Array]:

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 
 from mcpilco.config import Limit
 from mcpilco.data import Transitions
-from mcpilco.plant import Program, Real, cos, features_of, larger, sin, smaller, sqrt
+from mcpilco.plant import Program, cos, features_of, larger, sin, smaller, sqrt
 from mcpilco.policies.policies import Bounds
 from mcpilco.task import TaskSpec
 
@@ -85,7 +85,7 @@ class Brake(nn.Module):
 
     @property
     def program(self) -> Program | None:
-        """The brake's formula of [state, commands], for compiled loops; None where it holds none."""
+        """The formula as a program of [state, commands]; None where it holds no limit."""
         rows, U = self._rows, self.bounds.shape[1]
         return features_of(self.width + U, [rows])[0] if self.held else None
 
@@ -154,7 +154,7 @@ class Brake(nn.Module):
     # --- braking ----------------------------------------------------------------------------------
 
     def _rows(self, given: Sequence[Any]) -> list[Any]:
-        """The inputs of [state, commands], numbers of any kind; the last limit has the last word."""
+        """The inputs of [state, commands], of numbers of any kind; the last limit prevails."""
         inputs = list(given[len(given) - self.bounds.shape[1] :])
         for i in self.held:
             inputs = self._braked(i, given, inputs)
@@ -170,8 +170,9 @@ class Brake(nn.Module):
         for (q, w), c, d in zip(self._angles, lever[:A], lever[A:], strict=True):
             y = y + c * sin(given[q]) + d * cos(given[q])
             dy = dy + (c * cos(given[q]) - d * sin(given[q])) * given[w]
-        ends = [(low, high) if g > 0 else (high, low) for g, low, high in zip(push, *self.bounds)]
-        least, most = (sum(g * end[k] for g, end in zip(push, ends)) for k in (0, 1))
+        low, high = self.bounds
+        ends = np.where(np.array(push) > 0, (low, high), (high, low)).T.tolist()
+        least, most = (np.array(ends).T @ push).tolist()
         reach, (lower, upper) = float(self.reach[i]), self.braking[i].tolist()
         back, forth = 0.0, 0.0
         if limit.high is not None:

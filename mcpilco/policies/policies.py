@@ -82,7 +82,7 @@ class SumOfGaussians(nn.Module):
         self.log_lengthscale = nn.Parameter(torch.zeros(augmentation.width, dtype=torch.float64))
         self.weights = nn.Parameter(torch.zeros(bases, len(low), dtype=torch.float64))
         self.brake: Brake | None = None
-        """maps commands to inputs that keep limits, see `mcpilco.policies.brake`; None: none does"""
+        """from commands to inputs that keep limits, `mcpilco.policies.brake`; None: no limits"""
 
     @property
     def lengthscale(self) -> Float[Tensor, " Z"]:

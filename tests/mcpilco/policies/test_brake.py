@@ -23,7 +23,7 @@ NOISE = 0.01
 
 def derivative(s: np.ndarray, u: np.ndarray) -> np.ndarray:
     """The cart-pole's equations of motion, as the env's docstring has them."""
-    x, v, q, w = s.T
+    _, v, q, w = s.T
     a, b = FIRST_MOMENT * np.cos(q), POLE * LENGTH**2 / 3
     push = u - FRICTION * v + FIRST_MOMENT * np.sin(q) * w**2
     torque = -FIRST_MOMENT * GRAVITY * np.sin(q)
