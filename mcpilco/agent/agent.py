@@ -66,7 +66,7 @@ class MCPILCO(ModelBasedAgent):
             policy: "SumOfGaussians", a sum of Gaussian bases, squashed to the env's inputs.
             env: a Gymnasium env, or its id; its observations and actions are one-dimensional Boxes
                 in physical units, the actions bounded.
-            preset: named numbers: "default", "thorough", "thesis" or "tro2022", see
+            preset: named numbers: "default", "thorough", "limited", "thesis" or "tro2022", see
                 `mcpilco.config.PRESETS`; with a cart-pole's id it also sets the env's keywords.
             config: the numbers themselves, such as `Config(horizon=60)` [steps]; takes precedence
                 over `preset`.

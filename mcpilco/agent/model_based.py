@@ -47,7 +47,7 @@ class ModelBasedAgent(TrialAgent):
     saved_type = SavedModelBased
     model: Model
     limits: Limits | None = None
-    """of states, which a policy must be predicted to keep before it is tried"""
+    """of states, which the policy's brake holds, or else a policy must be predicted to keep"""
 
     def _set_up(self) -> None:
         self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)

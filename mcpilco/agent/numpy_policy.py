@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
-OPERATIONS: tuple[np.ufunc, ...] = (np.add, np.subtract, np.multiply, np.divide)
-OPERATIONS += (np.minimum, np.maximum, np.sin, np.cos, np.tanh, np.exp, np.sqrt, np.absolute)
-"""by their numbers in a brake's program"""
+OF_TWO = (np.add, np.subtract, np.multiply, np.divide, np.minimum, np.maximum)
+OF_ONE = (np.sin, np.cos, np.tanh, np.exp, np.sqrt, np.abs)
+"""operations of a brake's program by their numbers, those of one number behind those of two"""
 
 
 class NumpyPolicy:
@@ -68,15 +68,13 @@ class NumpyPolicy:
 
     def _braked(self, x: Array, u: Array) -> Array:
         """The program's results: registers are state, command, constants, and those operations."""
-        names = "operations", "first", "second"
-        constants, outputs, *rows = (
-            self._policy[f"brake.{n}"] for n in ("constants", "outputs", *names)
-        )
-        registers = [*x, *u, *constants]
-        for operation, first, second in zip(*rows, strict=True):
-            function = OPERATIONS[operation]
-            registers.append(function(*(registers[first], registers[second])[: function.nin]))
-        return np.array([registers[i] for i in outputs])
+        names = ("constants", "outputs", "operations", "first", "second")
+        constants, outputs, *rows = (self._policy[f"brake.{name}"] for name in names)
+        r = [*x, *u, *constants]
+        for operation, a, b in zip(*rows, strict=True):
+            one = operation - len(OF_TWO)
+            r.append(OF_ONE[one](r[a]) if one >= 0 else OF_TWO[operation](r[a], r[b]))
+        return np.array([r[i] for i in outputs])
 
 
 def _read(path: str | Path) -> dict[str, Array]:

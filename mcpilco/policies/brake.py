@@ -14,6 +14,7 @@ system. A state that has no such point is not held, and the brake leaves the com
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -39,6 +40,8 @@ ROUNDED = 0.05
 """of the way in a step at full push: how far before and behind its end the brake is rounded [-]"""
 BALANCED = (1, -1, -1, 1)
 """signs of Thue and Morse: what they weigh leaves nothing in a sum, nor in a sum of sums"""
+REPEATED = 2
+"""steps for which a random input is held behind a brake: what swings is moved more by it [-]"""
 
 
 class Brake(nn.Module):
@@ -104,39 +107,30 @@ class Brake(nn.Module):
         for i, (x, v, limit) in enumerate(self._limited):
             ends = (limit.low, limit.high)
             room = min(abs(end - self.start[x]) for end in ends if end is not None)
-            self._fit(i, x, v, room, rows)
+            self.braking[i] = 0.0
+            if len(rows) > self.lever.shape[1] + self.push.shape[1] + 2:
+                self._fit(i, x, v, room, rows)
 
     def _fit(self, i: int, x: int, v: int, room: float, rows: Transitions) -> None:
-        """Least squares on the change of y' in each step; levers are of no more than the room."""
+        """Least squares on the change of y' in each step, and what y must keep away for errors."""
         before, after = rows.states, rows.next_states
         now, then = self._swings(x, before), self._swings(x, after)
         change, way = after[:, v] - before[:, v], after[:, x] - before[:, x]
         features = np.column_stack([now - then, self._dt * rows.inputs, -way])
-        self.braking[i] = 0.0
-        if len(features) <= features.shape[1] + 1:
-            return
-        found = np.linalg.lstsq(features, change, rcond=None)[0]
-        freedom = len(features) - features.shape[1]
-        variance = float(np.square(change - features @ found).sum()) / freedom
-        levers, U = now.shape[1], rows.inputs.shape[1]
-        prior = np.zeros(features.shape[1])
-        prior[:levers] = variance / room**2
-        inverse = np.linalg.pinv(features.T @ features + np.diag(prior))
-        found = inverse @ features.T @ change
-        std = np.sqrt(variance * np.diag(inverse))
-        c, g = found[:levers], found[levers : levers + U]
-        y_way = way + self._levers(x, after) @ c - self._levers(x, before) @ c
+        levers = now.shape[1]
+        found, std, error = _least_squares(features, change, levers, room)
+        (c, g, _), (std_c, std_g, _) = (np.split(a, [levers, -1]) for a in (found, std))
         speeds = before[:, v] + after[:, v] + (now + then) @ c
-        noise = math.sqrt(np.square(y_way - self._dt * speeds / 2).mean() / 2)
-        reach = np.hypot(*c.reshape(2, -1)).sum() + SURE * (noise + math.hypot(*std[:levers]))
-        most = np.abs(self.bounds).max(0) @ std[levers : levers + U]
-        unsure = SURE * (most + math.sqrt(variance) / self._dt)
-        pushes = np.sort(self.bounds * g, 0).sum(1)
-        left = np.array([pushes[1], -pushes[0]])
-        if (left - unsure).min() > LEAST * left.max() and reach < LONGEST * room:
-            numbers = (self.lever, c), (self.push, g), (self.braking, left - unsure)
-            for buffer, values in numbers:
-                buffer[i] = torch.from_numpy(values)
+        missed = (
+            way + (self._levers(x, after) - self._levers(x, before)) @ c - self._dt / 2 * speeds
+        )
+        noise = math.sqrt(np.square(missed).mean() / 2)  # of y, measured twice in a step
+        reach = np.hypot(*c.reshape(2, -1)).sum() + SURE * (noise + math.hypot(*std_c))
+        unsure = SURE * (np.abs(self.bounds).max(0) @ std_g + error / self._dt)
+        most = np.array([1.0, -1.0]) * np.sort(self.bounds * g, 0).sum(1)[::-1]
+        if (most - unsure).min() > LEAST * most.max() and reach < LONGEST * room:
+            for name, values in {"lever": c, "push": g, "braking": most - unsure}.items():
+                getattr(self, name)[i] = torch.from_numpy(values)
             self.reach[i] = reach
 
     def _levers(self, x: int, states: Float[np.ndarray, "N X"]) -> Float[np.ndarray, "N A2"]:
@@ -198,6 +192,20 @@ class Brake(nn.Module):
         return (sqrt(gap * (2 * braking)) - braking * self._dt / 2 - speed) * (1.0 / self._dt)
 
 
+def _least_squares(
+    features: Float[np.ndarray, "N D"], target: Float[np.ndarray, " N"], levers: int, room: float
+) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " D"], float]:
+    """Weights, their standard deviations and the residual's; the first weights are of the room."""
+    plain = np.linalg.lstsq(features, target, rcond=None)[0]
+    freedom = len(features) - features.shape[1]
+    variance = float(np.square(target - features @ plain).sum()) / freedom
+    prior = np.zeros(features.shape[1])
+    prior[:levers] = variance / room**2
+    inverse = np.linalg.pinv(features.T @ features + np.diag(prior))
+    std = np.sqrt(variance * np.diag(inverse).clip(0.0))
+    return inverse @ features.T @ target, std, math.sqrt(variance)
+
+
 def careful(
     brake: Brake,
     draws: Iterator[Float[np.ndarray, " U"]],
@@ -207,10 +215,11 @@ def careful(
     """Random inputs for an episode, braked; the brake is learned in each of its steps, if it may.
 
     While it does not hold all limits, each draw comes four times, with signs that leave no speed
-    and no way of what integrates it once or twice.
+    and no way of what integrates it once or twice; from then on it is held for some steps.
     """
     middle = brake.bounds.mean(0)
     around = (middle + sign * (u - middle) for u in draws for sign in BALANCED)
+    repeated = itertools.chain.from_iterable(itertools.repeat(u, REPEATED) for u in draws)
     states: list[np.ndarray] = []
     inputs: list[np.ndarray] = []
 
@@ -219,7 +228,7 @@ def careful(
         if inputs and learns:
             now = Transitions(*map(np.array, (states[:-1], inputs, states[1:])))
             brake.learn(functools.reduce(Transitions.__add__, known, now))
-        u = brake(state, torch.from_numpy(next(draws if brake.holds else around)))
+        u = brake(state, torch.from_numpy(next(repeated if brake.holds else around)))
         inputs.append(u.numpy())
         return u
 
