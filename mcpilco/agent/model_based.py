@@ -190,12 +190,11 @@ class ModelBasedAgent(TrialAgent):
         """
         draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
         episode = len(before)
-        brake = self.policy.brake
-        if brake is None:
+        if self.limits is None:
             return self._run_episode(lambda _: next(draws), trial, steps, episode)
         known = [record.transitions() for record in before]
         learns = self._unexplored and self.perception is None
-        act = Controller(careful(brake, draws, known, learns), self.estimator)
+        act = Controller(careful(self.policy.brake, draws, known, learns), self.estimator)
         return self._run_episode(remembering(act.answer), trial, steps, episode, self._far)
 
     def _far(self, measured: Float[np.ndarray, " Y"]) -> bool:

@@ -212,7 +212,7 @@ def careful(
     known: Sequence[Transitions],
     learns: bool = True,
 ) -> Callable[[Float[Tensor, " X"]], Float[Tensor, " U"]]:
-    """Random inputs for an episode, braked; the brake is learned in each of its steps, if it may.
+    """Random inputs for an episode, braked as what is known tells; it may learn from each step.
 
     While it does not hold all limits, each draw comes four times, with signs that leave no speed
     and no way of what integrates it once or twice; from then on it is held for some steps.
@@ -222,6 +222,8 @@ def careful(
     repeated = itertools.chain.from_iterable(itertools.repeat(u, REPEATED) for u in draws)
     states: list[np.ndarray] = []
     inputs: list[np.ndarray] = []
+    if known:
+        brake.learn(functools.reduce(Transitions.__add__, known))
 
     def act(state: Float[Tensor, " X"]) -> Float[Tensor, " U"]:
         states.append(state.numpy()[: len(brake.start)])
