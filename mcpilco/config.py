@@ -313,9 +313,9 @@ class SearchConfig(Checked):
     """correlation of a particle's noise in successive steps in trial 1, 2, ...; the last entry
     holds from there on; with 0 the model errs anew in each step [-]"""
     limits: tuple[Limit, ...] = ()
-    """of states, which a policy must be predicted to keep before it is tried"""
+    """of states, which a brake holds, or else a policy must be predicted to keep"""
     kept: float = 0.99
-    """share of the particles that must keep all limits at every step [-]"""
+    """share of the particles that must keep all limits at every step where no brake does [-]"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -410,6 +410,11 @@ class Config(Checked):
             self.exploration is None or 1 <= self.exploration <= LONGEST,
             f"exploration must be >= 1 step and at most {LONGEST}, got {self.exploration}; None is "
             "one horizon.",
+        )
+        _require(
+            not (self.search.limits and self.model.delay),
+            "limits go with model.delay 0: a brake does not know how late an actuator answers, got "
+            f"{self.model.delay} s.",
         )
 
 

@@ -232,7 +232,8 @@ class TrialResult:
     failure: str | None = None
     """why no new policy could be learned, or why the rollout broke off; None where all went well"""
     limits_kept: float | None = None
-    """share of the particles that keep all limits of the states [-]; None where there are none"""
+    """share of the particles that keep all limits of the states [-]; None where there are none, or
+    where a brake holds them"""
     limits_crossed: bool | None = None
     """whether the rollout did cross one; None where there are none"""
 

@@ -170,6 +170,17 @@ def fits(*kernels: str) -> Callable[[Results], str]:
     return figure
 
 
+def left(found: Results) -> str:
+    """How many of all rollouts cross a limit [%]."""
+    return rate_cell(rate(crossed for r in found for crossed in r["explored"] + r["crossed"]))
+
+
+def swung_up(found: Results) -> str:
+    """How often the policy after 12 s of experience succeeds, and keeps the limits [%]."""
+    pairs = (zip(r["experience_s"], r["success"], strict=True) for r in found)
+    return rate_cell(rate([done for spent, done in each if spent <= 12.0][-1] for each in pairs))
+
+
 def count(found: Results) -> str:
     """How many results there are."""
     return str(len(found))
@@ -190,6 +201,7 @@ def _from_to(values: Sequence[float]) -> str:
 FRESH = "cartpole_swingup", "results/fresh/seeds/*.json"
 THESIS = "cartpole_swingup", "results/thesis/seeds/*.json"
 SPEED = "speed", "results.json"
+LIMITED = "limits", "results/limited/*.json"
 PENDUBOT_BOARD = "realaigym", "results/pendubot-without-thrift-*.json"
 ACROBOT_BOARD = "realaigym", "results/acrobot-full-*.json"
 CONTROLLER = "kinematics", "results/controller/*.json"
@@ -312,7 +324,9 @@ SHORTFALLS = (
         count,
         "10",
     ),
-    Claim("limits: seeds that were run", "limits", "results/limited/*.json", count, "50"),
+    Claim("limits: seeds that were run", *LIMITED, count, "50"),
+    Claim("limits: rollouts that leave the rail, exploration included [%]", *LIMITED, left, "1"),
+    Claim("limits: success after 12 s, within the rail [%]", *LIMITED, swung_up, "90"),
     Claim("policy step: CPU time of the first, which compiles [s]", *SPEED, compiling, "15"),
     Claim(
         "RealAIGym's board of the pendubot, whose equations are given: RealAI score, mean of seeds",

@@ -252,7 +252,7 @@ TABLES = (
     ),
     Table("kinematics", "results/?00-*/*.json", ("run:forward",)),
     Table("kinematics", "results/controller/*.json", ("run:control",)),
-    Table("limits", "results/*/*.json", ("run:trained", *AGENT, CART_POLE), "0:3,20:23"),
+    Table("limits", "results/*/*.json", ("run:trained", *AGENT, CART_POLE), "0:3,20:30"),
     Table("many_samples", "results/cost/*.json", ("run:cost", *AGENT, CART_POLE), seeded=False),
     Table("many_samples", "results/success/*.json", ("run:trained", *AGENT, CART_POLE)),
     Table("model_components", "analytic/*/seeds/*.json", ("run:run", *AGENT, CART_POLE), ":"),

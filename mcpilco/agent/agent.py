@@ -16,7 +16,7 @@ from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
-from mcpilco.policies import Bounds, SumOfGaussians, blank_policy, random_policy
+from mcpilco.policies import Bounds, Brake, SumOfGaussians, blank_policy, random_policy
 from mcpilco.search import (
     Candidate,
     Limits,
@@ -66,7 +66,7 @@ class MCPILCO(ModelBasedAgent):
             policy: "SumOfGaussians", a sum of Gaussian bases, squashed to the env's inputs.
             env: a Gymnasium env, or its id; its observations and actions are one-dimensional Boxes
                 in physical units, the actions bounded.
-            preset: named numbers: "default", "thorough", "thesis" or "tro2022", see
+            preset: named numbers: "default", "thorough", "limited", "thesis" or "tro2022", see
                 `mcpilco.config.PRESETS`; with a cart-pole's id it also sets the env's keywords.
             config: the numbers themselves, such as `Config(horizon=60)` [steps]; takes precedence
                 over `preset`.
@@ -104,16 +104,20 @@ class MCPILCO(ModelBasedAgent):
         )
 
     def _set_up(self) -> None:
-        super()._set_up()
         search = self.config.search
         self.limits = Limits.of(search.limits, search.kept, self.task)
+        super()._set_up()
 
     def _new_model(self) -> Model:
         return Model(self.config.model, self.task, self.kernel)
 
     @staticmethod
     def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
-        return blank_policy(config.policy, task.after_inputs(config.model.memory), low, high)
+        seen, limits = task.after_inputs(config.model.memory), config.search.limits
+        policy = blank_policy(config.policy, seen, low, high)
+        if limits:
+            policy.brake = Brake(limits, task, low, high, len(seen.state_names))
+        return policy
 
     @staticmethod
     def make_model(config: Config, task: TaskSpec) -> Model:
@@ -122,11 +126,15 @@ class MCPILCO(ModelBasedAgent):
     def _random_policy(self, generator: torch.Generator) -> SumOfGaussians:
         task, numbers = self._searched, self.config.policy
         seen = self._data.states[:, : len(task.state_names)]
-        return random_policy(numbers, task, self.low, self.high, seen, generator)
+        policy = random_policy(numbers, task, self.low, self.high, seen, generator)
+        policy.brake = self.policy.brake
+        return policy
 
     def _search(
         self, trial: int, perception: Perception | None, events: Callback
     ) -> SearchResult[Candidate]:
+        if self.policy.brake is not None:
+            self.policy.brake.learn(self._data)
         problem, generator = self._problem(trial, perception), self.streams.search(trial)
         warm = self.config.search.warm_start and self._begins_with_policy(trial)
         first = self.policy if warm else self._random_policy(generator)
@@ -155,8 +163,13 @@ class MCPILCO(ModelBasedAgent):
             correlation=self.config.search.correlation_of(trial),
             judged=len(self.task.state_names),
             easier=self._easier(dynamics, trial),
-            limits=self.limits,
+            limits=None if self._braked else self.limits,
         )
+
+    @property
+    def _braked(self) -> bool:
+        """Whether a brake keeps all limits, so that the search need not."""
+        return self.policy.brake is not None and self.policy.brake.holds
 
     def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
         """Measures particles as the system will be: in part, and too early for a late actuator."""

@@ -142,13 +142,14 @@ PHYSICS = "physics"
 """the part of a model's name that makes the equations of the plant its mean"""
 
 
-def suitable_preset(given: str | None, algo: str, model: str | None) -> str:
-    """The preset of a training: the one that is given, or the one that suits its model.
+def suitable_preset(given: str | None, algo: str, model: str | None, limited: bool = False) -> str:
+    """The preset of a training: the one that is given, or the one that suits its model and limits.
 
-    Equations hold from the first trial on, so that it pays to search for longer in them.
+    Equations hold from the first trial on, so that it pays to search for longer in them. Within
+    limits of states a policy is harder to find.
     """
     physics = algo == "mcpilco" and PHYSICS in (model or "").split("+")
-    return given or ("thorough" if physics else "default")
+    return given or ("thorough" if physics else "limited" if limited else "default")
 
 
 def preset_numbers(

@@ -19,14 +19,12 @@ from mcpilco.agent.model import Model
 from mcpilco.agent.trial_agent import TrialAgent
 from mcpilco.data import Rollout, Stopwatch, Transitions, TrialResult
 from mcpilco.logbook import Callback
-from mcpilco.policies import Bounds, RewardCost, held, with_cost
+from mcpilco.policies import Bounds, RewardCost, careful, held, with_cost
 from mcpilco.search import EXPLORED, Limits, SearchResult
 from mcpilco.sensing import PastInputs, Perception, chained
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Cost, Estimator, InputError, NotPositiveDefiniteError
 
-BALANCED = (1, -1, -1, 1)
-"""signs of Thue and Morse: what they weigh leaves nothing in a sum, nor in a sum of sums"""
 SHOWN_PARTICLES = 100
 """particles of a prediction that are kept with a trial's result"""
 
@@ -41,14 +39,15 @@ class ModelBasedAgent(TrialAgent):
     more, for its data; one whose env breaks off keeps the steps before. Either tells why in
     `TrialResult.failure`, and the next trial follows.
 
-    Where there are limits, an episode of random inputs ends half-way to one of them, and a trial
-    without a policy that is predicted to keep them is such an episode.
+    Where there are limits, a brake acts on the commands from the first episode on, in which it is
+    learned. While it does not hold them all, an episode of random inputs ends half-way to a limit,
+    and a trial without a policy that is predicted to keep them is such an episode.
     """
 
     saved_type = SavedModelBased
     model: Model
     limits: Limits | None = None
-    """of states, which a policy must be predicted to keep before it is tried"""
+    """of states, which the policy's brake holds, or else a policy must be predicted to keep"""
 
     def _set_up(self) -> None:
         self.policy: Any = self.make_policy(self.config, self.task, self.low, self.high)
@@ -172,7 +171,7 @@ class ModelBasedAgent(TrialAgent):
             if self.taught:
                 record, _ = self._run_episode(self.on_states(), 0, left, len(records))
             else:
-                record, _ = self._random_episode(inputs, 0, left, len(records))
+                record, _ = self._random_episode(inputs, 0, left, records)
             records.append(_digested(record, self.perception))
         for record in records:
             self._take(record)
@@ -182,22 +181,26 @@ class ModelBasedAgent(TrialAgent):
         return records
 
     def _random_episode(
-        self, inputs: np.random.Generator, trial: int, steps: int, episode: int = 0
+        self, inputs: np.random.Generator, trial: int, steps: int, before: Sequence[Rollout] = ()
     ) -> tuple[Rollout, str | None]:
-        """A rollout of uniform random inputs; towards a limit it ends half-way.
+        """A rollout of uniform random inputs, after those before it.
 
-        Where there are limits each random input comes four times, with signs that leave no speed
-        and no way of what integrates it once or twice.
+        Where there are limits the brake is learned on the way; until it holds them all, the rollout
+        ends half-way to one.
         """
         draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
+        episode = len(before)
         if self.limits is None:
             return self._run_episode(lambda _: next(draws), trial, steps, episode)
-        middle = (self.low + self.high) / 2
-        around = (middle + sign * (u - middle) for u in draws for sign in BALANCED)
-        return self._run_episode(lambda _: next(around), trial, steps, episode, self._far)
+        known = [record.transitions() for record in before]
+        learns = self._unexplored and self.perception is None
+        act = Controller(careful(self.policy.brake, draws, known, learns), self.estimator)
+        return self._run_episode(remembering(act.answer), trial, steps, episode, self._far)
 
     def _far(self, measured: Float[np.ndarray, " Y"]) -> bool:
         """Whether a random input might lead out of the limits, as far as they are measured."""
+        if self.policy.brake.holds:
+            return False
         assert self.limits is not None
         states = np.array(self.task.start_mean)
         states[list(self.task.measured_states)] = measured

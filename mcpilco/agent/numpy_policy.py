@@ -18,6 +18,9 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray[Any, Any]
+OF_TWO = (np.add, np.subtract, np.multiply, np.divide, np.minimum, np.maximum)
+OF_ONE = (np.sin, np.cos, np.tanh, np.exp, np.sqrt, np.abs)
+"""operations of a brake's program by their numbers, those of one number behind those of two"""
 
 
 class NumpyPolicy:
@@ -60,7 +63,18 @@ class NumpyPolicy:
         p = self._policy
         z = augmented(x, p["angles"])
         phi = np.exp(-np.square((z - p["centres"]) / p["lengthscales"]).sum(-1))
-        return p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
+        u = p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
+        return self._braked(x, u) if "brake.outputs" in p else u
+
+    def _braked(self, x: Array, u: Array) -> Array:
+        """The program's results: registers are state, command, constants, and those operations."""
+        names = ("constants", "outputs", "operations", "first", "second")
+        constants, outputs, *rows = (self._policy[f"brake.{name}"] for name in names)
+        r = [*x, *u, *constants]
+        for operation, a, b in zip(*rows, strict=True):
+            one = operation - len(OF_TWO)
+            r.append(OF_ONE[one](r[a]) if one >= 0 else OF_TWO[operation](r[a], r[b]))
+        return np.array([r[i] for i in outputs])
 
 
 def _read(path: str | Path) -> dict[str, Array]:

@@ -33,6 +33,16 @@ WANDERING = 0.9
 """correlation of successive golden measurements [-]"""
 WIDEST = 3.0
 """an episode of them ends so many standard deviations of the centres from their mean [-]"""
+C_FORMS: tuple[str, ...] = (
+    "{} + {}",
+    "{} - {}",
+    "{} * {}",
+    "{} / {}",
+    "M(fmin)({}, {})",
+    "M(fmax)({}, {})",
+)
+C_FORMS += tuple(f"M({name})({{}})" for name in ("sin", "cos", "tanh", "exp", "sqrt", "fabs"))
+"""of the operations of a brake's program, by their numbers"""
 _TEMPLATE = Path(__file__).with_name("policy.h.j2")
 
 
@@ -136,7 +146,8 @@ def kind_of(arrays: Arrays) -> str:
         "past_inputs": "past inputs",
     }
     behind = [words for name, words in parts.items() if name in arrays]
-    return f"a sum of Gaussians behind {' and '.join(behind) or 'the sensors'}"
+    brake = ", braked before limits" if "brake.outputs" in arrays else ""
+    return f"a sum of Gaussians behind {' and '.join(behind) or 'the sensors'}{brake}"
 
 
 def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
@@ -232,9 +243,29 @@ def _numbers(arrays: Arrays, stem: str) -> dict[str, Any]:
         "squash": repr(float(arrays["squash"])),
         "inverse_lengthscales": 1 / arrays["lengthscales"],
         "linear": groups["estimator"],
+        "brake": _brake_lines(arrays, X + past, prefix),
         "late": _late(X, U, **groups) if groups["delay"] else {},
         **{name: arrays[name] for name in ("centres", "weights", "middle", "half_range")},
     }
+
+
+def _brake_lines(arrays: Arrays, seen: int, prefix: str) -> list[str]:
+    """The brake's program as declarations and assignments in C; none where there is no brake."""
+    if "brake.outputs" not in arrays:
+        return []
+    real, U = f"{prefix}_real", len(arrays["middle"])
+    lines: list[str] = []
+    registers = [*(f"x[{i}]" for i in range(seen)), *(f"inputs[{i}]" for i in range(U))]
+    registers += [f"({real}){constant:.17g}" for constant in arrays["brake.constants"]]
+    names = ("operations", "first", "second")
+    rows = zip(*(arrays[f"brake.{name}"] for name in names), strict=True)
+    for operation, a, b in rows:
+        form = C_FORMS[operation].replace("M(", f"{prefix.upper()}_M(")
+        name = f"r{len(lines)}"
+        lines.append(f"const {real} {name} = {form.format(registers[a], registers[b])};")
+        registers.append(name)
+    results = (registers[i] for i in arrays["brake.outputs"])
+    return lines + [f"inputs[{i}] = {result};" for i, result in enumerate(results)]
 
 
 def _comment(value: Any) -> str:

@@ -43,7 +43,9 @@ def write_policy(
             and `.part` [steps], `.noise_std` (X), `.recent` [steps], with its model: `motion.A`,
             `.B`, `.C`, `.predicted`, `.bounds` as in `mcpilco.dynamics.Increment`, and the
             posterior `model.X` (N, D), `.L_inv`, `.alpha`, `.noise_std` with the kernel's terms
-            `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (of the factors of each term).
+            `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (of the factors of each term). A policy's brake
+            is written as `brake.constants`, `.operations`, `.first`, `.second` and `.outputs` of
+            its program, see `mcpilco.plant.Program`.
 
     Raises:
         InputError: the estimator is of another class, or its model has regressors of its own.
@@ -76,7 +78,15 @@ def policy_arrays(
         "dt": np.array(task.dt),
     }
     arrays = {name: value.detach().numpy() for name, value in numbers.items()}
-    return arrays | _estimator_arrays(estimator) | about
+    return arrays | _brake_arrays(policy) | _estimator_arrays(estimator) | about
+
+
+def _brake_arrays(policy: SumOfGaussians) -> dict[str, np.ndarray]:
+    program = None if policy.brake is None else policy.brake.program
+    if program is None:
+        return {}
+    parts = "constants", "operations", "first", "second", "outputs"
+    return {f"brake.{name}": getattr(program, name) for name in parts}
 
 
 def _estimator_arrays(estimator: Estimator | None) -> dict[str, np.ndarray]:

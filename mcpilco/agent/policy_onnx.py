@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from mcpilco.plant import SINE
 from mcpilco.typing import InputError
 
 OPSET, IR = 17, 8
 """versions of the operators, and of the file that goes with them [-]"""
 _ROW = np.array([-1])
+OPERATORS = ("Add", "Sub", "Mul", "Div", "Min", "Max", "Sin", "Cos", "Tanh", "Exp", "Sqrt", "Abs")
+"""of a brake's program, by their numbers; those from `SINE` on take one number"""
 
 
 class _Graph:
@@ -98,6 +101,8 @@ def onnx_model(
         past = graph.input("past", width)
         x = graph("Concat", x, past, axis=1)
     inputs = _act(graph, x, arrays)
+    if "brake.outputs" in arrays:
+        inputs = _braked(graph, x, inputs, arrays)
     graph.output("inputs", U, inputs)
     if past:
         recent = graph("Slice", past, np.array([0]), np.array([width - U]), np.array([1]))
@@ -105,11 +110,15 @@ def onnx_model(
     return graph.model(says), memory
 
 
+def _seen(arrays: Mapping[str, np.ndarray]) -> int:
+    """How many states the policy sees, past inputs included."""
+    return len(arrays["lengthscales"]) - len(arrays["angles"])
+
+
 def _act(graph: _Graph, x: str, arrays: Mapping[str, np.ndarray]) -> str:
     """middle + half_range tanh(exp(-|(z - c) / l|^2) w / squash) of states (batch, X)."""
     angles = arrays["angles"]
-    seen = len(arrays["lengthscales"]) - len(angles)
-    z = graph("Gather", x, np.delete(np.arange(seen), angles), axis=1)
+    z = graph("Gather", x, np.delete(np.arange(_seen(arrays)), angles), axis=1)
     if len(angles):
         turned = graph("Gather", x, angles, axis=1)
         z = graph("Concat", z, graph("Cos", turned), graph("Sin", turned), axis=1)
@@ -120,6 +129,20 @@ def _act(graph: _Graph, x: str, arrays: Mapping[str, np.ndarray]) -> str:
     sums = graph("Div", graph("MatMul", phi, arrays["weights"]), arrays["squash"])
     within = graph("Mul", graph("Tanh", sums), arrays["half_range"])
     return graph("Add", within, arrays["middle"])
+
+
+def _braked(graph: _Graph, x: str, commands: str, arrays: Mapping[str, np.ndarray]) -> str:
+    """The results of the brake's program of states and commands, node by node."""
+    operations, first, second = (arrays[f"brake.{n}"] for n in ("operations", "first", "second"))
+    widths = (x, _seen(arrays)), (commands, len(arrays["middle"]))
+    registers: list[Any] = [
+        graph("Gather", name, np.array([i]), axis=1) for name, width in widths for i in range(width)
+    ]
+    registers += [np.array([constant]) for constant in arrays["brake.constants"]]
+    for operation, a, b in zip(operations, first, second, strict=True):
+        operands = (registers[a], registers[b])[: 2 if operation < SINE else 1]
+        registers.append(graph(OPERATORS[operation], *operands))
+    return graph("Concat", *(registers[i] for i in arrays["brake.outputs"]), axis=1)
 
 
 def _estimate(graph: _Graph, measured: str, arrays: Mapping[str, np.ndarray]) -> str:

@@ -296,8 +296,8 @@ class Learning(Command):
     """mcpilco: particles; pilco: one Gaussian, matched in its moments; sac, tqc, ppo: of
     stable-baselines3; of another package `package:name`, or the name of its entry point"""
     preset: SuitablePreset = None
-    """setting of the agent, and of the cart-pole; mcpilco has default, thorough, thesis and
-    tro2022, pilco default and tip, the others default"""
+    """setting of the agent, and of the cart-pole; mcpilco has default, thorough, limited, thesis
+    and tro2022, pilco default and tip, the others default"""
     horizon: Annotated[int | None, optional("INT", "the env's time limit")] = None
     """steps of a rollout"""
     task: TaskPath = None
@@ -316,17 +316,18 @@ class Learning(Command):
     memory: Annotated[int | None, optional("INT", "that of the preset, 0")] = None
     """of mcpilco: past inputs that model and policy see, for actuators that lag"""
     limit: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STATE=LOW:HIGH...")] = ()
-    """of mcpilco: bounds of states, such as cart_position=-0.5:0.5, in their units; a policy that
-    is not predicted to keep them in 99 %% of the particles is not tried"""
+    """of mcpilco: bounds of states, such as cart_position=-0.5:0.5, in their units; a brake that is
+    learned keeps those of positions"""
     delay: Annotated[float | None, optional("SECONDS", "that of the preset, 0")] = None
     """of mcpilco: delay of the actuator [s]; the policy acts on the state predicted for then"""
 
     @property
     def chosen_preset(self) -> str:
-        """The one that is given, or the one that suits the model."""
+        """The one that is given, or the one that suits the model and the limits."""
         from mcpilco.agent import suitable_preset
 
-        return suitable_preset(self.preset, self.algo, self.model)
+        limited = self.algo == "mcpilco" and bool(self.limit)
+        return suitable_preset(self.preset, self.algo, self.model, limited)
 
     def numbers(self) -> tuple[Any, dict[str, Any]]:
         """The agent's configuration and the env's keywords."""

@@ -1,3 +1,4 @@
+from .brake import BALANCED, Brake, careful
 from .costs import QuadraticCost, SaturatingCost, TipCost, cart_pole_cost, held
 from .policies import (
     BASES_PER_HASH,
@@ -12,9 +13,11 @@ from .policies import (
 from .reward_cost import RewardCost, costs_of, with_cost
 
 __all__ = [
+    "BALANCED",
     "BASES_PER_HASH",
     "GOLDEN",
     "Bounds",
+    "Brake",
     "Dropout",
     "QuadraticCost",
     "RewardCost",
@@ -23,6 +26,7 @@ __all__ = [
     "SumOfGaussians",
     "TipCost",
     "blank_policy",
+    "careful",
     "cart_pole_cost",
     "costs_of",
     "held",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import torch
@@ -15,6 +15,9 @@ from mcpilco.config import PolicyConfig
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError
+
+if TYPE_CHECKING:
+    from mcpilco.policies.brake import Brake
 
 Bounds = Sequence[float] | Float[np.ndarray, " U"]
 """one number for each input, in the env's unit"""
@@ -78,6 +81,8 @@ class SumOfGaussians(nn.Module):
         self.centres = nn.Parameter(torch.zeros(bases, augmentation.width, dtype=torch.float64))
         self.log_lengthscale = nn.Parameter(torch.zeros(augmentation.width, dtype=torch.float64))
         self.weights = nn.Parameter(torch.zeros(bases, len(low), dtype=torch.float64))
+        self.brake: Brake | None = None
+        """from commands to inputs that keep limits, `mcpilco.policies.brake`; None: no limits"""
 
     @property
     def lengthscale(self) -> Float[Tensor, " Z"]:
@@ -135,7 +140,8 @@ class SumOfGaussians(nn.Module):
         phi = self.activations(states)
         if dropout is not None:
             phi = phi * dropout.factors(step, *cast(tuple[int, int], phi.shape))
-        return self.squash(phi @ self.weights)
+        commands = self.squash(phi @ self.weights)
+        return commands if self.brake is None else self.brake(states, commands)
 
 
 def blank_policy(config: PolicyConfig, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:

@@ -1,4 +1,4 @@
-"""Limits of states: chance constraints on a policy, kept by the search itself.
+"""Limits of states: chance constraints on a policy, kept by the search where no brake holds them.
 
 A policy keeps the limits where a share of its particles, 99 % of them, stay within all of them at
 every step. That a particle is outside has no gradient; how far it is beyond a margin before the
@@ -7,6 +7,8 @@ that comes to its goal outside gains nothing by it, and none is worse for having
 penalty alone, under which the search ends at rest. And a policy that gains nothing anywhere is held
 inside by a weight for each step. Weights ascend, late in the search, along the share of the
 particles that are outside.
+
+What a brake holds, see `mcpilco.policies.brake`, is no constraint of the search.
 
 Reference: A. Cotter, H. Jiang, K. Sridharan, Two-player games for efficient non-convex constrained
 optimization, Algorithmic Learning Theory 2019 (the proxy-Lagrangian).

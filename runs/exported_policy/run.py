@@ -27,19 +27,29 @@ sys.path.insert(0, str(HERE.parent))
 from harness import fill, folder, hasty, keep, places, use_one_thread  # noqa: E402
 
 import envs  # noqa: E402, F401
-from mcpilco.agent import MCPILCO, NumpyPolicy, write_c, write_onnx, write_policy  # noqa: E402
-from mcpilco.config import Config, ModelConfig  # noqa: E402
+from mcpilco.agent import (  # noqa: E402
+    MCPILCO,
+    NumpyPolicy,
+    with_limits,
+    write_c,
+    write_onnx,
+    write_policy,
+)
+from mcpilco.config import Config, Limit, ModelConfig  # noqa: E402
 from mcpilco.sweep import machine, markdown  # noqa: E402
 
 ALL, POSITIONS = "mcpilco/CartPoleSwingUp-v0", "mcpilco/CartPoleSwingUpPositions-v0"
 KINDS = {
     "states": (ALL, ModelConfig()),
+    "states, limits": (ALL, ModelConfig()),
     "past inputs": (ALL, ModelConfig(memory=2)),
     "positions, Kalman filter": (POSITIONS, ModelConfig()),
     "late by 2 steps": (ALL, ModelConfig(delay=0.2)),
     "late by 1.3 steps": (ALL, ModelConfig(delay=0.13)),
     "positions, late by 1 step": (POSITIONS, ModelConfig(delay=0.1)),
 }
+LIMITS = (Limit("cart_position", -0.5, 0.5),)
+"""of the kind that has some"""
 FLAGS = ["-std=c99", "-O2"]
 MAIN = """#include <stdio.h>
 #include <time.h>
@@ -107,7 +117,9 @@ class OnnxPolicy:
 
 def measured(kind: str, config: Config, vectors: int) -> dict:
     env, model = KINDS[kind]
-    agent = MCPILCO("SumOfGaussians", env, config=replace(config, model=model), seed=0)
+    config = replace(config, model=model)
+    config = with_limits(config, LIMITS) if "limits" in kind else config
+    agent = MCPILCO("SumOfGaussians", env, config=config, seed=0)
     agent.learn(2 * agent.horizon)
     parts = agent.policy, agent.task, agent.estimator
     found: dict = {"kind": kind}

@@ -14,7 +14,9 @@ def test_quick_runs_of_both_kinds_fill_one_table(run, tmp_path, monkeypatch):
         run.main()
     found = json.loads((tmp_path / "results" / "limited" / "3.json").read_text())
     assert not any(found["explored"])
-    assert len(found["crossed"]) == len(found["refused"]) == 1
+    assert len(found["crossed"]) == len(found["failed"]) == 1
+    assert len(found["furthest_m"]) == 1 + len(found["explored"])
+    assert max(found["furthest_m"]) < 0.5
     text = (tmp_path / "README.md").read_text()
     assert "| within the limits | 1 |" in text
     assert "| without limits | 1 |" in text

@@ -6,7 +6,7 @@ from numba import njit
 
 from mcpilco.compiling import digest
 from mcpilco.search.fused import sensing as seen
-from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN, copy
+from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN, add, copy
 from mcpilco.search.fused.policy import activate
 from mcpilco.search.fused.program import clear_adjoints, load, prepare, run, run_back
 from mcpilco.search.fused.tiles import add_product
@@ -40,12 +40,26 @@ def _through_program(state, inputs, program, memory, adjoint):
     run(program, memory)
     run_back(program, memory)
     current, mu = adjoint.current, adjoint.mu
-    for j in range(current.shape[0]):
-        for p in range(current.shape[1]):
-            current[j, p] += memory.adjoints[j, p]
-    for j in range(mu.shape[0]):
-        for p in range(mu.shape[1]):
-            mu[j, p] += memory.adjoints[current.shape[0] + j, p]
+    add(memory.adjoints[: current.shape[0]], current)
+    add(memory.adjoints[current.shape[0] : current.shape[0] + mu.shape[0]], mu)
+
+
+@njit(**PLAIN)
+def _through_brake(brake, memory, state, commands, sensing, sensing_memory, adjoint):
+    """From the inputs to the commands, in their place, and to the state, which is added to."""
+    if brake is None:
+        return
+    mu, width = adjoint.mu, state.shape[0]
+    clear_adjoints(memory)
+    for i in range(brake.outputs.size):
+        result = memory.adjoints[brake.outputs[i]]
+        for p in range(result.size):
+            result[p] += mu[i, p]
+    load(brake, state, commands, memory)
+    run(brake, memory)
+    run_back(brake, memory)
+    copy(memory.adjoints[width : width + mu.shape[0]], mu)
+    seen.add_acted_on(sensing, memory.adjoints[:width], sensing_memory, adjoint)
 
 
 @njit(**PLAIN)
@@ -153,6 +167,7 @@ def _compiled(sources: str):
             last = first + width
             copy(gradient_states[len(gradient_inputs), :, first:last], adjoint.current)
             seen.begin_back(sensing, sensing_memory)
+            prepare(policy.brake, first, memory.brake)
             prepare(physics.drift, first, physics_memory.drift)
             prepare(physics.features, first, physics_memory.features)
             for t in range(len(gradient_inputs) - 1, -1, -1):
@@ -183,9 +198,13 @@ def _compiled(sources: str):
                         adjoint,
                     )
                     seen.leave_row(sensing, k, state, policy, sensing_memory, adjoint)
-                _through_policy(
-                    u, trace.input_jacobians[t, :, :, first:last], policy, memory.z, adjoint
+                commands = trace.commands[t, :, first:last]
+                acted = trace.states[t, acted_on:, first:last]
+                _through_brake(
+                    policy.brake, memory.brake, acted, commands, sensing, sensing_memory, adjoint
                 )
+                jacobian = trace.input_jacobians[t, :, :, first:last]
+                _through_policy(commands, jacobian, policy, memory.z, adjoint)
                 seen.leave_step(sensing, t, policy, memory.z, sensing_memory, adjoint)
                 add_product(memory.phi, adjoint.columns, moments)
 

@@ -174,9 +174,11 @@ class _Rollout(torch.autograd.Function):
         physics = _physics(dynamics, dtype, padded)
         regressors = len(model.middle)
         rows, moved, width_x = ahead + 2, max(ahead, 0) + 1, start.shape[1]
+        commands = np.empty((steps, count, padded), dtype)
         trace = layout.Trace(
             states=np.empty((steps + 1, rows * width_x, padded), dtype),
-            inputs=np.empty((steps, count, padded), dtype),
+            commands=commands,
+            inputs=commands if controller.brake is None else np.empty_like(commands),
             delta_jacobians=np.empty((steps, moved * outputs, regressors, padded), dtype),
             input_jacobians=np.empty((steps, count, z_width, padded), dtype),
             frozen=np.empty((steps, moved, padded), dtype=np.uint8),

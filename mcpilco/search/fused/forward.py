@@ -13,7 +13,7 @@ from mcpilco.search.fused import sensing as seen
 from mcpilco.search.fused.arithmetic import ONCE, OUTERMOST, PLAIN
 from mcpilco.search.fused.policy import act, activate
 from mcpilco.search.fused.posterior import change
-from mcpilco.search.fused.program import load, prepare, run
+from mcpilco.search.fused.program import evaluate, prepare
 
 
 @njit(**ONCE)
@@ -32,12 +32,7 @@ def _regress_features(features, memory, state, inputs, end, x):
     """The rows of the further regressors, if any, which end before `end`."""
     if features is None:
         return
-    load(features, state, inputs, memory)
-    run(features, memory)
-    for i in range(features.outputs.size):
-        row, value = x[end - features.outputs.size + i], memory.registers[features.outputs[i]]
-        for p in range(value.size):
-            row[p] = value[p]
+    evaluate(features, memory, state, inputs, x[end - features.outputs.size : end])
 
 
 @njit(**ONCE)
@@ -68,12 +63,7 @@ def _move(drift, memory, model, state, inputs, following):
         _flow(model, state, following)
         _remember(model.C, inputs, following)
         return
-    load(drift, state, inputs, memory)
-    run(drift, memory)
-    for i in range(drift.outputs.size):
-        value = memory.registers[drift.outputs[i]]
-        for p in range(value.size):
-            following[i, p] = value[p]
+    evaluate(drift, memory, state, inputs, following)
 
 
 @njit(**ONCE)
@@ -113,13 +103,17 @@ def _compiled(sources: str):
         for first in range(start, stop, width):
             last = first + width
             seen.begin(sensing, sensing_memory)
+            prepare(policy.brake, first, policy_memory.brake)
             prepare(physics.drift, first, physics_memory.drift)
             prepare(physics.features, first, physics_memory.features)
             for t in range(steps):
                 now, inputs = trace.states[t, :, first:last], trace.inputs[t, :, first:last]
                 seen.observe(sensing, t, first, now, width_x, sensing_memory)
                 activate(now[acted_on:], first, t, mask, policy, policy_memory)
-                act(policy, policy_memory, inputs, trace.input_jacobians[t, :, :, first:last])
+                jacobian = trace.input_jacobians[t, :, :, first:last]
+                commands = trace.commands[t, :, first:last]
+                act(policy, policy_memory, commands, jacobian)
+                evaluate(policy.brake, policy_memory.brake, now[acted_on:], commands, inputs)
                 for k in range(moved):
                     at, to = k * width_x, (k + 1) * width_x if k > 0 else 0
                     state = trace.states[t, at : at + width_x, first:last]

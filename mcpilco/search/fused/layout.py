@@ -132,6 +132,8 @@ class PolicyArrays(NamedTuple):
     """(packed U (Z + 1), B), from activations to sum_b w_b phi_b [c_b / l, 1]"""
     squash: np.ndarray
     """(3, U): centre, half range, scale"""
+    brake: ProgramArrays | None
+    """from [state, commands] to inputs; None: these are the commands"""
 
 
 class Mask(NamedTuple):
@@ -150,8 +152,10 @@ class Trace(NamedTuple):
 
     states: np.ndarray
     """(T + 1, X, P), the first row given; behind them those of `mcpilco.search.fused.sensing`"""
+    commands: np.ndarray
+    """(T, U, P), before the brake"""
     inputs: np.ndarray
-    """(T, U, P)"""
+    """(T, U, P), the same array where there is no brake"""
     delta_jacobians: np.ndarray
     """(T, K E, D, P), d delta / d [z, u] of the K rows of a particle that move"""
     input_jacobians: np.ndarray
@@ -177,6 +181,7 @@ class PolicyMemory(NamedTuple):
     """(P,)"""
     words: np.ndarray
     """(2, P), hashes"""
+    brake: ProgramMemory | None
 
 
 class ModelMemory(NamedTuple):
@@ -314,16 +319,18 @@ def program_arrays(program: Program, numbers: np.ndarray | None, dtype: np.dtype
     )
 
 
+def program_memory(program: ProgramArrays | None, width: int) -> ProgramMemory | None:
+    """Fresh memory for blocks of this width."""
+    if program is None:
+        return None
+    shape, dtype = (len(program.live), width), program.constants.dtype
+    return ProgramMemory(np.empty(shape, dtype), np.empty(shape, dtype))
+
+
 def physics_memory(physics: PhysicsArrays, width: int) -> PhysicsMemory:
     """Fresh memory for blocks of this width."""
-
-    def memory(program: ProgramArrays | None) -> ProgramMemory | None:
-        if program is None:
-            return None
-        shape, dtype = (len(program.live), width), program.constants.dtype
-        return ProgramMemory(np.empty(shape, dtype), np.empty(shape, dtype))
-
-    return PhysicsMemory(memory(physics.drift), memory(physics.features))
+    programs = physics.drift, physics.features
+    return PhysicsMemory(*(program_memory(program, width) for program in programs))
 
 
 def _has_exponent(term: Term) -> bool:
@@ -366,6 +373,7 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     bases, z_width = policy.centres.shape
     pulls = policy.input_dim * (z_width + 1)
     bounds = squash.centre.numpy(), squash.half_range.numpy()
+    braked = None if policy.brake is None else policy.brake.program
     return PolicyArrays(
         plain=np.array(augmentation.plain, dtype=np.int64),
         angles=np.array(augmentation.angles, dtype=np.int64),
@@ -373,6 +381,7 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
         inv_scale=np.empty(z_width, dtype),
         pulling=pack(np.zeros((pulls, bases), dtype)),
         squash=np.stack([*bounds, np.full_like(bounds[0], squash.scale)]).astype(dtype),
+        brake=None if braked is None else program_arrays(braked, None, dtype),
     )
 
 
@@ -394,6 +403,7 @@ def policy_memory(policy: PolicyArrays, width: int) -> PolicyMemory:
         pulls=np.empty((rows_of(policy.pulling), width), dtype),
         slope=np.empty(width, dtype),
         words=np.empty((2, width), np.uint32),
+        brake=program_memory(policy.brake, width),
     )
 
 

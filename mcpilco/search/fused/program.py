@@ -104,6 +104,19 @@ def run(program, memory):
 
 
 @njit(**PLAIN)
+def evaluate(program, memory, state, inputs, out):
+    """The results of a block's states and inputs, if there is a program."""
+    if program is None:
+        return
+    load(program, state, inputs, memory)
+    run(program, memory)
+    for i in range(program.outputs.size):
+        value = memory.registers[program.outputs[i]]
+        for p in range(value.size):
+            out[i, p] = value[p]
+
+
+@njit(**PLAIN)
 def clear_adjoints(memory):
     """No derivative by any register yet."""
     adjoints = memory.adjoints

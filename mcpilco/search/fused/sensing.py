@@ -244,6 +244,15 @@ def _through_estimate(linear, step, estimates, memory, current):
 
 
 @njit(**PLAIN)
+def add_acted_on(sensing, more, memory, adjoint):
+    """Adds to the derivatives by the states that the policy saw."""
+    if sensing is None:
+        add(more, adjoint.current)
+        return
+    add(more, memory.current[memory.current.shape[0] - more.shape[0] :])
+
+
+@njit(**PLAIN)
 def leave_step(sensing, step, policy, z, memory, adjoint):
     """From the augmented states that the policy saw to the states, which are added to."""
     if sensing is None:

@@ -534,7 +534,7 @@ def test_a_wrong_env_is_answered_with_a_sentence(env, error: type, message: str)
         ({"policy": "MlpPolicy"}, "policy must be \"SumOfGaussians\", got 'MlpPolicy'"),
         (
             {"preset": "best"},
-            r"preset must be one of \['default', 'thesis', 'thorough', 'tro2022'\]",
+            r"preset must be one of \['default', 'limited', 'thesis', 'thorough', 'tro2022'\]",
         ),
         ({"preset": ["default"]}, "preset must be one of"),
         ({"seed": -1}, "seed must be an integer of at least 0, or None, got -1"),

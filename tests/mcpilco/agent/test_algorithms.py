@@ -123,17 +123,22 @@ def test_a_spread_is_a_recipe_or_what_a_correction_tells(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "algo", "model", "preset"),
+    ("given", "algo", "model", "limited", "preset"),
     [
-        (None, "mcpilco", None, "default"),
-        (None, "mcpilco", "features+rbf", "default"),
-        (None, "mcpilco", "physics+gip+rbf", "thorough"),
-        (None, "pilco", "physics+rbf", "default"),
-        ("thesis", "mcpilco", "physics+rbf", "thesis"),
+        (None, "mcpilco", None, False, "default"),
+        (None, "mcpilco", "features+rbf", False, "default"),
+        (None, "mcpilco", "physics+gip+rbf", False, "thorough"),
+        (None, "pilco", "physics+rbf", False, "default"),
+        ("thesis", "mcpilco", "physics+rbf", False, "thesis"),
+        (None, "mcpilco", "rbf", True, "limited"),
+        (None, "mcpilco", "physics+rbf", True, "thorough"),
+        ("default", "mcpilco", None, True, "default"),
     ],
 )
-def test_equations_are_searched_thoroughly_unless_told(given, algo, model, preset):
-    assert suitable_preset(given, algo, model) == preset
+def test_equations_and_limits_are_searched_thoroughly_unless_told(
+    given, algo, model, limited, preset
+):
+    assert suitable_preset(given, algo, model, limited) == preset
 
 
 def test_algorithms_without_such_a_model_have_no_such_option():

@@ -26,7 +26,7 @@ from mcpilco.agent.policy_code import (
 from mcpilco.agent.policy_file import policy_arrays
 from mcpilco.agent.policy_onnx import onnx_model
 from mcpilco.typing import InputError
-from tests.mcpilco.agent.test_policy_file import ALL, POSITIONS, learned
+from tests.mcpilco.agent.test_policy_file import ALL, POSITIONS, RAIL, learned
 
 pytest.importorskip("jinja2")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
@@ -38,6 +38,8 @@ KINDS = {
     "late": (ALL, {"kernel": "rbf+mpk", "delay": 0.2}),
     "part": (ALL, {"kernel": "rbf", "delay": 0.13}),
     "linear_late": (POSITIONS, {"kernel": "rbf", "delay": 0.1}),
+    "braked": (ALL, {"kernel": "rbf", "limits": (RAIL,)}),
+    "past_braked": (ALL, {"kernel": "rbf", "memory": 1, "limits": (RAIL,)}),
 }
 SLOW = ("late", "part", "linear_late")
 
@@ -102,7 +104,7 @@ def agrees_in_c(agent, path: Path, vectors: int, chosen: list[list[str]]) -> Non
 
 
 @pytest.mark.skipif(not compilers(), reason="no C compiler")
-@pytest.mark.parametrize(("kind", "compiler"), [("past", -1), ("part", 0)])
+@pytest.mark.parametrize(("kind", "compiler"), [("past", -1), ("part", 0), ("past_braked", 0)])
 def test_compiled_c_answers_as_numpy(kind: str, compiler: int, agents, tmp_path: Path) -> None:
     agrees_in_c(agents(kind), tmp_path / f"{kind}.h", 150, [compilers()[compiler]])
 
@@ -132,6 +134,17 @@ def test_golden_vectors_agree_in_onnx(kind: str, vectors: int, agents, tmp_path:
         state = {name: found[f"next_{name}"] for name in begins}
         worst = max(worst, np.abs(found["inputs"] - expected).max())
     assert worst < 1e-6
+
+
+def test_the_exported_brake_is_at_work(agents) -> None:
+    agent = agents("braked")
+    arrays = arrays_of(agent)
+    free = {name: array for name, array in arrays.items() if not name.startswith("brake.")}
+    fast = np.array([0.3, 2.0, 0.0, 0.0])
+    assert agent.policy.brake.holds
+    assert NumpyPolicy(arrays)(fast)[0] < -9.9 < NumpyPolicy(free)(fast)[0]
+    assert "braked" in contract(arrays)["kind"]
+    assert "braked" not in contract(free)["kind"]
 
 
 def test_an_onnx_graph_takes_a_batch(agents, tmp_path: Path) -> None:

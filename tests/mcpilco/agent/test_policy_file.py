@@ -17,7 +17,7 @@ from mcpilco.agent.agent import MCPILCO
 from mcpilco.agent.numpy_policy import NumpyPolicy
 from mcpilco.agent.policy_file import write_policy
 from mcpilco.cli import main
-from mcpilco.config import PRESETS, ModelConfig
+from mcpilco.config import PRESETS, Limit, ModelConfig
 from mcpilco.policies import SumOfGaussians
 from mcpilco.typing import InputError
 from tests.mcpilco.cli.test_cli import refused
@@ -99,10 +99,15 @@ def test_the_command_writes_the_trial_asked_for(
 ALL, POSITIONS = "mcpilco/CartPoleSwingUp-v0", "mcpilco/CartPoleSwingUpPositions-v0"
 
 
-def learned(env: str, **model) -> MCPILCO:
-    config = dataclasses.replace(TINY, model=ModelConfig(**model), horizon=9)
+RAIL = Limit("cart_position", -0.5, 0.5)
+
+
+def learned(env: str, limits: tuple[Limit, ...] = (), **model) -> MCPILCO:
+    search = dataclasses.replace(TINY.search, limits=limits)
+    config = dataclasses.replace(TINY, search=search, model=ModelConfig(**model), horizon=9)
+    config = dataclasses.replace(config, exploration=27 if limits else None)
     agent = MCPILCO("SumOfGaussians", gym.make(env, max_episode_steps=9), config=config, seed=4)
-    return agent.learn(2 * 9)
+    return agent.learn(agent.timesteps_of(1))
 
 
 @pytest.mark.parametrize(
@@ -114,6 +119,8 @@ def learned(env: str, **model) -> MCPILCO:
         (ALL, {"kernel": "rbf+mpk", "delay": 0.2}),
         (ALL, {"kernel": "rbf", "delay": 0.13}),
         (POSITIONS, {"kernel": "rbf", "delay": 0.1}),
+        (ALL, {"kernel": "rbf", "limits": (RAIL,)}),
+        (ALL, {"kernel": "sed-mpk+rbf", "memory": 2, "limits": (RAIL,)}),
     ],
 )
 def test_numpy_alone_acts_as_the_agent_with_its_estimator(env: str, model, tmp_path: Path) -> None:

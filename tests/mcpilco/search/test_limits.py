@@ -11,7 +11,7 @@ import torch
 
 from mcpilco.agent.agent import MCPILCO
 from mcpilco.cli.options import limits as read_limits
-from mcpilco.config import Config, Limit, Phase, SearchConfig, from_dict
+from mcpilco.config import Config, Limit, ModelConfig, Phase, SearchConfig, from_dict
 from mcpilco.search.limits import EXPLORED, Lagrangian, Limits
 from mcpilco.search.search import PolicySearch
 from mcpilco.typing import InputError
@@ -195,21 +195,48 @@ def test_random_inputs_towards_a_limit_leave_no_speed() -> None:
 
 
 def test_a_policy_that_is_not_predicted_to_keep_the_limits_is_not_tried() -> None:
-    agent, _ = learned(Limit("position", -0.4, 0.4), trials=2, kept=0.99999, steps=(1,))
+    numbers = {"kept": 0.99999, "steps": (1,), "evaluation_particles": 1000}
+    agent, _ = learned(Limit("velocity", -0.4, 0.4), trials=2, **numbers)
     refused = [result for result in agent.results if result.failure]
     assert refused
     for result in refused:
         assert "not tried" in result.failure
         assert result.limits_kept < 0.99999
         assert result.prediction is None
-        assert np.abs(result.rollout.states[:-1, 0]).max() < 0.4 * EXPLORED + 0.1
+        assert np.abs(result.rollout.states[:-1, 1]).max() < 0.4 * EXPLORED + 0.1
 
 
 def test_a_trial_says_whether_its_rollout_crossed_a_limit() -> None:
-    agent, _ = learned(Limit("position", -9.0, 9.0))
+    agent, _ = learned(Limit("velocity", -9.0, 9.0))
     [result] = agent.results
     assert (result.limits_kept, result.limits_crossed) == (1.0, False)
     assert result.failure is None
+
+
+def test_a_limit_that_the_brake_holds_is_no_concern_of_the_search() -> None:
+    """What a policy asks for is braked, on the system and in the particles."""
+    agent, env = learned(Limit("position", -0.4, 0.4), trials=2, kept=0.99999, steps=(1,))
+    assert agent.policy.brake.holds
+    assert [r.failure for r in agent.results] == [None, None]
+    assert [r.limits_crossed for r in agent.results] == [False, False]
+    assert len(env.seeds) == 6  # no rollout of random inputs ends early
+    torch.testing.assert_close(agent.policy.brake.push, torch.ones(1, 1).double(), rtol=0.1, atol=0)
+    far = agent.predict(np.array([0.35, 1.0]))[0]
+    assert far == pytest.approx(-2.0)
+
+
+def test_a_saved_agent_brakes_alike(tmp_path) -> None:
+    agent, env = learned(Limit("position", -0.4, 0.4))
+    again = MCPILCO.load(agent.save(tmp_path / "agent"), env)
+    rows = np.random.default_rng(0).normal(size=(50, 2))
+    assert agent.policy.brake.holds
+    np.testing.assert_array_equal(again.predict(rows)[0], agent.predict(rows)[0])
+    assert torch.equal(again.policy.brake.reach, agent.policy.brake.reach)
+
+
+def test_limits_of_a_late_actuator_are_refused() -> None:
+    with pytest.raises(InputError, match="limits go with model.delay 0"):
+        Config(search=SearchConfig(limits=(RAIL,)), model=ModelConfig(delay=0.2))
 
 
 def test_without_limits_nothing_is_said_of_them() -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from mcpilco.config import Limit
 from mcpilco.dynamics import AngleAugmentation, Delay, full_state, speed_integration
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
-from mcpilco.policies import Dropout, QuadraticCost, SumOfGaussians, cart_pole_cost
+from mcpilco.policies import Brake, Dropout, QuadraticCost, SumOfGaussians, cart_pole_cost
 from mcpilco.search import fused
 from mcpilco.search.particles import Sensing, rollout
 from mcpilco.sensing import Chain, DelayModel, Observer
@@ -220,3 +221,53 @@ def test_refuses_what_it_does_not_know(task: TaskSpec) -> None:
     assert "policy" in fused.unknown(dynamics, lambda states, dropout=None, step=0: states[..., :1])
     blind = SumOfGaussians(AngleAugmentation(4, ()), [-1.0], [1.0])
     assert "sees other states" in fused.unknown(dynamics, blind)
+
+
+# --- a brake --------------------------------------------------------------------------------------
+
+
+def braked(task: TaskSpec, inputs: int = 1) -> SumOfGaussians:
+    """A policy whose brake is often at work."""
+    policy = make_policy(task, inputs=inputs)
+    bounds = [-10.0] * inputs, [10.0] * inputs
+    limit = Limit("cart_position", -0.4, 0.5)
+    policy.brake = Brake([limit], task, *bounds, len(task.state_names))
+    numbers = {"lever": [0.1, 0.02], "push": [1.0, -0.4][:inputs], "braking": [8.0, 7.0]}
+    for name, values in (numbers | {"reach": 0.15}).items():
+        getattr(policy.brake, name)[0] = torch.tensor(values, dtype=torch.float64)
+    return policy
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.25])
+@pytest.mark.parametrize("particles", [1, 37])
+def test_equals_plain_rollout_with_a_brake(task: TaskSpec, rate: float, particles: int) -> None:
+    policy, dropout = braked(task), Dropout(rate, seed=5) if rate else None
+    assert_equal(make_dynamics(task), policy, task.cost, dropout, particles)
+    start, noise = noise_and_start(2, particles=particles)
+    free = make_policy(task)
+    inputs = (fused.rollout(make_dynamics(task), p, start, noise).inputs for p in (policy, free))
+    assert not torch.equal(*inputs)
+
+
+def test_equals_plain_rollout_with_a_brake_of_two_inputs(task: TaskSpec) -> None:
+    task = dataclasses.replace(task, input_names=("left", "right"), input_units=("N", "N"))
+    cost = QuadraticCost((0.0,) * 4, (1.0, 0.1, 2.0, 0.1), (0.02, 0.03))
+    assert_equal(make_dynamics(task), braked(task, inputs=2), cost)
+
+
+@pytest.mark.slow  # compiles what no other test needs
+def test_equals_plain_rollout_with_a_brake_behind_an_estimator(task: TaskSpec) -> None:
+    positions = dataclasses.replace(task, measured=(2, 0))
+    noise_std = np.array([0.05, 0.1])
+    estimator = kalman(Motion.of(positions, np.array([0.5, 1.0]), noise_std))
+    sensing = seen(Observer(estimator, torch.from_numpy(noise_std), estimator.C), PARTICLES)
+    dynamics = make_dynamics(task, bounds=4.0)
+    assert_equal(dynamics, braked(task), task.cost, Dropout(0.25, 5), PARTICLES, sensing)
+
+
+def test_a_brake_that_holds_nothing_changes_no_bit(task: TaskSpec) -> None:
+    policy, dynamics = braked(task), make_dynamics(task)
+    policy.brake.braking.zero_()
+    start, noise = noise_and_start(2)
+    ours, plain = (fused.rollout(dynamics, p, start, noise) for p in (policy, make_policy(task)))
+    assert torch.equal(ours.states, plain.states)
