@@ -190,7 +190,7 @@ def _from_to(values: Sequence[float]) -> str:
 FRESH = "cartpole_swingup", "results/fresh/seeds/*.json"
 THESIS = "cartpole_swingup", "results/thesis/seeds/*.json"
 SPEED = "speed", "results.json"
-PENDUBOT_BOARD = "realaigym", "results/pendubot-without-thrift-*.json"
+PENDUBOT_BOARD = "realaigym", "results/pendubot-full-*.json"
 ACROBOT_BOARD = "realaigym", "results/acrobot-full-*.json"
 CONTROLLER = "kinematics", "results/controller/*.json"
 POSITIONS = "partial_state", "results/modelled/seeds/*.json"
