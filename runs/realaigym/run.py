@@ -24,6 +24,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from time import process_time
 from typing import Any, Literal
@@ -122,6 +123,8 @@ PUBLISHED: Mapping[str, Mapping[str, tuple[float, float]]] = {
     },
 }
 """RealAI score and robustness, of dfki-ric-underactuated-lab/real_ai_gym_leaderboard @81ea5bc"""
+NEEDED = ("sympy", "pandas", "yaml", "tabulate")
+"""what the checkout's scripts import beside what we need"""
 SHARES = ("model", "measurement_noise", "u_noise", "u_responsiveness", "delay", "perturbation")
 """of the robustness, as the boards call them"""
 
@@ -146,6 +149,8 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.learn_only and (missing := [name for name in NEEDED if not find_spec(name)]):
+        raise SystemExit(f"The checkout's scripts need {', '.join(missing)}: install them first.")
     use_one_thread()
     out = folder(HERE, arguments.out, False)
     for robot in arguments.robots:

@@ -268,6 +268,14 @@ def test_the_plant_of_the_boards_is_an_env():
         assert env.unwrapped.plant.values["shoulder_friction"] == 0.0
 
 
+def test_what_the_scripts_lack_is_told_before_a_policy_is_learned(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "NEEDED", ("json", "no_such_package"))
+    monkeypatch.setattr(run, "learned", lambda *_: pytest.fail("a policy was learned"))
+    monkeypatch.setattr("sys.argv", ["run.py", "--checkout", str(tmp_path), "--out", str(tmp_path)])
+    with pytest.raises(SystemExit, match="need no_such_package"):
+        run.main()
+
+
 def test_our_means_stand_among_the_rows_that_are_published(run, tmp_path):
     about = {"robot": "pendubot", "variant": "full", "experience_s": 8.0, "cpu_s": 50.0}
     about |= {"machine": {"cpu": "a processor", "cores": 2}}
