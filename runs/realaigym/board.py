@@ -12,20 +12,14 @@ from typing import Any
 import numpy as np
 from double_pendulum.controller.abstract_controller import AbstractController
 from realaigym.equations import DT, JOINT, nominal_row
+from realaigym.motion import ALL, OURS, Gaussians, motion
 from realaigym.observer import Observer
-from realaigym.polish import ROOM, Gaussians, motion
 from realaigym.regulator import Regulator, blended
 
 from envs.plants import BOARD, PLANTS
 
-ORDER = [0, 2, 1, 3]
-"""where our states are among theirs: they put the angles first"""
-
-
 TUBE = np.array([0.1, 0.1, 1.0, 1.0])
 """how far the machine may be from the plan of the thrifty policy [rad, rad/s]"""
-STEPS = 5000
-"""of a plan: 10 s"""
 
 
 class Controller(AbstractController):
@@ -45,7 +39,20 @@ class Controller(AbstractController):
         regulated: bool,
         observed: bool,
         thrifty: Path | None = None,
+        gentle: float | None = None,
     ) -> None:
+        """Of a robot, the files of its policies, and what belongs to them.
+
+        Args:
+            robot: of the boards.
+            policy: the robust one.
+            limit: largest torque of the regulators [N m].
+            room: of the regulator behind the robust policy [-].
+            regulated: whether there is such a regulator.
+            observed: whether the policies act on the state that the observer tells.
+            thrifty: the policy of the motion from hanging.
+            gentle: room of the regulator behind that policy; None: as the robust one's [-].
+        """
         super().__init__()
         self.joint, self.robust = JOINT[robot], Gaussians.read(policy)
         plant = PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().where(**BOARD)
@@ -53,10 +60,10 @@ class Controller(AbstractController):
         self.regulator = Regulator(plant, DT, limit, room) if regulated else None
         self.observer = Observer(row, self.joint, DT) if observed else None
         self.thrifty = None if thrifty is None else Gaussians.read(thrifty)
-        self.gentle = Regulator(plant, DT, limit, ROOM)
+        self.gentle = Regulator(plant, DT, limit, room if gentle is None else gentle)
         self.plan = np.empty((0, 4))
         if self.thrifty is not None:
-            self.plan, _ = motion(self.thrifty, self.gentle, row, self.joint, STEPS)
+            self.plan, _ = motion(self.thrifty, self.gentle, row, self.joint, ALL)
         self._step: int | None = 0
 
     def init_(self) -> None:
@@ -81,7 +88,7 @@ class Controller(AbstractController):
         if self._as_planned(state):
             acting = self.thrifty, self.gentle
         torques = [0.0, 0.0]
-        torques[self.joint] = blended(*acting, state[ORDER])
+        torques[self.joint] = blended(*acting, state[OURS])
         if self.observer is not None:
             self.observer.told(torques[self.joint])
         return torques

@@ -61,13 +61,20 @@ def blended(policy: Act, regulator: Regulator | None, state: State) -> float:
 
 
 @njit(cache=True)
+def wrapped(state: State) -> State:
+    """The error from upright; a turn more is the same place."""
+    error = state - UPRIGHT
+    for i in range(0, 4, 2):
+        error[i] = (error[i] + np.pi) % (2.0 * np.pi) - np.pi
+    return error
+
+
+@njit(cache=True)
 def pull(
     state: State, P: Float[np.ndarray, "4 4"], K: Float[np.ndarray, " 4"]
 ) -> tuple[float, float]:
-    """x' P x and -K x of the error from upright; a turn more is the same place."""
-    error = state.copy()
-    for i in range(0, 4, 2):
-        error[i] = (state[i] - UPRIGHT[i] + np.pi) % (2.0 * np.pi) - np.pi
+    """x' P x and -K x of the error from upright."""
+    error = wrapped(state)
     return error @ P @ error, -(K @ error)
 
 

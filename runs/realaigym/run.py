@@ -24,6 +24,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from importlib.util import find_spec
 from pathlib import Path
 from time import process_time
 from typing import Any, Literal
@@ -40,9 +41,12 @@ sys.path.append(str(Path(__file__).parents[1]))
 
 from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
 from realaigym.equations import DT as BOARD_DT
-from realaigym.equations import JOINT, Row, nominal_row
-from realaigym.polish import ROOM, polished, upright
+from realaigym.equations import JOINT, nominal_row
+from realaigym.motion import Gaussians, upright
+from realaigym.polish import Loop, polished
+from realaigym.recipes import RECIPES, STEPS, Stage
 from realaigym.regulator import Regulator
+from realaigym.swing_cost import Replaceable, SwingCost
 
 import envs  # noqa: F401  registers the envs
 from envs.plants import BOARD, PLANTS
@@ -57,8 +61,8 @@ from mcpilco.sweep import machine, markdown
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 WORK = ROOT / "runs" / "out" / "realaigym"
-DT, STEPS = 0.02, 100
-"""of a policy's input while it is learned [s], and of an episode: 2 s"""
+DT = 0.02
+"""for which a policy's input is held while it is learned [s]"""
 LIMIT = 6.0
 """largest torque of policy and regulator [N m]: all that there is"""
 STARTS = (1.5, 4.0, 1.5, 6.0)
@@ -68,8 +72,10 @@ HANGING = (1e-3,) * 4
 """the same where all start as the boards do"""
 NEAR = 0.05
 """std of particles that start near hanging, to that of the others [-]"""
-ROUGH, FINE = 20, 120
-"""steps that polish each candidate for the motion from hanging, and then the best"""
+SEEN = 4.0
+"""room of the regulator's region in the cost [-]"""
+ROOMS = 1.0, 3.0
+"""of the regulator behind the thrifty policy, the better of which is taken [-]: it enters late"""
 CONFIG = Config(
     policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0, weight=0.3),
     search=SearchConfig(
@@ -117,6 +123,8 @@ PUBLISHED: Mapping[str, Mapping[str, tuple[float, float]]] = {
     },
 }
 """RealAI score and robustness, of dfki-ric-underactuated-lab/real_ai_gym_leaderboard @81ea5bc"""
+NEEDED = ("sympy", "pandas", "yaml", "tabulate")
+"""what the checkout's scripts import beside what we need"""
 SHARES = ("model", "measurement_noise", "u_noise", "u_responsiveness", "delay", "perturbation")
 """of the robustness, as the boards call them"""
 
@@ -141,6 +149,8 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
+    if not arguments.learn_only and (missing := [name for name in NEEDED if not find_spec(name)]):
+        raise SystemExit(f"The checkout's scripts need {', '.join(missing)}: install them first.")
     use_one_thread()
     out = folder(HERE, arguments.out, False)
     for robot in arguments.robots:
@@ -156,183 +166,6 @@ def main() -> int:
                 print(f"{name}: {read_json(path)}", flush=True)
                 write_readme(out)
     return 0
-
-
-@dataclass(frozen=True)
-class SwingCost:
-    """c = (1 - n - k) (1 - exp(-d)) + n (1 - exp(-V / l)) + k (1 - exp(-2 e^2)) + efforts.
-
-    d grows from upright with the angles, V / l = 1 is the edge of a region of the regulator, and e
-    is the energy that upright lacks or exceeds, to that between hanging and upright.
-    """
-
-    plant: Row
-    """the boards' pendulum"""
-    regulator: Regulator
-    joint: int
-    """which has the motor"""
-    lengthscales: tuple[float, float, float]
-    """of shoulder, elbow and the lower link's angle to the vertical, in d [rad]"""
-    near: float = 0.0
-    """n [-]"""
-    energy: float = 0.0
-    """k [-]"""
-    torque: float = 0.0
-    """weight of u^2 [1/(N m)^2]"""
-    velocity: float = 0.0
-    """weight of q1'^2 + q2'^2 [s^2/rad^2]"""
-    power: float = 0.0
-    """weight of |u q'| of the joint with the motor [1/W]"""
-    jumps: float = 0.0
-    """weight of the square of u's change in a step [1/(N m)^2]"""
-    anneals: bool = True
-    """felt from further away in the first half of a search"""
-    wide: float = 1.0
-    """times the lengthscales [-]"""
-
-    def widened(self, factor: float) -> SwingCost:
-        """The same cost, felt from further away."""
-        return replace(self, wide=factor) if self.anneals else self
-
-    def __call__(
-        self, states: Float[Tensor, "*b 4"], inputs: Float[Tensor, "*b 1"]
-    ) -> Float[Tensor, "*b"]:
-        """The cost of each state and torque [-]."""
-        q1, q2 = states[..., 0], states[..., 2]
-        away = (1.0 + q1.cos(), 1.0 - q2.cos(), 1.0 + (q1 + q2).cos())
-        scales = (self.wide * scale for scale in self.lengthscales)
-        d = torch.stack([2.0 * a / s**2 for a, s in zip(away, scales, strict=True)]).sum(0)
-        cost = (1.0 - self.near - self.energy) * (1.0 - torch.exp(-d))
-        if self.near:
-            cost = cost + self.near * (1.0 - torch.exp(-self._squared(states) / self.wide**2))
-        if self.energy:
-            cost = cost + self.energy * (1.0 - torch.exp(-2.0 * self._lacking(states) ** 2))
-        return cost + self._effort(states, inputs[..., 0])
-
-    def _squared(self, states: Float[Tensor, "*b 4"]) -> Float[Tensor, "*b"]:
-        """V / l = x' P x / l of the error from upright."""
-        q1, v1, q2, v2 = states.unbind(-1)
-        x = torch.stack(
-            [torch.atan2(-q1.sin(), -q1.cos()), v1, torch.atan2(q2.sin(), q2.cos()), v2], -1
-        )
-        return ((x @ torch.from_numpy(self.regulator.P)) * x).sum(-1) / self.regulator.level
-
-    def _lacking(self, states: Float[Tensor, "*b 4"]) -> Float[Tensor, "*b"]:
-        """e = (energy - that of upright) / what is between hanging and upright [-]."""
-        m1r1, m2r2, m2, l1, I1, I2, gravity = map(float, self.plant[:7])
-        q1, v1, q2, v2 = states.unbind(-1)
-        h = l1 * m2r2
-        M11, M12 = I1 + I2 + m2 * l1**2 + 2.0 * h * q2.cos(), I2 + h * q2.cos()
-        kinetic = 0.5 * M11 * v1**2 + M12 * v1 * v2 + 0.5 * I2 * v2**2
-        upper, lower = (m1r1 + m2 * l1) * gravity, m2r2 * gravity
-        height = -upper * q1.cos() - lower * (q1 + q2).cos()
-        return (kinetic + height - upper - lower) / (2.0 * (upper + lower))
-
-    def _effort(
-        self, states: Float[Tensor, "*b 4"], torques: Float[Tensor, "*b"]
-    ) -> Float[Tensor, "*b"]:
-        speeds = states[..., 1::2]
-        effort = self.torque * torques**2 + self.velocity * (speeds**2).sum(-1)
-        if self.power:
-            effort = effort + self.power * torch.sqrt(
-                (torques * speeds[..., self.joint]) ** 2 + 0.01
-            )
-        if self.jumps and torques.dim() == 2:  # steps x particles
-            jumps = torch.diff(torques, dim=0, prepend=torques[:1]) ** 2
-            effort = effort + self.jumps * jumps
-        return effort
-
-
-@dataclass
-class Replaceable:
-    """The cost of the present stage: an env keeps the one that it is made with."""
-
-    now: SwingCost
-
-    def widened(self, factor: float) -> SwingCost:
-        return self.now.widened(factor)
-
-    def __call__(
-        self, states: Float[Tensor, "*b 4"], inputs: Float[Tensor, "*b 1"]
-    ) -> Float[Tensor, "*b"]:
-        return self.now(states, inputs)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A trial, and the search in it."""
-
-    cost: Mapping[str, Any]
-    """numbers of the `SwingCost`"""
-    horizon: int = STEPS
-    """of the particles [steps]"""
-    rate: float = 1.0
-    """factor of the learning rates [-]"""
-    near: float = 0.0
-    """share of the particles that start near hanging [-]"""
-
-
-def efforts(
-    share: float, torque: float, velocity: float, power: float = 0.0, jumps: float = 0.0
-) -> dict[str, float]:
-    """A share of the weights of torque, velocity, power and jumps."""
-    names = ("torque", "velocity", "power", "jumps")
-    return {n: share * w for n, w in zip(names, (torque, velocity, power, jumps), strict=True)}
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How the policies of a robot are learned, and where its regulator acts."""
-
-    lengthscales: tuple[float, float, float]
-    """of the cost [rad]"""
-    robust: tuple[Stage, ...]
-    """for the policy that swings up from anywhere"""
-    thrifty: tuple[Stage, ...]
-    """from there to policies of the motion from hanging"""
-    weight: float
-    """half range of the weights of the first policy [-]"""
-    room: float
-    """of the regulator behind the robust policy [-]"""
-
-
-CAUGHT = {"near": 0.4, "energy": 0.3}
-LITTLE = (0.12, 0.006, 0.04, 0.6)
-"""efforts' weights, about as the score has them; 0.4 of them are a twentieth of what it says"""
-INFINITE = 1e9
-RECIPES: Mapping[str, Recipe] = {
-    "pendubot": Recipe(
-        lengthscales=(1.5, 0.75, INFINITE),
-        robust=tuple(Stage(efforts(s, 2.0 / 36.0, 0.01)) for s in (0.05, 0.15, 0.4, 1.0)),
-        thrifty=tuple(
-            Stage({**CAUGHT, **efforts(s, *LITTLE), "anneals": False}, 90, rate, 0.7)
-            for s, rate in ((0.2, 0.4), (0.3, 0.3))
-        ),
-        weight=0.3,
-        room=6.3,
-    ),
-    "acrobot": Recipe(
-        lengthscales=(1.5, INFINITE, 1.5),
-        robust=tuple(
-            Stage({**CAUGHT, **efforts(s, 0.08, 0.002, 0.0, 0.1)}, horizon, rate)
-            for s, horizon, rate in (
-                (0.05, 50, 1.0),
-                (0.1, 75, 0.6),
-                (0.1, 75, 0.4),
-                (0.1, 75, 0.4),
-            )
-        ),
-        thrifty=tuple(
-            Stage({**CAUGHT, **efforts(s, *LITTLE), "anneals": False}, 80, rate, 0.5)
-            for s, rate in ((0.2, 0.4), (0.4, 0.3))
-        ),
-        weight=0.05,
-        room=6.3,
-    ),
-}
-"""chosen on seed 0"""
-SEEN = 4.0
-"""room of the regulator's region in the cost [-]"""
 
 
 @dataclass(frozen=True)
@@ -398,22 +231,21 @@ def learned(robot: Robot, variant: str, seed: int, name: str) -> dict[str, Any]:
     told |= {"room": recipe.room} | {part: how[part] for part in ("regulated", "observed")}
     if how["thrifty"]:
         began = process_time()
-        told["thrifty"] = thriftiest(
-            files[last - 1 :], Regulator(nominal, BOARD_DT, LIMIT, ROOM), row, joint
-        )
+        loops = [Loop(Regulator(nominal, BOARD_DT, LIMIT, room), row, joint) for room in ROOMS]
+        told |= thriftiest(name, files[1:], loops, seed)
         cpu_s += process_time() - began
     write_json(WORK / f"{name}.json", told)
     about = {"robot": robot, "variant": variant, "seed": seed, "machine": machine()}
     return about | {"experience_s": result.experience_s, "cpu_s": cpu_s}
 
 
-def thriftiest(files: list[Path], regulator: Regulator, row: Row, joint: int) -> str:
-    """The file of the policy whose motion from hanging scores best in the model, polished."""
-    rough = [polished(file, regulator, row, joint, ROUGH) for file in files]
-    best = max(rough, key=lambda found: found[1])[0]
-    file, score = polished(best, regulator, row, joint, FINE)
-    print(f"  {file.name}: RealAI score in the model {score:.3f}", flush=True)
-    return file.name
+def thriftiest(name: str, files: list[Path], loops: list[Loop], seed: int) -> dict[str, Any]:
+    """The policy whose motion from hanging scores best in the model, as `board.made` is told it."""
+    generator = np.random.default_rng(seed)
+    found = polished([Gaussians.read(file) for file in files], loops, generator)
+    print(f"  {name}: RealAI score in the model {1.0 - found.cost:.3f}", flush=True)
+    found.policy.write(WORK / f"{name}-thrifty.npz", files[-1])
+    return {"thrifty": f"{name}-thrifty.npz", "gentle": found.loop.regulator.room}
 
 
 def judged(robot: Robot, name: str, checkout: Path) -> dict[str, Any]:
