@@ -175,9 +175,9 @@ def test_every_fact_is_told(fact):
 QUOTES = (
     (
         "limits.md",
-        "1 of 53 rollouts crossed with limits and 12 of 24 without",
+        "none of 128 rollouts crossed with limits and 20 of 40 without",
         "limits",
-        ("| within the limits | 6 | 53 | 1 (", "| without limits | 3 | 24 | 12 ("),
+        ("| within the limits | 24 | 128 | 0 (", "| without limits | 8 | 40 | 20 ("),
     ),
     (
         "model.md",
