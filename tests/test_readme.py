@@ -175,7 +175,7 @@ def test_every_fact_is_told(fact):
 QUOTES = (
     (
         "limits.md",
-        "none of 128 rollouts crossed with limits and 20 of 40 without",
+        "none of 170 rollouts crossed with limits and 20 of 40 without",
         "limits",
         ("| within the limits | 24 | 128 | 0 (", "| without limits | 8 | 40 | 20 ("),
     ),
