@@ -177,7 +177,7 @@ QUOTES = (
         "limits.md",
         "none of 170 rollouts crossed with limits and 20 of 40 without",
         "limits",
-        ("| within the limits | 24 | 128 | 0 (", "| without limits | 8 | 40 | 20 ("),
+        ("| within the limits | 32 | 170 | 0 (", "| without limits | 8 | 40 | 20 ("),
     ),
     (
         "model.md",
