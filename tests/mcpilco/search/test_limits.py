@@ -214,7 +214,7 @@ def test_a_trial_says_whether_its_rollout_crossed_a_limit() -> None:
 
 
 def test_a_limit_that_the_brake_holds_is_no_concern_of_the_search() -> None:
-    """What a policy asks for is braked, on the system and in the particles."""
+    """The brake acts on a policy's commands, on the system and in the particles."""
     agent, env = learned(Limit("position", -0.4, 0.4), trials=2, kept=0.99999, steps=(1,))
     assert agent.policy.brake.holds
     assert [r.failure for r in agent.results] == [None, None]
