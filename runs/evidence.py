@@ -255,6 +255,7 @@ TABLES = (
     Table("limits", "results/*/*.json", ("run:trained", *AGENT, CART_POLE), "0:3,20:30"),
     Table("many_samples", "results/cost/*.json", ("run:cost", *AGENT, CART_POLE), seeded=False),
     Table("many_samples", "results/success/*.json", ("run:trained", *AGENT, CART_POLE)),
+    Table("many_samples", "results/beside/*.json", ("run:beside", *AGENT, CART_POLE)),
     Table("model_components", "analytic/*/seeds/*.json", ("run:run", *AGENT, CART_POLE), ":"),
     Table("identified_prior", "results/*/*.json", ("run:learned", *AGENT, PENDUBOT)),
     Table("model_components", "mujoco/*/seeds/*.json", ("run:run", *AGENT, MUJOCO), ":"),

@@ -2,6 +2,7 @@
 
 python runs/many_samples/run.py --cost               # minutes
 python runs/many_samples/run.py --seeds 8000:8010    # about 2 minutes of a core a seed
+python runs/many_samples/run.py --beside 8020:8028   # about 6: exact GPs and inducing points
 """
 
 from __future__ import annotations
@@ -40,6 +41,8 @@ from mcpilco.search import Adam, PolicySearch  # noqa: E402
 from mcpilco.sweep import machine, markdown  # noqa: E402
 
 SAMPLES = 2850
+BESIDE = 1000
+"""samples of which exact GPs still learn a policy in minutes"""
 TRIALS = 3
 SIZES = (150, 600, 1000, 3000)
 SEED = 20
@@ -57,9 +60,7 @@ def resident_mb() -> float:
 
 def cost(samples: int, inducing: int) -> dict[str, Any]:
     """Time and memory of an agent's fit and of a policy step."""
-    config = Config()
-    config = replace(config, model=replace(config.model, inducing=inducing))
-    agent = agent_of(SEED, samples, config)
+    agent = agent_of(SEED, samples, through(Config(), inducing))
     agent._explore()
     before, began = resident_mb(), time.process_time()
     values = agent.model.fit(agent.transitions)
@@ -84,6 +85,11 @@ def cost(samples: int, inducing: int) -> dict[str, Any]:
     }
 
 
+def through(config: Config, inducing: int) -> Config:
+    """The same, with so many inducing points; half as many as the samples or more are exact GPs."""
+    return replace(config, model=replace(config.model, inducing=inducing))
+
+
 def trained(seed: int, config: Config, samples: int, trials: int) -> dict[str, Any]:
     """Whether the policies swing up that are learned from so many samples."""
     agent = agent_of(seed, samples, config)
@@ -93,7 +99,22 @@ def trained(seed: int, config: Config, samples: int, trials: int) -> dict[str, A
         "samples": samples,
         "success": [bool(result.success) for result in agent.results],
         "cpu_s": [result.cpu_s for result in agent.results],
+        "predicted_cost": [result.predicted_cost for result in agent.results],
+        "real_cost": [result.real_cost for result in agent.results],
         "machine": machine(),
+    }
+
+
+def beside(seed: int, config: Config, samples: int) -> dict[str, Any]:
+    """The first policy of exact GPs, and that of the same samples through inducing points."""
+    ways = {"exact": samples, "through": config.model.inducing}
+    found = {way: trained(seed, through(config, few), samples, 1) for way, few in ways.items()}
+    same = found["exact"]
+    told = {name: same[name] for name in ("seed", "samples", "machine")}
+    return told | {
+        name: {way: result[name][0] for way, result in found.items()}
+        for name in same
+        if name not in told
     }
 
 
@@ -118,17 +139,29 @@ def success_table(found: list[dict[str, Any]]) -> str:
     return markdown(["policy", "swung up", "CPU s"], rows)
 
 
+def beside_table(found: list[dict[str, Any]]) -> str:
+    rows = []
+    for way, name in {"exact": "exact", "through": "through 300"}.items():
+        swung = sum(r["success"][way] for r in found)
+        numbers = [np.median([r[key][way] for r in found]) for key in ("real_cost", "cpu_s")]
+        rows.append([name, f"{swung} of {len(found)}", f"{numbers[0]:.1f}", f"{numbers[1]:.0f}"])
+    return markdown(["GPs", "swung up", "cost of the rollout", "CPU s"], rows if found else [])
+
+
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
     costs = kept(out / "results" / "cost")
     successes = kept(out / "results" / "success")
+    both = kept(out / "results" / "beside")
     parts = ["### Time and memory", cost_table(costs), "### Success", success_table(successes)]
-    fill(out / "README.md", [*parts, places([*costs, *successes])], HERE / "README.md")
+    parts += [f"### The first policy of {BESIDE:,} samples, both ways", beside_table(both)]
+    fill(out / "README.md", [*parts, places([*costs, *successes, *both])], HERE / "README.md")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", help="of trainings, such as 8000:8010")
+    parser.add_argument("--beside", help="seeds of trainings with exact GPs and through few")
     parser.add_argument("--cost", action="store_true", help="time and memory of all sizes")
     parser.add_argument("--one", nargs=2, type=int, help="samples and inducing points of one size")
     parser.add_argument("--quick", action="store_true", help="show that it works")
@@ -140,8 +173,8 @@ def main() -> None:
         return
     place = folder(HERE, arguments.out, arguments.quick)
     sizes = (60,) if arguments.quick else SIZES
+    few = 20 if arguments.quick else Config().model.inducing
     if arguments.cost:
-        few = 20 if arguments.quick else Config().model.inducing
         for size in sizes:
             for inducing in (size, few) if size > 2 * few else (size,):
                 command = [sys.executable, __file__, "--one", str(size), str(inducing)]
@@ -149,11 +182,16 @@ def main() -> None:
                 result = json.loads(line.splitlines()[-1])
                 path = place / "results" / "cost" / f"{size}-{inducing}.json"
                 keep(path, result, HERE.name)
-    config = hasty(Config()) if arguments.quick else Config()
+    config = through(hasty(Config()), few) if arguments.quick else Config()
     for seed in parse_seeds(arguments.seeds) if arguments.seeds else ():
         path = place / "results" / "success" / f"{seed}.json"
         if not path.exists():
             found = trained(seed, config, 60 if arguments.quick else SAMPLES, TRIALS)
+            keep(path, found, HERE.name)
+    for seed in parse_seeds(arguments.beside) if arguments.beside else ():
+        path = place / "results" / "beside" / f"{seed}.json"
+        if not path.exists():
+            found = beside(seed, config, 60 if arguments.quick else BESIDE)
             keep(path, found, HERE.name)
     write_readme(place)
 
