@@ -342,7 +342,6 @@ SHORTFALLS = (
         count,
         "10",
     ),
-    Claim("limits: seeds that were run", *LIMITED, count, "50"),
     Claim("policy step: CPU time of the first, which compiles [s]", *SPEED, compiling, "15"),
     Claim(
         "RealAIGym's board of the pendubot, whose equations are given: RealAI score, mean of seeds",

@@ -175,9 +175,9 @@ def test_every_fact_is_told(fact):
 QUOTES = (
     (
         "limits.md",
-        "none of 170 rollouts crossed with limits and 20 of 40 without",
+        "none of 262 rollouts crossed with limits and 24 of 50 without",
         "limits",
-        ("| within the limits | 32 | 170 | 0 (", "| without limits | 8 | 40 | 20 ("),
+        ("| within the limits | 50 | 262 | 0 (", "| without limits | 10 | 50 | 24 ("),
     ),
     (
         "model.md",
