@@ -85,6 +85,13 @@ def cost(samples: int, inducing: int) -> dict[str, Any]:
     }
 
 
+def in_a_process(samples: int, inducing: int) -> dict[str, Any]:
+    """The cost of one size, measured in a process of its own."""
+    command = [sys.executable, __file__, "--one", str(samples), str(inducing)]
+    line = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return json.loads(line.splitlines()[-1])
+
+
 def through(config: Config, inducing: int) -> Config:
     """The same, with so many inducing points; half as many as the samples or more are exact GPs."""
     return replace(config, model=replace(config.model, inducing=inducing))
@@ -175,13 +182,11 @@ def main() -> None:
     sizes = (60,) if arguments.quick else SIZES
     few = 20 if arguments.quick else Config().model.inducing
     if arguments.cost:
+        in_a_process(60, 60)  # compiles, which takes memory too
         for size in sizes:
             for inducing in (size, few) if size > 2 * few else (size,):
-                command = [sys.executable, __file__, "--one", str(size), str(inducing)]
-                line = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-                result = json.loads(line.splitlines()[-1])
                 path = place / "results" / "cost" / f"{size}-{inducing}.json"
-                keep(path, result, HERE.name)
+                keep(path, in_a_process(size, inducing), HERE.name)
     config = through(hasty(Config()), few) if arguments.quick else Config()
     for seed in parse_seeds(arguments.seeds) if arguments.seeds else ():
         path = place / "results" / "success" / f"{seed}.json"

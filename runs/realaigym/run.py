@@ -158,8 +158,11 @@ def main() -> int:
             for seed in parse_seeds(arguments.seeds):
                 name = f"{robot}-{variant.replace(' ', '-')}-{seed:04d}"
                 path = out / "results" / f"{name}.json"
-                found = read_json(path) if path.exists() else learned(robot, variant, seed, name)
-                keep(path, found, HERE.name, continued=path.exists())
+                if path.exists():
+                    found = read_json(path)
+                else:
+                    found = learned(robot, variant, seed, name)
+                    keep(path, found, HERE.name)
                 if not arguments.learn_only and "robustness" not in found:
                     found = found | judged(robot, name, arguments.checkout.resolve())
                     keep(path, found, HERE.name, continued=True)
