@@ -15,6 +15,8 @@ from envs.model import ModelMotion
 from envs.motion import Motion
 from mcpilco.typing import InputError
 
+pytestmark = pytest.mark.xdist_group("motions")  # one process compiles what all of them need
+
 PENDULUM = """
 <mujoco model="swing">
   <option timestep="0.0005" integrator="RK4"/>

@@ -21,6 +21,8 @@ from realaigym.swing_cost import SwingCost
 from envs.plants import BOARD, PLANTS
 from mcpilco.agent import NumpyPolicy
 
+pytestmark = pytest.mark.xdist_group("boards")  # one process compiles what all of them need
+
 DT = 0.002
 
 

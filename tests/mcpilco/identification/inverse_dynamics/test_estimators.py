@@ -77,7 +77,7 @@ def test_friction_is_learned_where_it_is_allowed(robot):
     assert (untold > 1e-3).all()
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_forces_that_no_motion_explains_are_not_interpolated(seed):
     """They are smooth in time, as those of a joint that sticks or of filtered torques."""
     rng = np.random.default_rng(seed)

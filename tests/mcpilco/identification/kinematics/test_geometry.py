@@ -18,7 +18,7 @@ NOISY = Camera(0.002, 0.005, outliers=0.03, missing=0.05)
     ("camera", "how", "position", "angle"),
     [(None, Tolerance(1e-6, 1e-5, 0.0), 1e-5, 1e-5), (NOISY, None, 0.02, 0.02)],
 )
-@pytest.mark.parametrize("seed", [10, 12])
+@pytest.mark.parametrize("seed", [10, pytest.param(12, marks=pytest.mark.slow)])
 def test_bodies_of_the_chain_turn_with_the_markers(seed, camera, how, position, angle) -> None:
     arm, recording = recorded(seed, samples=100, **({} if camera is None else {"camera": camera}))
     found = find_chain(recording, how)

@@ -15,6 +15,8 @@ from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.memory import Moment, RememberingForce
 from mcpilco.plant.plant import EffectInstance, Plant
 
+pytestmark = pytest.mark.xdist_group("motions")  # one process compiles what all of them need
+
 DT, T = 0.02, 50
 REMEMBERING = [effect for effect in CATALOGUE.values() if isinstance(effect, RememberingForce)]
 
