@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,13 +19,15 @@ STEPS = 1250
 """of the motion that is polished, of 0.002 s: 2.5 s"""
 MEMORY = 30
 """of past steps that L-BFGS keeps"""
+WIDEST = 3.0
+"""largest change of the logarithm of a lengthscale in a descent [-]"""
 ROUGH, SHORT, FINE = 100, 100, 600
-"""quasi-Newton steps: of each first policy, after each kick, and of the best at the end"""
-KICKS = (0.003, 0.01, 0.03) * 3
-"""random changes of the weights, to their mean size [-]: many motions are best among their
-neighbours, most by starting late"""
-KEPT = 3
-"""first policies that are kicked"""
+"""quasi-Newton steps: of each first policy in each loop, after each kick, and to the end"""
+KEPT = 8
+"""first policies that are polished to the end"""
+KICKS = (0.01, 0.03, 0.1) * 4
+"""random changes of weights and centres, to their mean size and their lengthscales [-]: many
+motions are best among their neighbours"""
 
 Moves = Float[np.ndarray, " M"]
 
@@ -72,23 +74,35 @@ def polished(
 ) -> Polished:
     """The policy whose motion scores best, of several policies in several loops.
 
-    Each is polished a little in each loop; the best of them are kicked out of their minima again
-    and again, and polished from there; the best that was found, to the end.
+    Each is polished a little in each loop, and the best of them to the end, for the best after
+    few steps is not the best after many. The one that is then best is kicked out of its minimum
+    again and again, and polished in each loop from there.
     """
     rough = [descended(policy, loop, ROUGH) for policy in policies for loop in loops]
-    rough.sort(key=lambda found: found.cost)
-    best = min((kicked(first, generator) for first in rough[:KEPT]), key=lambda found: found.cost)
-    return descended(best.policy, best.loop, FINE)
+    first = _best(descended(found.policy, found.loop, FINE) for found in _sorted(rough)[:KEPT])
+    best = kicked(first, generator)
+    return _best([best, *(descended(best.policy, loop, FINE) for loop in loops)])
 
 
 def kicked(best: Polished, generator: np.random.Generator) -> Polished:
     """The best of minima beside each other: random changes of the best so far, polished."""
     for kick in KICKS:
-        weights = best.policy.weights
-        change = kick * np.abs(weights).mean() * generator.normal(size=weights.size)
-        tried = descended(replace(best.policy, weights=weights + change), best.loop, SHORT)
-        best = min(best, tried, key=lambda found: found.cost)
+        now = best.policy
+        tried = replace(
+            now,
+            weights=now.weights + kick * _size(now) * generator.normal(size=now.weights.shape),
+            centres=now.centres + kick * generator.normal(size=now.centres.shape),
+        )
+        best = _best([best, descended(tried, best.loop, SHORT)])
     return best
+
+
+def _sorted(found: Iterable[Polished]) -> list[Polished]:
+    return sorted(found, key=lambda one: one.cost)
+
+
+def _best(found: Iterable[Polished]) -> Polished:
+    return _sorted(found)[0]
 
 
 def descended(first: Gaussians, loop: Loop, iterations: int) -> Polished:
@@ -99,8 +113,10 @@ def descended(first: Gaussians, loop: Loop, iterations: int) -> Polished:
         return here, np.concatenate([_size(first) * by[0], by[1].ravel(), by[2]])
 
     still = np.zeros(first.weights.size + first.centres.size + first.scales.size)
+    bounds = np.full((still.size, 2), (-np.inf, np.inf))
+    bounds[-first.scales.size :] = -WIDEST, WIDEST
     options: dict[str, Any] = {"maxiter": iterations, "maxcor": MEMORY, "ftol": 1e-9}
-    found = minimize(value, still, jac=True, method="L-BFGS-B", options=options)
+    found = minimize(value, still, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return Polished(moved(first, found.x), loop, float(found.fun))
 
 

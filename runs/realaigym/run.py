@@ -74,8 +74,8 @@ NEAR = 0.05
 """std of particles that start near hanging, to that of the others [-]"""
 SEEN = 4.0
 """room of the regulator's region in the cost [-]"""
-ROOMS = 1.0, 3.0
-"""of the regulator behind the thrifty policy, the better of which is taken [-]: it enters late"""
+ROOMS = 1.0, 1.5, 2.0
+"""of the regulator behind the thrifty policy, the best of which is taken [-]: it enters late"""
 CONFIG = Config(
     policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0, weight=0.3),
     search=SearchConfig(
