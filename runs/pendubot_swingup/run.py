@@ -1,13 +1,14 @@
-"""MC-PILCO learns to swing a pendubot up, with and without its equations.
+"""MC-PILCO learns to swing a pendubot and an acrobot up, with equations whose masses are wrong.
 
-python runs/pendubot_swingup/run.py --quick            # does it run at all?
-python runs/pendubot_swingup/run.py                    # both models, seeds 0:10: CPU hours
-python runs/pendubot_swingup/run.py --models physics+rbf --seeds 0:2
+python runs/pendubot_swingup/run.py --quick                          # does it run at all?
+python runs/pendubot_swingup/run.py --seeds 100:130                  # the pendubot
+python runs/pendubot_swingup/run.py --seeds 100:110 --robots acrobot
+python runs/pendubot_swingup/run.py --seeds 100:105 --variants "without regulator"
 
-Results are kept in results/<model>/, a file a seed, rewritten after each trial. The same command
-goes on where it was stopped, and rewrites README.md between its marked lines from all results.
-A seed ends with the first policy that succeeds in its test rollout and in 9 of 10 fresh ones, or
-after 60 s of experience.
+Results are kept in results/, a file for a robot, a variant and a seed, rewritten after each trial.
+The same command goes on where it was stopped, and rewrites README.md between its marked lines from
+all results. A seed ends with the first policy that succeeds in its test rollout and in 9 of 10
+fresh ones, or after 60 s of experience.
 """
 
 from __future__ import annotations
@@ -24,15 +25,19 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from harness import fill, folder, hasty, keep, kept, parse_seeds, places, use_one_thread
+from pendubot_swingup.regulated_agent import ENVS, Agent
+from realaigym.recipes import RECIPES
 
 import envs
-from mcpilco import MCPILCO
 from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
 from mcpilco.logbook import read_json, versions
 from mcpilco.sweep import FreshEpisodes, machine, markdown, rate, rate_cell, spread, spread_cell
 
 HERE = Path(__file__).parent
-ENV = "mcpilco/Pendubot-v0"
+DT = 0.025
+"""for which a torque is held [s]"""
+STEPS = 100
+"""of an episode: 2.5 s"""
 TRIALS = 24
 """of 2.5 s each; the last policy is learned from 60 s, 2.5 s of random inputs among them"""
 FRESH, SOLVED = 50, 0.9
@@ -40,26 +45,31 @@ FRESH, SOLVED = 50, 0.9
 WRONG = 0.2
 """a nominal mass is wrong by up to this part of it, in either direction"""
 MASSES = ("upper_mass", "lower_mass")
+WEIGHTS = {"near": 0.3, "energy": 0.4, "velocity": 0.0005}
+"""weights in the cost: of the way to that region, of the energy, and of squared velocities"""
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    "full": {"regulated": True, "weights": WEIGHTS},
+    "without regulator": {"regulated": False, "weights": WEIGHTS},
+    "without energy": {"regulated": True, "weights": {**WEIGHTS, "energy": 0.0}},
+}
 
 CONFIG = Config(
-    policy=PolicyConfig(lengthscale=8.0, squash=1.0, weight=0.3),
+    policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0),
     search=SearchConfig(
-        particles=48,
-        evaluation_particles=96,
-        restarts=(1,),
-        rates=(1.0, 1.0, 0.7, 0.5, 0.3),
+        particles=50,
+        evaluation_particles=100,
+        steps=(400,),
+        restarts=(3,),
         failing=0.02,
         phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
         widening=2.0,
         correlations=(0.0,),
     ),
+    horizon=STEPS,
     precision="float32",
 )
 """what differs from the preset `default`, and why, is told in README.md"""
-MODELS: Mapping[str, ModelConfig] = {
-    "rbf+mpk": ModelConfig(),
-    "physics+rbf": ModelConfig(kernel="rbf", mean="physics"),
-}
+Robot = Literal["pendubot", "acrobot"]
 
 
 @dataclass(frozen=True)
@@ -68,8 +78,10 @@ class Arguments:
 
     seeds: str = "0:10"
     """`0:10` are 0 to 9"""
-    models: tuple[Literal[*MODELS], ...] = ("physics+rbf", "rbf+mpk")
-    """which of them"""
+    robots: tuple[Robot, ...] = ("pendubot",)
+    """with the motor in the shoulder or in the elbow"""
+    variants: tuple[Literal[*VARIANTS], ...] = ("full",)
+    """what is learned"""
     quick: bool = False
     """one seed, two trials, a search that learns nothing; the tables go to runs/out"""
     out: Path | None = None
@@ -83,40 +95,47 @@ def main() -> int:
     seeds, trials = parse_seeds(arguments.seeds), TRIALS
     if arguments.quick:
         seeds, trials = seeds[:1], 2
-    for seed in seeds:
-        for name in arguments.models:
-            path = out / "results" / name / f"{seed:04d}.json"
-            if not (path.exists() and read_json(path)["over"]):
-                config = hasty(config_of(name, seed)) if arguments.quick else config_of(name, seed)
-                for result in learned(config, seed, trials):
+    for robot in arguments.robots:
+        for variant in arguments.variants:
+            for seed in seeds:
+                name = f"{robot}-{variant.replace(' ', '-')}-{seed:04d}"
+                path = out / "results" / f"{name}.json"
+                if path.exists() and read_json(path)["over"]:
+                    continue
+                config = config_of(robot, seed)
+                config = hasty(config) if arguments.quick else config
+                for result in learned(robot, variant, config, seed, trials):
                     keep(path, result, HERE.name)
                     write_readme(out)
-                print(f"{name}, seed {seed}: {verdict(result)}", flush=True)
+                print(f"{name}: {verdict(result)}", flush=True)
     write_readme(out)
     return 0
 
 
-def config_of(name: str, seed: int) -> Config:
-    """The numbers of a seed; physics know masses that are wrong."""
-    model = MODELS[name]
-    if model.mean == "physics":
-        wrong = {"format": 1, "plant": ENV, "parameters": wrong_masses(seed), "effects": []}
-        model = replace(model, plant=wrong)
-    return replace(CONFIG, model=model)
+def config_of(robot: Robot, seed: int) -> Config:
+    """The numbers of a seed; its nominal masses are wrong."""
+    plant = {"format": 1, "plant": ENVS[robot], "parameters": wrong_masses(robot, seed)}
+    model = ModelConfig(kernel="rbf", mean="physics", plant={**plant, "effects": []})
+    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight)
+    return replace(CONFIG, model=model, policy=policy)
 
 
-def wrong_masses(seed: int) -> dict[str, float]:
+def wrong_masses(robot: Robot, seed: int) -> dict[str, float]:
     """Nominal masses of a seed [kg]."""
-    rng, true = np.random.default_rng([seed, 7]), envs.PLANTS[ENV]().values
+    rng, true = np.random.default_rng([seed, 7]), envs.PLANTS[ENVS[robot]]().values
     return {m: true[m] * (1.0 + float(rng.uniform(-WRONG, WRONG))) for m in MASSES}
 
 
-def learned(config: Config, seed: int, trials: int) -> Iterator[dict[str, Any]]:
+def learned(
+    robot: Robot, variant: str, config: Config, seed: int, trials: int
+) -> Iterator[dict[str, Any]]:
     """What is known of a seed after each trial, as JSON; the last one is over."""
-    agent = MCPILCO("SumOfGaussians", ENV, config=config, seed=seed)
-    about = {"seed": seed, "machine": machine(), "versions": versions()}
+    env = {"dt": DT, "max_episode_steps": STEPS}
+    agent = Agent(robot, **VARIANTS[variant], config=config, seed=seed, **env)
+    about = {"robot": robot, "variant": variant, "seed": seed}
+    about |= {"machine": machine(), "versions": versions()}
     rows: list[dict[str, Any]] = []
-    with FreshEpisodes(ENV, {}, FRESH, agent.horizon) as judge:
+    with FreshEpisodes(ENVS[robot], env, FRESH, agent.horizon) as judge:
         for trial in range(1, trials + 1):
             agent.learn(agent.timesteps_of(1))
             fresh = judge.outcomes(agent.controller, seed, trial)
@@ -149,35 +168,26 @@ def solved(row: Mapping[str, Any]) -> bool:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    found = {name: read_results(out / "results" / name) for name in MODELS}
-    found = {name: results for name, results in found.items() if results}
-    everyone = [result for results in found.values() for result in results]
-    parts = [table(found), "### Each seed", seeds_table(found), places(everyone, ", one thread")]
-    fill(
-        out / "README.md",
-        parts if everyone else ["Not measured yet."],
-        template=HERE / "README.md",
-    )
+    found = kept(out / "results")
+    parts = [table(found), "### Each seed", seeds_table(found), places(found, ", one thread")]
+    template = HERE / "README.md"
+    fill(out / "README.md", parts if found else ["Not measured yet."], template=template)
 
 
-def read_results(folder: Path) -> list[dict[str, Any]]:
-    """Of the seeds that are there, unfinished ones too."""
-    return kept(folder)
-
-
-def table(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Success within 60 s by model, over the seeds that are over."""
-    header = ("model", "seeds", "one test rollout succeeded [%]", "solved [%]")
+def table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Success within 60 s by robot and variant, over the seeds that are over."""
+    header = ("robot", "variant", "seeds", "one test rollout succeeded [%]", "solved [%]")
     header += ("experience until solved [s]", "largest p [%]", "CPU a seed [s]")
     lines = []
-    for name, results in found.items():
-        over = [result for result in results if result["over"]]
+    for robot, variant in [(robot, variant) for robot in ENVS for variant in VARIANTS]:
+        over = [r for r in found if (r["robot"], r["variant"], r["over"]) == (robot, variant, True)]
         if not over:
             continue
         until = [first(result, solved) for result in over]
         lines.append(
             (
-                f"`{name}`",
+                robot,
+                variant,
                 str(len(over)),
                 rate_cell(rate(first(result, _succeeded) is not None for result in over)),
                 rate_cell(rate(seconds is not None for seconds in until)),
@@ -194,21 +204,21 @@ def table(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return f"{markdown(header, lines)}\n{legend}" if lines else "No seed is over yet."
 
 
-def seeds_table(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def seeds_table(found: Sequence[Mapping[str, Any]]) -> str:
     """A line a seed."""
-    header = ("model", "seed", "trials", "first success after [s]", "solved after [s]")
-    header += ("largest p [%]", "longest upright [s]")
+    header = ("robot", "variant", "seed", "trials", "first success after [s]")
+    header += ("solved after [s]", "largest p [%]", "longest upright [s]")
     lines = [
         (
-            f"`{name}`",
+            result["robot"],
+            result["variant"],
             f"{result['seed']}{'' if result['over'] else ' (goes on)'}",
             str(len(result["trials"])),
             *(_seconds(first(result, rule)) for rule in (_succeeded, solved)),
             f"{100 * best(result):.0f}",
             f"{max(row['time_up_s'] for row in result['trials']):.2f}",
         )
-        for name, results in found.items()
-        for result in results
+        for result in found
     ]
     return markdown(header, lines)
 
