@@ -2,12 +2,18 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from harness import BEGIN, END
+import torch
+from harness import BEGIN, END, hasty
+from pendubot_swingup.regulated_agent import LIMIT, Regulated
+from realaigym.regulator import UPRIGHT, Regulator
 
 import envs
+
+pytestmark = pytest.mark.xdist_group("boards")  # one process compiles what all of them need
 
 
 def trial(success: bool, p: float, seconds: float) -> dict:
@@ -15,50 +21,85 @@ def trial(success: bool, p: float, seconds: float) -> dict:
 
 
 def result(seed: int, *trials: dict, over: bool = True) -> dict:
-    about = {"cpu": "a processor", "cores": 2}
-    return {"seed": seed, "over": over, "trials": list(trials), "machine": about}
+    machine = {"cpu": "a processor", "cores": 2}
+    about = {"robot": "pendubot", "variant": "full", "seed": seed, "machine": machine}
+    return {**about, "over": over, "trials": list(trials)}
 
 
 def test_last_policy_is_learned_from_60_s(run):
-    env = envs.PendubotEnv()
-    assert run.TRIALS * 50 * env.task.dt == 60.0
+    assert run.TRIALS * run.STEPS * run.DT == 60.0
 
 
-def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run):
-    true = envs.PLANTS["mcpilco/Pendubot-v0"]().values
+@pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
+def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run, robot):
+    true = envs.PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().values
     errors = []
     for seed in range(30):
-        told = run.config_of("physics+rbf", seed).model.plant["parameters"]
+        told = run.config_of(robot, seed).model.plant["parameters"]
         errors.append([told[name] / true[name] - 1.0 for name in run.MASSES])
     assert np.abs(errors).max() <= run.WRONG
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
-    assert run.config_of("rbf+mpk", 3).model.plant is None
+
+
+def test_the_regulator_takes_over_near_the_top_and_nowhere_else():
+    def policy(states):
+        return torch.full((*states.shape[:-1], 1), 3.0, dtype=torch.float64)
+
+    plant = envs.PLANTS["mcpilco/Pendubot-v0"]()
+    regulated = Regulated(policy, Regulator(plant, 0.025, LIMIT, room=2.0))
+    near = UPRIGHT + 0.01
+    states = torch.as_tensor(np.array([[np.zeros(4), near], [near, UPRIGHT]]))
+    torques = regulated(states).numpy()[..., 0]
+    assert torques[0, 0] == 3.0
+    assert torques[0, 1] == torques[1, 0] == regulated.regulator(near)[1] != 3.0
+    assert torques[1, 1] == 0.0
+    assert regulated(states[1, 1]).shape == (1,)
+
+
+def test_the_agent_learns_the_plant_of_its_regulator_and_its_cost(run):
+    """After a search both are of the masses that were fitted, closer than the nominal ones."""
+    config = replace(hasty(run.config_of("pendubot", 1)), horizon=10)
+    how = run.VARIANTS["full"]
+    agent = run.Agent("pendubot", **how, config=config, seed=0, dt=run.DT, max_episode_steps=50)
+    agent.learn(agent.timesteps_of(2))
+    true, nominal = (
+        envs.PLANTS["mcpilco/Pendubot-v0"]().where(**m)
+        for m in ({}, run.wrong_masses("pendubot", 1))
+    )
+    gains = [Regulator(plant, run.DT, LIMIT, 2.0).K for plant in (true, nominal)]
+    learned = agent.policy.regulator.K
+    assert np.abs(learned - gains[0]).max() < 0.2 * np.abs(gains[1] - gains[0]).max()
+    assert agent.task.cost.now.plant[2] == pytest.approx(true.values["lower_mass"], rel=0.05)
+    without = run.VARIANTS["without regulator"]
+    plain = run.Agent("pendubot", **without, config=config, seed=0, dt=run.DT, max_episode_steps=50)
+    plain.learn(plain.timesteps_of(1))
+    assert not isinstance(plain.policy, Regulated)
 
 
 @pytest.mark.slow
-def test_quick_learns_a_seed_of_each_model_and_goes_on(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["run.py", "--quick", "--out", str(tmp_path)])
+@pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
+def test_quick_learns_a_seed_and_goes_on(run, robot, tmp_path, monkeypatch):
+    arguments = ["run.py", "--quick", "--robots", robot, "--out", str(tmp_path)]
+    monkeypatch.setattr(sys, "argv", arguments)
     texts = []
     for _ in range(2):
         assert run.main() == 0
         texts.append((tmp_path / "README.md").read_text())
     assert texts[0] == texts[1]
-    for name in run.MODELS:
-        found = json.loads((tmp_path / "results" / name / "0000.json").read_text())
-        assert found["over"]
-        assert [row["experience_s"] for row in found["trials"]] == [2.5, 5.0]
-        assert f"| `{name}` | 0 | 2 |" in texts[0]
+    found = json.loads((tmp_path / "results" / f"{robot}-full-0000.json").read_text())
+    assert found["over"]
+    assert [row["experience_s"] for row in found["trials"]] == [2.5, 5.0]
+    assert f"| {robot} | full | 0 | 2 |" in texts[0]
 
 
 def test_a_seed_that_is_not_over_is_trained_again(run, tmp_path, monkeypatch):
-    path = tmp_path / "results" / "rbf+mpk" / "0000.json"
+    path = tmp_path / "results" / "pendubot-full-0000.json"
     path.parent.mkdir(parents=True)
     path.write_text(json.dumps(result(0, trial(False, 0.0, 2.5), over=False)))
     called = []
     ended = result(0, trial(True, 1.0, 2.5))
     monkeypatch.setattr(run, "learned", lambda *a: called.append(a) or iter([ended]))
-    arguments = ["run.py", "--seeds", "0:1", "--models", "rbf+mpk", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
+    monkeypatch.setattr(sys, "argv", ["run.py", "--seeds", "0:1", "--out", str(tmp_path)])
     assert run.main() == run.main() == 0
     assert len(called) == 1
 
@@ -70,15 +111,15 @@ def test_table_counts_seeds_that_succeeded_and_those_that_were_solved(run):
         result(2, trial(False, 0.0, 2.5)),
         result(3, trial(True, 1.0, 2.5), over=False),
     ]
-    (row,) = [line for line in run.table({"rbf+mpk": seeds}).split("\n") if "`rbf+mpk`" in line]
-    name, count, succeeded, solved, seconds, *_ = [cell.strip() for cell in row.split("|")[1:]]
-    assert (name, count) == ("`rbf+mpk`", "3")
+    (row,) = [line for line in run.table(seeds).split("\n") if "| full |" in line]
+    robot, _, count, succeeded, solved, seconds, *_ = [cell.strip() for cell in row.split("|")[1:]]
+    assert (robot, count) == ("pendubot", "3")
     assert succeeded.startswith("66.7")
     assert solved.startswith("33.3")
     assert seconds == "7.5 (7.5–7.5)"
 
 
-def test_page_names_every_model_and_has_its_marked_lines(run, home):
+def test_page_names_every_variant_and_has_its_marked_lines(run, home):
     text = (home / "README.md").read_text()
     assert text.count(BEGIN) == text.count(END) == 1
-    assert all(f"`{name}`" in text.split(BEGIN)[0] for name in run.MODELS)
+    assert all(f"*{name}*" in text.split(BEGIN)[0] for name in run.VARIANTS if name != "full")
