@@ -58,14 +58,14 @@ def inducing_points(
 
     One after the other, that of the largest posterior variance beside the noise's, in any output,
     given those before it: until there are `most`, or the standard deviation is nowhere above
-    `threshold` noise standard deviations. It takes O(N M^2) for M of N.
+    `threshold` noise standard deviations. One there is always. It takes O(N M^2) for M of N.
 
     Returns:
         Ascending row numbers, to index X and Y with.
     """
     X, _ = gp.check(X, Y)
     known = _Known(gp, X)
-    while len(known.rows) < most and known.doubt.max() > threshold**2:
+    while not known.rows or (len(known.rows) < most and known.doubt.max() > threshold**2):
         known.add(int(known.doubt.argmax()))
     return torch.tensor(sorted(known.rows))
 

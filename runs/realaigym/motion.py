@@ -74,7 +74,7 @@ def motion(
 
 
 def numbers(policy: Gaussians, regulator: Regulator) -> tuple[Any, ...]:
-    """What compiled functions take of both."""
+    """The numbers of both, as compiled functions take them."""
     p, r = policy, regulator
     return p.centres, p.scales, p.weights, p.squash, p.limit, r.P, r.K, r.level, r.limit
 

@@ -152,3 +152,12 @@ def test_inducing_points_end_where_everything_is_known():
     repeated = X[:1].expand(50, 2)
     # one sample leaves a latent variance of nearly s^2, k of them of s^2 / k
     assert len(inducing_points(gp, repeated, Y[:50], most=50, threshold=0.5)) <= 5
+
+
+def test_one_inducing_point_stays_however_small_the_prior():
+    """As beside equations that leave nothing to learn."""
+    gp, X, Y = make()
+    kept = inducing_points(gp, X, Y, most=12, threshold=1e9)
+    assert kept.dtype == torch.int64
+    assert len(kept) == 1
+    assert torch.isfinite(gp.condition(X[kept], Y[kept]).mean_and_variance(X)[1]).all()
