@@ -104,18 +104,18 @@ def test_a_seed_that_is_not_over_is_trained_again(run, tmp_path, monkeypatch):
     assert len(called) == 1
 
 
-def test_table_counts_seeds_that_succeeded_and_those_that_were_solved(run):
+def test_table_counts_seeds_that_succeeded_and_were_solved_of_all_that_were_begun(run):
     seeds = [
         result(0, trial(False, 0.2, 2.5), trial(True, 0.5, 5.0), trial(True, 0.9, 7.5)),
         result(1, trial(True, 0.4, 2.5), trial(False, 0.95, 5.0)),
         result(2, trial(False, 0.0, 2.5)),
-        result(3, trial(True, 1.0, 2.5), over=False),
+        result(3, trial(False, 0.3, 2.5), over=False),
     ]
     (row,) = [line for line in run.table(seeds).split("\n") if "| full |" in line]
     robot, _, count, succeeded, solved, seconds, *_ = [cell.strip() for cell in row.split("|")[1:]]
-    assert (robot, count) == ("pendubot", "3")
-    assert succeeded.startswith("66.7")
-    assert solved.startswith("33.3")
+    assert (robot, count) == ("pendubot", "4")
+    assert succeeded.startswith("50.0")
+    assert solved.startswith("25.0")
     assert seconds == "7.5 (7.5–7.5)"
 
 
