@@ -37,6 +37,7 @@ def test_a_task_differs_from_the_envs_in_its_cost_only(name, home):
     assert all(task.cost.widened(2.0)(s.double()) < task.cost(s.double()) for s in (aside, hanging))
 
 
+@pytest.mark.slow
 def test_quick_runs_a_seed_of_each_base_and_goes_on(run, tmp_path, monkeypatch, capsys):
     engine = HereEngine()
     monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: engine)

@@ -35,6 +35,7 @@ def test_an_actuator_is_late_or_lags_as_its_cell_says(run):
     assert (lagging["name"], lagging["parameters"]) == ("actuator_lag", {"T": 0.1})
 
 
+@pytest.mark.slow
 @pytest.mark.xdist_group("compiled")  # what it compiles
 def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
     monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: HereEngine())

@@ -90,6 +90,7 @@ def test_a_fit_of_which_no_steps_are_left_makes_one_iteration(problem: GapProble
     assert whole.chi2 < ended.chi2
 
 
+@pytest.mark.slow
 def test_a_search_of_few_steps_ends_with_fewer_models(problem: GapProblem) -> None:
     windows = problem.windows()[::3]
     candidates = problem.candidates(windows)[::2]

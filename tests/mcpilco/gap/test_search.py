@@ -147,6 +147,7 @@ def test_a_body_as_if_held_fast_is_no_explanation_however_well_it_fits(
     assert tried.prefers(perfect, tried.null) == meant
 
 
+@pytest.mark.slow
 def test_two_effects_are_found_of_which_each_alone_is_imitated(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
