@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ KEPT = 8
 KICKS = (0.01, 0.03, 0.1) * 4
 """random changes of weights and centres, to their mean size and their lengthscales [-]: many
 motions are best among their neighbours"""
+BY_COST = attrgetter("cost")
 
 Moves = Float[np.ndarray, " M"]
 
@@ -79,9 +81,11 @@ def polished(
     again and again, and polished in each loop from there.
     """
     rough = [descended(policy, loop, ROUGH) for policy in policies for loop in loops]
-    first = _best(descended(found.policy, found.loop, FINE) for found in _sorted(rough)[:KEPT])
-    best = kicked(first, generator)
-    return _best([best, *(descended(best.policy, loop, FINE) for loop in loops)])
+    kept = sorted(rough, key=BY_COST)[:KEPT]
+    fine = [descended(found.policy, found.loop, FINE) for found in kept]
+    best = kicked(min(fine, key=BY_COST), generator)
+    again = [descended(best.policy, loop, FINE) for loop in loops]
+    return min(best, *again, key=BY_COST)
 
 
 def kicked(best: Polished, generator: np.random.Generator) -> Polished:
@@ -93,16 +97,8 @@ def kicked(best: Polished, generator: np.random.Generator) -> Polished:
             weights=now.weights + kick * _size(now) * generator.normal(size=now.weights.shape),
             centres=now.centres + kick * generator.normal(size=now.centres.shape),
         )
-        best = _best([best, descended(tried, best.loop, SHORT)])
+        best = min(best, descended(tried, best.loop, SHORT), key=BY_COST)
     return best
-
-
-def _sorted(found: Iterable[Polished]) -> list[Polished]:
-    return sorted(found, key=lambda one: one.cost)
-
-
-def _best(found: Iterable[Polished]) -> Polished:
-    return _sorted(found)[0]
 
 
 def descended(first: Gaussians, loop: Loop, iterations: int) -> Polished:
