@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,9 @@ class ModelEnv(gym.Env[np.ndarray, np.ndarray]):
             start_std=read_stds("start_std", start_std, len(states)),
             cost=cost_of(cost, states),
         )
+        goal = _goal(self.task)
+        if not goal[1::2].any():
+            self.task = replace(self.task, goal=tuple(goal.tolist()))
         self._noise = np.array(read_stds("noise_std", noise_std, len(states)))
         bound = float(np.finfo(np.float32).max)
         self.observation_space = Box(-bound, bound, (len(states),), np.float64)
@@ -140,7 +144,7 @@ class ModelEnv(gym.Env[np.ndarray, np.ndarray]):
         self._motion = motion_of(plant, dt)
         self._running = False
         posture = Posture(compiled, plant.layout.joints, "tip")
-        self.scene = scene(posture, _goal(self.task))
+        self.scene = scene(posture, goal)
         self.picture = ModelPicture(posture)
 
     def reset(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -123,7 +124,14 @@ class SwingUp:
             cost=self.cost,
             measured=self.measured,
             measurement_std=self._measurement_std,
+            goal=self._goal,
         )
+
+    @property
+    def _goal(self) -> tuple[float, ...] | None:
+        """At rest with all links upright, a cart in the middle."""
+        up = self.links[:1]
+        return tuple(math.pi if i in up else 0.0 for i in range(self.width)) if up else None
 
     @property
     def _measurement_std(self) -> tuple[float, ...] | None:

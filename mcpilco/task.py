@@ -67,6 +67,8 @@ class TaskSpec:
     measurement_std: tuple[float, ...] | None = None
     """noise standard deviation of each of `measured`, in its unit; None: estimated from the first
     recording"""
+    goal: tuple[float, ...] | None = None
+    """state to come to and to rest in, in each state's unit, for a regulator; None: not told"""
 
     def __post_init__(self) -> None:
         try:
@@ -101,6 +103,13 @@ class TaskSpec:
             raise InputError(
                 f"TaskSpec.start_std must be finite and not negative, got {self.start_std}."
             )
+        if self.goal is not None and not (
+            len(self.goal) == width and all(math.isfinite(x) for x in self.goal)
+        ):
+            raise InputError(
+                f"TaskSpec.goal must have one finite entry for each of the {width} states "
+                f"{self.state_names}, got {self.goal}."
+            )
 
     def _check_structure(self) -> None:
         width = len(self.state_names)
@@ -116,6 +125,12 @@ class TaskSpec:
             raise InputError(
                 "TaskSpec.velocities must give each position one velocity, which is the position "
                 f"of no other pair, got {self.velocities}; leave the pair of an acceleration out."
+            )
+        moving = [self.state_names[v] for _, v in self.velocities if self.goal and self.goal[v]]
+        if moving:
+            raise InputError(
+                f"TaskSpec.goal must be a state of rest, got a velocity in {', '.join(moving)}: "
+                f"{self.goal}; set it to 0."
             )
 
     def _check_measured(self) -> None:
@@ -196,6 +211,7 @@ class TaskSpec:
             state_units=self.state_units + self.input_units * memory,
             start_mean=self.start_mean + zeros,
             start_std=self.start_std + zeros,
+            goal=None,  # a regulator finds the inputs that hold it
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -86,6 +86,7 @@ def _pendulum(env: Any) -> TaskSpec:
         velocities=(),
         observed=((0, 1), 2),
         cost=TipCost((0,), (1.0,), lengthscale=1.0),
+        goal=(0.0,) * 2,
     )
 
 
@@ -93,7 +94,7 @@ def _inverted_pendulum(env: Any) -> TaskSpec:
     cost = SaturatingCost((0, 1), (0.0, 0.0), (0.5, 0.2), (False, False))
     task = _mujoco_task(env)
     assert task is not None, "its observation is qpos and qvel"
-    return replace(task, cost=cost)
+    return replace(task, cost=cost, goal=(0.0,) * 4)
 
 
 def _inverted_double_pendulum(env: Any) -> TaskSpec:
@@ -107,6 +108,7 @@ def _inverted_double_pendulum(env: Any) -> TaskSpec:
         velocities=((0, 3), (1, 4), (2, 5)),
         observed=(0, (3, 1), (4, 2), 5, 6, 7),  # 8, a force of the rail's end, is left out
         cost=TipCost((1, 2), (0.6, 0.6), lengthscale=0.3, foot=0),
+        goal=(0.0,) * 6,
     )
 
 

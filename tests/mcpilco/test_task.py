@@ -57,6 +57,9 @@ def test_a_task_from_a_file_says_that_it_has_no_cost(task: TaskSpec) -> None:
         ("measured", (0, 2, 2), "must index different states"),
         ("measured", (0, 2, 4), "must index different states"),
         ("measurement_std", (0.1,) * 4, "belongs to states measured in part"),
+        ("goal", (0.0,) * 3, "one finite entry for each of the 4 states"),
+        ("goal", (0.0, 0.0, math.nan, 0.0), "one finite entry"),
+        ("goal", (0.0, 0.0, 3.0, 1.0), "a state of rest, got a velocity in pole_velocity"),
     ],
 )
 def test_what_does_not_fit_is_answered_with_a_sentence(
