@@ -1,6 +1,7 @@
 from .delay import Delay, turning_regressors
 from .dynamics import GPDynamics, Increment, full_state, regressors, speed_integration
 from .features import AngleAugmentation, JointPolynomials, friction
+from .linearisation import Linearised, linearised
 from .pathwise import PathwisePosterior
 from .physics import PhysicsDraw, PhysicsDynamics, PhysicsMean
 
@@ -10,12 +11,14 @@ __all__ = [
     "GPDynamics",
     "Increment",
     "JointPolynomials",
+    "Linearised",
     "PathwisePosterior",
     "PhysicsDraw",
     "PhysicsDynamics",
     "PhysicsMean",
     "friction",
     "full_state",
+    "linearised",
     "regressors",
     "speed_integration",
     "turning_regressors",
