@@ -206,6 +206,11 @@ class ModelConfig(Checked):
         self._above("plausible", 1)
 
 
+REGULATOR_ROOM = 2.0
+"""`PolicyConfig.regulator` where it is only asked for, as by --regulator [-]: what was chosen for
+the pendubot of runs/pendubot_swingup"""
+
+
 @dataclass(frozen=True)
 class PolicyConfig(Checked):
     """The policy `mcpilco.policies.policies.SumOfGaussians`, and its random start."""
@@ -223,10 +228,13 @@ class PolicyConfig(Checked):
     """weights start uniform in +-weight [-]"""
     squash: float = 10.0
     """the argument of the tanh is divided by this number [-]"""
+    regulator: float = 0.0
+    """a linear regulator takes over near the task's goal, `mcpilco.policies.regulator`: in its
+    region it may ask for so many times the largest input, at which it is cut off [-]; 0: none"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(bases=1)
+        self._at_least(bases=1, regulator=0)
         self._at_most(bases=100_000)
         self._positive("span", "lengthscale", "angle_lengthscale", "weight", "squash")
 

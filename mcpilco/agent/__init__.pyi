@@ -9,6 +9,7 @@ from .algorithms import (
     with_limits,
     with_model,
     with_package,
+    with_regulator,
 )
 from .contract import AbsentEnv, horizon_of, input_bounds, make_env, task_of
 from .episode import Act, BrokenEpisodeError, Streams, remembering, reported, run_episode
@@ -79,6 +80,7 @@ __all__ = [
     "with_limits",
     "with_model",
     "with_package",
+    "with_regulator",
     "write_c",
     "write_onnx",
     "write_policy",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import torch
@@ -16,7 +16,7 @@ from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
-from mcpilco.policies import Bounds, Brake, SumOfGaussians, blank_policy, random_policy
+from mcpilco.policies import Brake, Regulator, SumOfGaussians, blank_policy, random_policy
 from mcpilco.search import (
     Candidate,
     Limits,
@@ -29,6 +29,9 @@ from mcpilco.search import (
 from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
+
+if TYPE_CHECKING:
+    from mcpilco.policies import Bounds
 
 
 class MCPILCO(ModelBasedAgent):
@@ -115,6 +118,8 @@ class MCPILCO(ModelBasedAgent):
     def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
         seen, limits = task.after_inputs(config.model.memory), config.search.limits
         policy = blank_policy(config.policy, seen, low, high)
+        if room := config.policy.regulator:
+            policy.regulator = Regulator(room, task, low, high, config.model.memory)
         if limits:
             policy.brake = Brake(limits, task, low, high, len(seen.state_names))
         return policy
@@ -127,8 +132,14 @@ class MCPILCO(ModelBasedAgent):
         task, numbers = self._searched, self.config.policy
         seen = self._data.states[:, : len(task.state_names)]
         policy = random_policy(numbers, task, self.low, self.high, seen, generator)
-        policy.brake = self.policy.brake
+        policy.regulator, policy.brake = self.policy.regulator, self.policy.brake
         return policy
+
+    def _fit_model(self, trial: int) -> dict[str, float]:
+        numbers, regulator = super()._fit_model(trial), self.policy.regulator
+        if regulator is not None:
+            numbers["model/regulator"] = regulator.learn(self.model.dynamics(self._data))
+        return numbers
 
     def _search(
         self, trial: int, perception: Perception | None, events: Callback
@@ -150,7 +161,7 @@ class MCPILCO(ModelBasedAgent):
         """
         dynamics = self.model.dynamics(self._data)
         observer = self._observer(dynamics, perception)
-        task = self._searched
+        task, brake = self._searched, self.policy.brake
         return Problem(
             dynamics=dynamics,
             cost=self._cost,
@@ -163,13 +174,8 @@ class MCPILCO(ModelBasedAgent):
             correlation=self.config.search.correlation_of(trial),
             judged=len(self.task.state_names),
             easier=self._easier(dynamics, trial),
-            limits=None if self._braked else self.limits,
+            limits=None if brake is not None and brake.holds else self.limits,
         )
-
-    @property
-    def _braked(self) -> bool:
-        """Whether a brake keeps all limits, so that the search need not."""
-        return self.policy.brake is not None and self.policy.brake.holds
 
     def _observer(self, dynamics: Any, perception: Perception | None) -> Observer | None:
         """Measures particles as the system will be: in part, and too early for a late actuator."""

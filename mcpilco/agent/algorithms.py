@@ -32,7 +32,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcpilco.config import KERNELS, Limit
+from mcpilco.config import KERNELS, REGULATOR_ROOM, Limit
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -199,6 +199,17 @@ def with_limits(config: Any, limits: tuple[Limit, ...]) -> Any:
         raise InputError("--limit is an option of the algorithm mcpilco.")
     search = dataclasses.replace(config.search, limits=(*config.search.limits, *limits))
     return dataclasses.replace(config, search=search)
+
+
+def with_regulator(config: Any, room: float = REGULATOR_ROOM) -> Any:
+    """The agent's numbers with a regulator near the goal, see `PolicyConfig.regulator`.
+
+    Raises:
+        InputError: the algorithm has no regulator.
+    """
+    if not hasattr(getattr(config, "policy", None), "regulator"):
+        raise InputError("--regulator is an option of the algorithm mcpilco.")
+    return dataclasses.replace(config, policy=dataclasses.replace(config.policy, regulator=room))
 
 
 def with_model(

@@ -20,7 +20,9 @@ import numpy as np
 Array = np.ndarray[Any, Any]
 OF_TWO = (np.add, np.subtract, np.multiply, np.divide, np.minimum, np.maximum)
 OF_ONE = (np.sin, np.cos, np.tanh, np.exp, np.sqrt, np.abs)
-"""operations of a brake's program by their numbers, those of one number behind those of two"""
+"""operations of a program by their numbers, those of one number behind those of two"""
+STAGES = "regulator", "brake"
+"""programs that may stand behind a policy, in order"""
 
 
 class NumpyPolicy:
@@ -64,12 +66,14 @@ class NumpyPolicy:
         z = augmented(x, p["angles"])
         phi = np.exp(-np.square((z - p["centres"]) / p["lengthscales"]).sum(-1))
         u = p["middle"] + p["half_range"] * np.tanh(phi @ p["weights"] / p["squash"])
-        return self._braked(x, u) if "brake.outputs" in p else u
+        for stage in STAGES:
+            u = self._behind(stage, x, u) if f"{stage}.outputs" in p else u
+        return u
 
-    def _braked(self, x: Array, u: Array) -> Array:
+    def _behind(self, stage: str, x: Array, u: Array) -> Array:
         """The program's results: registers are state, command, constants, and those operations."""
         names = ("constants", "outputs", "operations", "first", "second")
-        constants, outputs, *rows = (self._policy[f"brake.{name}"] for name in names)
+        constants, outputs, *rows = (self._policy[f"{stage}.{name}"] for name in names)
         r = [*x, *u, *constants]
         for operation, a, b in zip(*rows, strict=True):
             one = operation - len(OF_TWO)

@@ -7,6 +7,7 @@ answers to episodes of random measurements. So with `policy.onnx`.
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mcpilco.agent.numpy_policy import NumpyPolicy
+from mcpilco.agent.numpy_policy import STAGES, NumpyPolicy
 from mcpilco.agent.policy_file import policy_arrays
 from mcpilco.files import csv_bytes, write_bytes
 from mcpilco.policies import SumOfGaussians
@@ -33,6 +34,8 @@ WANDERING = 0.9
 """correlation of successive golden measurements [-]"""
 WIDEST = 3.0
 """an episode of them ends so many standard deviations of the centres from their mean [-]"""
+NEAR = 0.05
+"""of these, those about a regulator's goal, near which every other episode stays [-]"""
 C_FORMS: tuple[str, ...] = (
     "{} + {}",
     "{} - {}",
@@ -42,7 +45,7 @@ C_FORMS: tuple[str, ...] = (
     "M(fmax)({}, {})",
 )
 C_FORMS += tuple(f"M({name})({{}})" for name in ("sin", "cos", "tanh", "exp", "sqrt", "fabs"))
-"""of the operations of a brake's program, by their numbers"""
+"""of the operations of a program, by their numbers"""
 _TEMPLATE = Path(__file__).with_name("policy.h.j2")
 
 
@@ -146,8 +149,9 @@ def kind_of(arrays: Arrays) -> str:
         "past_inputs": "past inputs",
     }
     behind = [words for name, words in parts.items() if name in arrays]
-    brake = ", braked before limits" if "brake.outputs" in arrays else ""
-    return f"a sum of Gaussians behind {' and '.join(behind) or 'the sensors'}{brake}"
+    stages = {"regulator": ", a regulator near its goal", "brake": ", braked before limits"}
+    after = "".join(words for name, words in stages.items() if f"{name}.outputs" in arrays)
+    return f"a sum of Gaussians behind {' and '.join(behind) or 'the sensors'}{after}"
 
 
 def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
@@ -155,7 +159,7 @@ def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
 
     Measurements wander over where the policy has its centres. Where it has a model of the motion
     they follow that, with noise, as long as they stay there: the answers to what cannot be hang on
-    the last digit.
+    the last digit. Where there is a regulator, every other episode is near its goal.
     """
     policy, random = NumpyPolicy(arrays), np.random.default_rng(0)
     X, angles, measured = len(arrays["state_names"]), arrays["angles"], arrays["measured"]
@@ -163,7 +167,10 @@ def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
     centres, noise = arrays["centres"][:, : len(plain)], arrays.get("delay.noise_std", 0.0)
     centre, spread = np.zeros(X), np.full(X, np.pi / 2)
     centre[plain], spread[plain] = centres.mean(0), np.maximum(centres.std(0), 1e-6)
-    left, x = 0, centre
+    places = [(centre, spread)]
+    if "regulator.goal" in arrays:
+        places.append((arrays["regulator.goal"][:X], NEAR * spread))
+    left, x, around = 0, centre, itertools.cycle(places)
     for _ in range(count):
         normal, expected = random.normal(size=X), policy.expected() if left else None
         if expected is not None:
@@ -172,7 +179,7 @@ def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
         begins = left == 0
         if begins:
             policy.reset()
-            left = EPISODE
+            left, (centre, spread) = EPISODE, next(around)
         if begins or expected is None:
             share = 0.0 if begins else WANDERING
             x = centre + share * (x - centre) + np.sqrt(1 - share**2) * spread * normal
@@ -243,28 +250,30 @@ def _numbers(arrays: Arrays, stem: str) -> dict[str, Any]:
         "squash": repr(float(arrays["squash"])),
         "inverse_lengthscales": 1 / arrays["lengthscales"],
         "linear": groups["estimator"],
-        "brake": _brake_lines(arrays, X + past, prefix),
+        "stages": {
+            name: _program_lines(arrays, name, X + past, prefix)
+            for name in STAGES
+            if f"{name}.outputs" in arrays
+        },
         "late": _late(X, U, **groups) if groups["delay"] else {},
         **{name: arrays[name] for name in ("centres", "weights", "middle", "half_range")},
     }
 
 
-def _brake_lines(arrays: Arrays, seen: int, prefix: str) -> list[str]:
-    """The brake's program as declarations and assignments in C; none where there is no brake."""
-    if "brake.outputs" not in arrays:
-        return []
+def _program_lines(arrays: Arrays, stage: str, seen: int, prefix: str) -> list[str]:
+    """The program behind a policy as declarations and assignments in C."""
     real, U = f"{prefix}_real", len(arrays["middle"])
     lines: list[str] = []
     registers = [*(f"x[{i}]" for i in range(seen)), *(f"inputs[{i}]" for i in range(U))]
-    registers += [f"({real}){constant:.17g}" for constant in arrays["brake.constants"]]
+    registers += [f"({real}){constant:.17g}" for constant in arrays[f"{stage}.constants"]]
     names = ("operations", "first", "second")
-    rows = zip(*(arrays[f"brake.{name}"] for name in names), strict=True)
+    rows = zip(*(arrays[f"{stage}.{name}"] for name in names), strict=True)
     for operation, a, b in rows:
         form = C_FORMS[operation].replace("M(", f"{prefix.upper()}_M(")
         name = f"r{len(lines)}"
         lines.append(f"const {real} {name} = {form.format(registers[a], registers[b])};")
         registers.append(name)
-    results = (registers[i] for i in arrays["brake.outputs"])
+    results = (registers[i] for i in arrays[f"{stage}.outputs"])
     return lines + [f"inputs[{i}] = {result};" for i, result in enumerate(results)]
 
 

@@ -45,7 +45,8 @@ def write_policy(
             posterior `model.X` (N, D), `.L_inv`, `.alpha`, `.noise_std` with the kernel's terms
             `.W`, `.v`, `.w`, `.c`, `.s` and `.ends` (of the factors of each term). A policy's brake
             is written as `brake.constants`, `.operations`, `.first`, `.second` and `.outputs` of
-            its program, see `mcpilco.plant.Program`.
+            its program, see `mcpilco.plant.Program`, and a regulator before it as `regulator.*`,
+            with its `regulator.goal`.
 
     Raises:
         InputError: the estimator is of another class, or its model has regressors of its own.
@@ -78,15 +79,20 @@ def policy_arrays(
         "dt": np.array(task.dt),
     }
     arrays = {name: value.detach().numpy() for name, value in numbers.items()}
-    return arrays | _brake_arrays(policy) | _estimator_arrays(estimator) | about
+    if policy.regulator is not None and policy.regulator.acts:
+        arrays["regulator.goal"] = policy.regulator.goal.numpy()
+    stages = _program_arrays(policy, "regulator") | _program_arrays(policy, "brake")
+    return arrays | stages | _estimator_arrays(estimator) | about
 
 
-def _brake_arrays(policy: SumOfGaussians) -> dict[str, np.ndarray]:
-    program = None if policy.brake is None else policy.brake.program
+def _program_arrays(policy: SumOfGaussians, name: str) -> dict[str, np.ndarray]:
+    """The program of the stage of this name behind a policy, where it is one that acts."""
+    stage = getattr(policy, name)
+    program = None if stage is None else stage.program
     if program is None:
         return {}
     parts = "constants", "operations", "first", "second", "outputs"
-    return {f"brake.{name}": getattr(program, name) for name in parts}
+    return {f"{name}.{part}": getattr(program, part) for part in parts}
 
 
 def _estimator_arrays(estimator: Estimator | None) -> dict[str, np.ndarray]:

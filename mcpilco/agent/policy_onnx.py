@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mcpilco.agent.numpy_policy import STAGES
 from mcpilco.plant import SINE
 from mcpilco.typing import InputError
 
@@ -14,7 +15,7 @@ OPSET, IR = 17, 8
 """versions of the operators, and of the file that goes with them [-]"""
 _ROW = np.array([-1])
 OPERATORS = ("Add", "Sub", "Mul", "Div", "Min", "Max", "Sin", "Cos", "Tanh", "Exp", "Sqrt", "Abs")
-"""of a brake's program, by their numbers; those from `SINE` on take one number"""
+"""of a program, by their numbers; those from `SINE` on take one number"""
 
 
 class _Graph:
@@ -101,8 +102,9 @@ def onnx_model(
         past = graph.input("past", width)
         x = graph("Concat", x, past, axis=1)
     inputs = _act(graph, x, arrays)
-    if "brake.outputs" in arrays:
-        inputs = _braked(graph, x, inputs, arrays)
+    for stage in STAGES:
+        if f"{stage}.outputs" in arrays:
+            inputs = _behind(graph, stage, x, inputs, arrays)
     graph.output("inputs", U, inputs)
     if past:
         recent = graph("Slice", past, np.array([0]), np.array([width - U]), np.array([1]))
@@ -131,18 +133,20 @@ def _act(graph: _Graph, x: str, arrays: Mapping[str, np.ndarray]) -> str:
     return graph("Add", within, arrays["middle"])
 
 
-def _braked(graph: _Graph, x: str, commands: str, arrays: Mapping[str, np.ndarray]) -> str:
-    """The results of the brake's program of states and commands, node by node."""
-    operations, first, second = (arrays[f"brake.{n}"] for n in ("operations", "first", "second"))
+def _behind(
+    graph: _Graph, stage: str, x: str, commands: str, arrays: Mapping[str, np.ndarray]
+) -> str:
+    """The results of a program of states and commands, node by node."""
+    operations, first, second = (arrays[f"{stage}.{n}"] for n in ("operations", "first", "second"))
     widths = (x, _seen(arrays)), (commands, len(arrays["middle"]))
     registers: list[Any] = [
         graph("Gather", name, np.array([i]), axis=1) for name, width in widths for i in range(width)
     ]
-    registers += [np.array([constant]) for constant in arrays["brake.constants"]]
+    registers += [np.array([constant]) for constant in arrays[f"{stage}.constants"]]
     for operation, a, b in zip(operations, first, second, strict=True):
         operands = (registers[a], registers[b])[: 2 if operation < SINE else 1]
         registers.append(graph(OPERATORS[operation], *operands))
-    return graph("Concat", *(registers[i] for i in arrays["brake.outputs"]), axis=1)
+    return graph("Concat", *(registers[i] for i in arrays[f"{stage}.outputs"]), axis=1)
 
 
 def _estimate(graph: _Graph, measured: str, arrays: Mapping[str, np.ndarray]) -> str:

@@ -320,6 +320,8 @@ class Learning(Command):
     learned keeps those of positions"""
     delay: Annotated[float | None, optional("SECONDS", "that of the preset, 0")] = None
     """of mcpilco: delay of the actuator [s]; the policy acts on the state predicted for then"""
+    regulator: bool = False
+    """of mcpilco: near the task's goal a linear regulator of the learned model takes over"""
 
     @property
     def chosen_preset(self) -> str:
@@ -331,7 +333,7 @@ class Learning(Command):
 
     def numbers(self) -> tuple[Any, dict[str, Any]]:
         """The agent's configuration and the env's keywords."""
-        from mcpilco.agent import find, preset_numbers, with_limits, with_model
+        from mcpilco.agent import find, preset_numbers, with_limits, with_model, with_regulator
 
         config, env_kwargs = preset_numbers(
             find(self.algo), self.chosen_preset, self.env, self.horizon, self.exploration
@@ -342,6 +344,7 @@ class Learning(Command):
             wide = named_numbers("--spread", [self.spread]) if recipe else Path(self.spread)
         config = with_model(config, self.model, self.prior, self.memory, self.delay, wide)
         config = with_limits(config, limits(self.limit))
+        config = with_regulator(config) if self.regulator else config
         return config, env_kwargs | keywords("--env-kwargs", self.env_kwargs)
 
     def agent(self, env: gym.Env, config: Any, seed: int = 0) -> TrialAgent:

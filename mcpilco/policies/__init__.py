@@ -2,7 +2,8 @@
 
 `SumOfGaussians` is the policy of MC-PILCO, with `dropout` of its basis functions while it is
 searched; a cost is a number in [0, 1] for each state and input. Read `policies`, `costs`,
-`reward_cost` where an env shows rewards only, and `brake` where states have limits.
+`reward_cost` where an env shows rewards only, `regulator` where a goal is held, and `brake` where
+states have limits.
 """
 
 import lazy_loader

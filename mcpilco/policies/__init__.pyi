@@ -10,7 +10,9 @@ from .policies import (
     blank_policy,
     random_policy,
 )
+from .regulator import Regulator, riccati
 from .reward_cost import RewardCost, costs_of, with_cost
+from .stage import Stage, program_of
 
 __all__ = [
     "BALANCED",
@@ -20,9 +22,11 @@ __all__ = [
     "Brake",
     "Dropout",
     "QuadraticCost",
+    "Regulator",
     "RewardCost",
     "SaturatingCost",
     "Squash",
+    "Stage",
     "SumOfGaussians",
     "TipCost",
     "blank_policy",
@@ -30,6 +34,8 @@ __all__ = [
     "cart_pole_cost",
     "costs_of",
     "held",
+    "program_of",
     "random_policy",
+    "riccati",
     "with_cost",
 ]

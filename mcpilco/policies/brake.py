@@ -22,12 +22,13 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from mcpilco.config import Limit
 from mcpilco.data import Transitions
-from mcpilco.plant import Program, cos, features_of, larger, sin, smaller, sqrt
+from mcpilco.plant import cos, larger, sin, smaller, sqrt
 from mcpilco.policies.policies import Bounds
+from mcpilco.policies.stage import Stage
 from mcpilco.task import TaskSpec
 
 SURE = 3.0
@@ -44,7 +45,7 @@ REPEATED = 2
 """steps for which a random input is held behind a brake: what swings is moved more by it [-]"""
 
 
-class Brake(nn.Module):
+class Brake(Stage):
     """From states and commands to inputs from which limited states can still stop."""
 
     lever: Tensor
@@ -87,18 +88,8 @@ class Brake(nn.Module):
         return self._whole and len(self.held) == len(self._limited)
 
     @property
-    def program(self) -> Program | None:
-        """The formula as a program of [state, commands]; None where it holds no limit."""
-        rows, U = self._rows, self.bounds.shape[1]
-        return features_of(self.width + U, [rows])[0] if self.held else None
-
-    def forward(
-        self, states: Float[Tensor, "*b X"], commands: Float[Tensor, "*b U"]
-    ) -> Float[Tensor, "*b U"]:
-        """The inputs, each between its command and one of its bounds."""
-        if not self.held:
-            return commands
-        return torch.stack(self._rows([*states.unbind(-1), *commands.unbind(-1)]), -1)
+    def acts(self) -> bool:
+        return bool(self.held)
 
     # --- learning ---------------------------------------------------------------------------------
 
@@ -147,8 +138,8 @@ class Brake(nn.Module):
 
     # --- braking ----------------------------------------------------------------------------------
 
-    def _rows(self, given: Sequence[Any]) -> list[Any]:
-        """The inputs of [state, commands], of numbers of any kind; the last limit prevails."""
+    def rows(self, given: Sequence[Any]) -> list[Any]:
+        """The inputs, each between its command and one of its bounds; the last limit prevails."""
         inputs = list(given[len(given) - self.bounds.shape[1] :])
         for i in self.held:
             inputs = self._braked(i, given, inputs)

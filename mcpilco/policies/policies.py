@@ -18,6 +18,8 @@ from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
     from mcpilco.policies.brake import Brake
+    from mcpilco.policies.regulator import Regulator
+    from mcpilco.policies.stage import Stage
 
 Bounds = Sequence[float] | Float[np.ndarray, " U"]
 """one number for each input, in the env's unit"""
@@ -81,6 +83,8 @@ class SumOfGaussians(nn.Module):
         self.centres = nn.Parameter(torch.zeros(bases, augmentation.width, dtype=torch.float64))
         self.log_lengthscale = nn.Parameter(torch.zeros(augmentation.width, dtype=torch.float64))
         self.weights = nn.Parameter(torch.zeros(bases, len(low), dtype=torch.float64))
+        self.regulator: Regulator | None = None
+        """acts in the policy's place near the goal, `mcpilco.policies.regulator`; None: never"""
         self.brake: Brake | None = None
         """from commands to inputs that keep limits, `mcpilco.policies.brake`; None: no limits"""
 
@@ -98,6 +102,11 @@ class SumOfGaussians(nn.Module):
     def input_dim(self) -> int:
         """U."""
         return self.weights.shape[1]
+
+    @property
+    def behind(self) -> list[Stage]:
+        """The formulas that change its commands, in order: of a regulator, then of a brake."""
+        return [stage for stage in (self.regulator, self.brake) if stage is not None and stage.acts]
 
     def randomise(
         self,
@@ -141,7 +150,9 @@ class SumOfGaussians(nn.Module):
         if dropout is not None:
             phi = phi * dropout.factors(step, *cast(tuple[int, int], phi.shape))
         commands = self.squash(phi @ self.weights)
-        return commands if self.brake is None else self.brake(states, commands)
+        for stage in self.behind:
+            commands = stage(states, commands)
+        return commands
 
 
 def blank_policy(config: PolicyConfig, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:

@@ -16,7 +16,7 @@ from torch import Tensor
 from mcpilco.dynamics import GPDynamics
 from mcpilco.kernels import Term
 from mcpilco.plant import Program
-from mcpilco.policies import SumOfGaussians
+from mcpilco.policies import SumOfGaussians, program_of
 from mcpilco.search.fused.program import live_registers
 from mcpilco.search.fused.tiles import TALL, pack, strip
 
@@ -133,7 +133,7 @@ class PolicyArrays(NamedTuple):
     squash: np.ndarray
     """(3, U): centre, half range, scale"""
     brake: ProgramArrays | None
-    """from [state, commands] to inputs; None: these are the commands"""
+    """from [state, commands] to inputs, a regulator before it; None: these are the commands"""
 
 
 class Mask(NamedTuple):
@@ -373,7 +373,7 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
     bases, z_width = policy.centres.shape
     pulls = policy.input_dim * (z_width + 1)
     bounds = squash.centre.numpy(), squash.half_range.numpy()
-    braked = None if policy.brake is None else policy.brake.program
+    program = program_of(policy.behind)
     return PolicyArrays(
         plain=np.array(augmentation.plain, dtype=np.int64),
         angles=np.array(augmentation.angles, dtype=np.int64),
@@ -381,7 +381,7 @@ def policy_arrays(policy: SumOfGaussians, dtype: np.dtype) -> PolicyArrays:
         inv_scale=np.empty(z_width, dtype),
         pulling=pack(np.zeros((pulls, bases), dtype)),
         squash=np.stack([*bounds, np.full_like(bounds[0], squash.scale)]).astype(dtype),
-        brake=None if braked is None else program_arrays(braked, None, dtype),
+        brake=None if program is None else program_arrays(program, None, dtype),
     )
 
 

@@ -26,7 +26,7 @@ from mcpilco.agent.policy_code import (
 from mcpilco.agent.policy_file import policy_arrays
 from mcpilco.agent.policy_onnx import onnx_model
 from mcpilco.typing import InputError
-from tests.mcpilco.agent.test_policy_file import ALL, POSITIONS, RAIL, learned
+from tests.mcpilco.agent.test_policy_file import ALL, PHYSICS, POSITIONS, RAIL, learned
 
 pytest.importorskip("jinja2")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
@@ -40,6 +40,7 @@ KINDS = {
     "linear_late": (POSITIONS, {"kernel": "rbf", "delay": 0.1}),
     "braked": (ALL, {"kernel": "rbf", "limits": (RAIL,)}),
     "past_braked": (ALL, {"kernel": "rbf", "memory": 1, "limits": (RAIL,)}),
+    "regulated": (ALL, PHYSICS | {"regulator": 20.0, "limits": (RAIL,)}),
 }
 SLOW = ("late", "part", "linear_late")
 
@@ -104,7 +105,9 @@ def agrees_in_c(agent, path: Path, vectors: int, chosen: list[list[str]]) -> Non
 
 
 @pytest.mark.skipif(not compilers(), reason="no C compiler")
-@pytest.mark.parametrize(("kind", "compiler"), [("past", -1), ("part", 0), ("past_braked", 0)])
+@pytest.mark.parametrize(
+    ("kind", "compiler"), [("past", -1), ("part", 0), ("past_braked", 0), ("regulated", 0)]
+)
 def test_compiled_c_answers_as_numpy(kind: str, compiler: int, agents, tmp_path: Path) -> None:
     agrees_in_c(agents(kind), tmp_path / f"{kind}.h", 150, [compilers()[compiler]])
 
@@ -145,6 +148,15 @@ def test_the_exported_brake_is_at_work(agents) -> None:
     assert NumpyPolicy(arrays)(fast)[0] < -9.9 < NumpyPolicy(free)(fast)[0]
     assert "braked" in contract(arrays)["kind"]
     assert "braked" not in contract(free)["kind"]
+
+
+def test_the_exported_regulator_is_at_work(agents) -> None:
+    arrays = arrays_of(agents("regulated"))
+    free = {name: a for name, a in arrays.items() if not name.startswith("regulator.")}
+    rows = np.array([row[1:-1] for row in golden_vectors(arrays, 500)])
+    differ = [not np.array_equal(NumpyPolicy(arrays)(x), NumpyPolicy(free)(x)) for x in rows]
+    assert 50 < sum(differ) < 450
+    assert "a regulator near its goal, braked" in contract(arrays)["kind"]
 
 
 def test_an_onnx_graph_takes_a_batch(agents, tmp_path: Path) -> None:

@@ -102,9 +102,15 @@ ALL, POSITIONS = "mcpilco/CartPoleSwingUp-v0", "mcpilco/CartPoleSwingUpPositions
 RAIL = Limit("cart_position", -0.5, 0.5)
 
 
-def learned(env: str, limits: tuple[Limit, ...] = (), **model) -> MCPILCO:
+PHYSICS = {"kernel": "rbf", "mean": "physics"}
+
+
+def learned(env: str, limits: tuple[Limit, ...] = (), regulator: float = 0.0, **model) -> MCPILCO:
     search = dataclasses.replace(TINY.search, limits=limits)
-    config = dataclasses.replace(TINY, search=search, model=ModelConfig(**model), horizon=9)
+    policy = dataclasses.replace(TINY.policy, regulator=regulator)
+    config = dataclasses.replace(
+        TINY, search=search, policy=policy, model=ModelConfig(**model), horizon=9
+    )
     config = dataclasses.replace(config, exploration=27 if limits else None)
     agent = MCPILCO("SumOfGaussians", gym.make(env, max_episode_steps=9), config=config, seed=4)
     return agent.learn(agent.timesteps_of(1))
@@ -121,6 +127,9 @@ def learned(env: str, limits: tuple[Limit, ...] = (), **model) -> MCPILCO:
         (POSITIONS, {"kernel": "rbf", "delay": 0.1}),
         (ALL, {"kernel": "rbf", "limits": (RAIL,)}),
         (ALL, {"kernel": "sed-mpk+rbf", "memory": 2, "limits": (RAIL,)}),
+        (ALL, PHYSICS | {"regulator": 20.0}),
+        (POSITIONS, PHYSICS | {"regulator": 20.0}),
+        (ALL, PHYSICS | {"regulator": 20.0, "memory": 1, "limits": (RAIL,)}),
     ],
 )
 def test_numpy_alone_acts_as_the_agent_with_its_estimator(env: str, model, tmp_path: Path) -> None:

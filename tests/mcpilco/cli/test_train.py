@@ -1,16 +1,19 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mcpilco.agent.agent
 import mcpilco.show
-from mcpilco.agent import MCPILCO, begin_run, learn_rest
+from mcpilco.agent import MCPILCO, agent_of, begin_run, learn_rest
+from mcpilco.agent.numpy_policy import NumpyPolicy
 from mcpilco.cli import main
 from mcpilco.cli.view import View
-from mcpilco.config import CART_POLE
+from mcpilco.config import CART_POLE, PRESETS, REGULATOR_ROOM
 from mcpilco.logbook import RunFolder
 from mcpilco.show import run_callbacks
 from tests.mcpilco.fakes import FakeAgent
@@ -117,3 +120,25 @@ def test_the_demo_opens_the_viewer_where_there_is_a_display(monkeypatch, flags, 
 def test_the_second_policy_of_the_demo_swings_the_pole_up(tmp_path: Path) -> None:
     assert main(["demo", "--no-view", "--out", str(tmp_path / "run")]) == 0
     assert RunFolder.open(tmp_path / "run").metrics()[-1]["success"]
+
+
+def test_a_regulator_is_trained_evaluated_reported_and_exported(
+    tmp_path: Path, monkeypatch, capsys
+) -> None:
+    preset = replace(PRESETS["default"], config=TINY)
+    monkeypatch.setitem(PRESETS, "default", preset)
+    run, policy = tmp_path / "run", tmp_path / "policy.npz"
+    asked = ["--regulator", "--model", "physics+rbf", "--preset", "default", "--horizon", "9"]
+    assert main(["train", *asked, "--trials", "1", "--out", str(run), "--quiet"]) == 0
+    assert RunFolder.open(run).config["config"]["policy"]["regulator"] == REGULATOR_ROOM
+    agent = agent_of(RunFolder.open(run), 1)
+    assert agent.policy.regulator.acts
+    assert main(["evaluate", str(run), "--episodes", "2"]) == 0
+    assert main(["report", str(run)]) == 0
+    assert main(["export", str(run), str(policy), "--c", str(tmp_path / "policy.h")]) == 0
+    near = np.array([0.0, 0.0, 3.1, 0.0])
+    np.testing.assert_allclose(NumpyPolicy(policy)(near), agent.predict(near)[0], atol=1e-6)
+    assert "_regulator(x, inputs)" in (tmp_path / "policy.h").read_text()
+    capsys.readouterr()
+    assert main(["train", "--regulator", "--algo", "pilco", "--out", str(tmp_path / "no")]) == 2
+    assert "--regulator is an option of the algorithm mcpilco" in capsys.readouterr().err

@@ -12,7 +12,14 @@ import torch
 from mcpilco.config import Limit
 from mcpilco.dynamics import AngleAugmentation, Delay, full_state, speed_integration
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
-from mcpilco.policies import Brake, Dropout, QuadraticCost, SumOfGaussians, cart_pole_cost
+from mcpilco.policies import (
+    Brake,
+    Dropout,
+    QuadraticCost,
+    Regulator,
+    SumOfGaussians,
+    cart_pole_cost,
+)
 from mcpilco.search import fused
 from mcpilco.search.particles import Sensing, rollout
 from mcpilco.sensing import Chain, DelayModel, Observer
@@ -253,6 +260,20 @@ def test_equals_plain_rollout_with_a_brake_of_two_inputs(task: TaskSpec) -> None
     task = dataclasses.replace(task, input_names=("left", "right"), input_units=("N", "N"))
     cost = QuadraticCost((0.0,) * 4, (1.0, 0.1, 2.0, 0.1), (0.02, 0.03))
     assert_equal(make_dynamics(task), braked(task, inputs=2), cost)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_equals_plain_rollout_with_a_regulator(task: TaskSpec, limited: bool) -> None:
+    policy = braked(task) if limited else make_policy(task)
+    aimed = dataclasses.replace(task, goal=(0.1, 0.0, 0.2, 0.0))
+    policy.regulator = Regulator(100.0, aimed, [-10.0], [10.0])
+    A = np.eye(4) + np.diag([0.1, 0.0, 0.1], 1) + np.diag([0.0, 0.0, 0.2], -1)
+    policy.regulator.hold(A, np.array([[0.0], [0.2], [0.0], [-0.1]]), np.array([0.5]))
+    assert_equal(make_dynamics(task), policy, task.cost, Dropout(0.25, seed=5))
+    start, noise = noise_and_start(2)
+    free = make_policy(task)
+    inputs = (fused.rollout(make_dynamics(task), p, start, noise).inputs for p in (policy, free))
+    assert not torch.equal(*inputs)
 
 
 @pytest.mark.slow  # compiles what no other test needs
