@@ -93,7 +93,8 @@ def folder(here: Path, out: Path | None, quick: bool) -> Path:
 def hasty(config: Config) -> Config:
     """The configuration with a search that takes no time, and finds nothing."""
     search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    return replace(config, policy=PolicyConfig(bases=10), search=search)
+    policy = PolicyConfig(bases=10, regulator=config.policy.regulator)
+    return replace(config, policy=policy, search=search)
 
 
 def preset_settings(env: str, algo: str, preset: str, trials: int, fresh: int = 100) -> Settings:

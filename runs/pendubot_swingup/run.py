@@ -29,7 +29,14 @@ from pendubot_swingup.regulated_agent import ENVS, Agent
 from realaigym.recipes import RECIPES
 
 import envs
-from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
+from mcpilco.config import (
+    REGULATOR_ROOM,
+    Config,
+    ModelConfig,
+    Phase,
+    PolicyConfig,
+    SearchConfig,
+)
 from mcpilco.logbook import read_json, versions
 from mcpilco.sweep import FreshEpisodes, machine, markdown, rate, rate_cell, spread, spread_cell
 
@@ -48,9 +55,9 @@ MASSES = ("upper_mass", "lower_mass")
 WEIGHTS = {"near": 0.3, "energy": 0.4, "velocity": 0.0005}
 """weights in the cost: of the way to that region, of the energy, and of squared velocities"""
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
-    "full": {"regulated": True, "weights": WEIGHTS},
-    "without regulator": {"regulated": False, "weights": WEIGHTS},
-    "without energy": {"regulated": True, "weights": {**WEIGHTS, "energy": 0.0}},
+    "full": {"room": REGULATOR_ROOM, "weights": WEIGHTS},
+    "without regulator": {"room": 0.0, "weights": WEIGHTS},
+    "without energy": {"room": REGULATOR_ROOM, "weights": {**WEIGHTS, "energy": 0.0}},
 }
 
 CONFIG = Config(
@@ -102,7 +109,7 @@ def main() -> int:
                 path = out / "results" / f"{name}.json"
                 if path.exists() and read_json(path)["over"]:
                     continue
-                config = config_of(robot, seed)
+                config = config_of(robot, seed, VARIANTS[variant]["room"])
                 config = hasty(config) if arguments.quick else config
                 for result in learned(robot, variant, config, seed, trials):
                     keep(path, result, HERE.name)
@@ -112,11 +119,11 @@ def main() -> int:
     return 0
 
 
-def config_of(robot: Robot, seed: int) -> Config:
-    """The numbers of a seed; its nominal masses are wrong."""
+def config_of(robot: Robot, seed: int, room: float) -> Config:
+    """The numbers of a seed; its nominal masses are wrong. `room` is that of the regulator."""
     plant = {"format": 1, "plant": ENVS[robot], "parameters": wrong_masses(robot, seed)}
     model = ModelConfig(kernel="rbf", mean="physics", plant={**plant, "effects": []})
-    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight)
+    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight, regulator=room)
     return replace(CONFIG, model=model, policy=policy)
 
 
@@ -131,7 +138,7 @@ def learned(
 ) -> Iterator[dict[str, Any]]:
     """What is known of a seed after each trial, as JSON; the last one is over."""
     env = {"dt": DT, "max_episode_steps": STEPS}
-    agent = Agent(robot, **VARIANTS[variant], config=config, seed=seed, **env)
+    agent = Agent(robot, VARIANTS[variant]["weights"], config=config, seed=seed, **env)
     about = {"robot": robot, "variant": variant, "seed": seed}
     about |= {"machine": machine(), "versions": versions()}
     rows: list[dict[str, Any]] = []

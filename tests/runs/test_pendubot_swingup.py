@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from harness import BEGIN, END, hasty
-from pendubot_swingup.regulated_agent import LIMIT, Regulated
-from realaigym.regulator import UPRIGHT, Regulator
+from pendubot_swingup.regulated_agent import LIMIT
+from realaigym.regulator import UPRIGHT
 
 import envs
+from mcpilco.policies import riccati
 
 pytestmark = pytest.mark.xdist_group("boards")  # one process compiles what all of them need
 
@@ -26,6 +26,14 @@ def result(seed: int, *trials: dict, over: bool = True) -> dict:
     return {**about, "over": over, "trials": list(trials)}
 
 
+def gain_of(plant, dt: float) -> np.ndarray:
+    """The gain of a plant's regulator, by central differences of its simulation."""
+    steps = 1e-4 * np.concatenate([np.eye(5), -np.eye(5)])
+    after = plant.simulate(UPRIGHT + steps[:, :4], steps[:, None, 4:], dt)[:, -1]
+    slopes = (after[:5] - after[5:]) / 2e-4
+    return riccati(slopes[:4].T, slopes[4:].T, np.eye(4), np.array([[LIMIT**-2.0]]))[0]
+
+
 def test_last_policy_is_learned_from_60_s(run):
     assert run.TRIALS * run.STEPS * run.DT == 60.0
 
@@ -35,45 +43,32 @@ def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run, robot):
     true = envs.PLANTS[f"mcpilco/{robot.capitalize()}-v0"]().values
     errors = []
     for seed in range(30):
-        told = run.config_of(robot, seed).model.plant["parameters"]
+        told = run.config_of(robot, seed, 0.0).model.plant["parameters"]
         errors.append([told[name] / true[name] - 1.0 for name in run.MASSES])
     assert np.abs(errors).max() <= run.WRONG
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
 
 
-def test_the_regulator_takes_over_near_the_top_and_nowhere_else():
-    def policy(states):
-        return torch.full((*states.shape[:-1], 1), 3.0, dtype=torch.float64)
-
-    plant = envs.PLANTS["mcpilco/Pendubot-v0"]()
-    regulated = Regulated(policy, Regulator(plant, 0.025, LIMIT, room=2.0))
-    near = UPRIGHT + 0.01
-    states = torch.as_tensor(np.array([[np.zeros(4), near], [near, UPRIGHT]]))
-    torques = regulated(states).numpy()[..., 0]
-    assert torques[0, 0] == 3.0
-    assert torques[0, 1] == torques[1, 0] == regulated.regulator(near)[1] != 3.0
-    assert torques[1, 1] == 0.0
-    assert regulated(states[1, 1]).shape == (1,)
-
-
 def test_the_agent_learns_the_plant_of_its_regulator_and_its_cost(run):
     """After a search both are of the masses that were fitted, closer than the nominal ones."""
-    config = replace(hasty(run.config_of("pendubot", 1)), horizon=10)
-    how = run.VARIANTS["full"]
-    agent = run.Agent("pendubot", **how, config=config, seed=0, dt=run.DT, max_episode_steps=50)
+    full, without = (run.VARIANTS[name] for name in ("full", "without regulator"))
+    env = {"seed": 0, "dt": run.DT, "max_episode_steps": 50}
+    config = replace(hasty(run.config_of("pendubot", 1, full["room"])), horizon=10)
+    agent = run.Agent("pendubot", full["weights"], config=config, **env)
     agent.learn(agent.timesteps_of(2))
+    assert agent.policy.regulator.acts
+    masses = {}, run.wrong_masses("pendubot", 1)
     true, nominal = (
-        envs.PLANTS["mcpilco/Pendubot-v0"]().where(**m)
-        for m in ({}, run.wrong_masses("pendubot", 1))
+        gain_of(envs.PLANTS["mcpilco/Pendubot-v0"]().where(**m), run.DT) for m in masses
     )
-    gains = [Regulator(plant, run.DT, LIMIT, 2.0).K for plant in (true, nominal)]
-    learned = agent.policy.regulator.K
-    assert np.abs(learned - gains[0]).max() < 0.2 * np.abs(gains[1] - gains[0]).max()
-    assert agent.task.cost.now.plant[2] == pytest.approx(true.values["lower_mass"], rel=0.05)
-    without = run.VARIANTS["without regulator"]
-    plain = run.Agent("pendubot", **without, config=config, seed=0, dt=run.DT, max_episode_steps=50)
+    learned = agent.policy.regulator.gain.numpy()
+    assert np.abs(learned - true).max() < 0.2 * np.abs(nominal - true).max()
+    values = envs.PLANTS["mcpilco/Pendubot-v0"]().values
+    assert agent.task.cost.now.plant[2] == pytest.approx(values["lower_mass"], rel=0.05)
+    config = replace(config, policy=replace(config.policy, regulator=without["room"]))
+    plain = run.Agent("pendubot", without["weights"], config=config, **env)
     plain.learn(plain.timesteps_of(1))
-    assert not isinstance(plain.policy, Regulated)
+    assert plain.policy.regulator is None
 
 
 @pytest.mark.slow
