@@ -1,4 +1,4 @@
-from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, stack
+from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, distinct_rows, stack
 from .compiled import INLINED, INNER, factorise, linearise, linearise_in_plane, scratch, solve
 from .differentiable import torch_regressor
 from .motion import (
@@ -22,6 +22,7 @@ __all__ = [
     "Matrix",
     "Vector",
     "accelerations",
+    "distinct_rows",
     "factorise",
     "generalised_forces",
     "inertial_parameters",

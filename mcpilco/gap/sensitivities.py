@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from mcpilco.bodies import distinct_rows
 from mcpilco.gap.data import Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
 from mcpilco.plant import GAIN, IDEAL_ACTUATOR, IDEAL_SENSOR, Tables, accuracy_for, design
@@ -36,8 +37,8 @@ def run(
     They are `rough` in the plant's own timesteps, which suffice for differences between them.
     """
     S, W = x0.shape[:2]
-    theta, system = np.unique(theta, axis=0, return_inverse=True)  # many starts of one system
-    system, window = np.repeat(system.reshape(-1), W), np.tile(np.arange(W), S)
+    theta, system = distinct_rows(theta)  # many starts of one system
+    system, window = np.repeat(system, W), np.tile(np.arange(W), S)
     plant = model.plant if rough else model.plant.finely(model.finer)
     y = plant.run(
         model.tables(theta),

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.bodies import Chain, generalised_forces, mass_matrix, stack
+from mcpilco.bodies import Chain, distinct_rows, generalised_forces, mass_matrix, stack
 from mcpilco.plant.effects import CATALOGUE, Effect
 from mcpilco.plant.effects.actuator import serving
 from mcpilco.plant.effects.joint import JointForce
@@ -364,8 +364,8 @@ class Plant(ABC):
         rows = np.tile(self.nominal, (len(start), 1))
         for name, values in (parameters or {}).items():
             rows[:, self._column(name)] = values
-        rows, system = np.unique(rows, axis=0, return_inverse=True)
-        system, each = system.reshape(-1).astype(np.int64), np.arange(len(start))
+        rows, system = distinct_rows(rows)
+        each = np.arange(len(start))
         commands = np.pad(inputs, ((0, 0), (0, 1), (0, 0)))  # none follows the last sample
         y = self.run(self.tables(rows), system, np.array(start, float), each, commands, 0, dt)
         return y.transpose(0, 2, 1)
@@ -412,7 +412,9 @@ class ChainPlant(Plant):
         S, names = len(parameters), [parameter.name for parameter in self.parameters]
         everything = [base.active for base in self.base] + [a for a, _ in self.added] + [*actives]
         forces = [(a.effect, a.target) for a in everything if isinstance(a.effect, JointForce)]
-        chains = stack([self.build(dict(zip(names, row, strict=True))) for row in parameters])
+        different, which = distinct_rows(parameters)  # most systems share their bodies
+        built = [self.build(dict(zip(names, row, strict=True))) for row in different]
+        chains = stack(built, which)
         tables = self._blank(chains, forces, S, grids, weights)
         rows = iter(range(len(forces)))
         places = [self._at(active, rows) for active in everything]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcpilco.bodies import HINGE, SLIDE, Body, Chain, stack
+from mcpilco.bodies import HINGE, SLIDE, Body, Chain, distinct_rows, stack
 from mcpilco.typing import InputError
 
 CART = Body(name="cart", joint="rail", kind=SLIDE, axis=(1.0, 0.0, 0.0), mass=1.0)
@@ -34,6 +34,22 @@ def test_stacked_chains_differ_in_numbers_only():
     chains = stack([Chain((CART, POLE)), heavy])
     np.testing.assert_array_equal(chains.mass, [[1.0, 0.5], [3.0, 0.5]])
     np.testing.assert_array_equal(chains.gravity[:, 2], [-9.82, -1.0])
+
+
+def test_rows_that_differ_make_up_all_rows():
+    rows = np.array([[2.0, 1.0], [0.0, 3.0], [2.0, 1.0], [0.0, 4.0]])
+    different, which = distinct_rows(rows)
+    np.testing.assert_array_equal(different, rows[[0, 1, 3]])
+    np.testing.assert_array_equal(different[which], rows)
+
+
+def test_systems_that_share_their_bodies_are_stacked_by_number():
+    chains = stack(
+        [Chain((CART, POLE)), Chain((replace(CART, mass=3.0), POLE))], np.array([1, 0, 1])
+    )
+    np.testing.assert_array_equal(chains.mass, [[3.0, 0.5], [1.0, 0.5], [3.0, 0.5]])
+    chains.mass[0, 0] = 7.0
+    np.testing.assert_array_equal(chains.mass[2], [3.0, 0.5])
 
 
 @pytest.mark.parametrize(
