@@ -1,5 +1,5 @@
 from .chain import HINGE, SLIDE, Body, Chain, Chains, Matrix, Vector, distinct_rows, stack
-from .compiled import INLINED, INNER, factorise, linearise, linearise_in_plane, scratch, solve
+from .compiled import INLINED, INNER, scratch
 from .differentiable import torch_regressor
 from .motion import (
     INERTIAL,
@@ -9,6 +9,7 @@ from .motion import (
     mass_matrix,
     regressor,
 )
+from .planar import accelerate
 
 __all__ = [
     "HINGE",
@@ -21,17 +22,14 @@ __all__ = [
     "Chains",
     "Matrix",
     "Vector",
+    "accelerate",
     "accelerations",
     "distinct_rows",
-    "factorise",
     "generalised_forces",
     "inertial_parameters",
-    "linearise",
-    "linearise_in_plane",
     "mass_matrix",
     "regressor",
     "scratch",
-    "solve",
     "stack",
     "torch_regressor",
 ]

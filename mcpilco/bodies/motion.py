@@ -10,6 +10,7 @@ from numba import njit
 
 from mcpilco.bodies import compiled
 from mcpilco.bodies.chain import Body, Chain, Chains, stack
+from mcpilco.bodies.planar import accelerate
 from mcpilco.compiling import digest
 
 INERTIAL = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
@@ -146,13 +147,7 @@ def _compiled(source: str):
         source  # noqa: B018  closed over
         ddq = tau.copy()
         for n in range(len(q)):
-            if chains.planar[0]:
-                compiled.linearise_in_plane(chains, 0, q[n], dq[n], w)
-            else:
-                compiled.linearise(chains, 0, q[n], dq[n], w)
-            compiled.factorise(w)
-            ddq[n] -= w.bias
-            compiled.solve(w, ddq[n])
+            accelerate(chains, 0, q[n], dq[n], w, ddq[n])
         return ddq
 
     @njit(cache=True, error_model="numpy")

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numba import njit
 
-from mcpilco.bodies import INLINED, factorise, linearise, linearise_in_plane, scratch, solve
+from mcpilco.bodies import INLINED, accelerate, scratch
 from mcpilco.compiling import digest
 from mcpilco.plant.effects.learned import learned_force, place_on
 from mcpilco.plant.effects.memory import Moment
@@ -156,14 +156,9 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
     `gone` seconds ago, at `past`.
     """
     J = len(q)
-    if tables.chains.planar[0]:
-        linearise_in_plane(tables.chains, s, q, v, w)
-    else:
-        linearise(tables.chains, s, q, v, w)
-    factorise(w)
     drives_joints(tables, s, q, v, actuated, since, w.load)
     for j in range(J):
-        w.x[j] = w.load[j] - w.bias[j]
+        w.x[j] = w.load[j]
     for i in range(len(tables.law)):
         j = tables.joint[i]
         x, y = remembered(tables, s, i, q, v, w.load, kv, past, gone)
@@ -173,7 +168,7 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
         x = grid_place(tables, s, k, 0, q, v, actuated, since)
         y = grid_place(tables, s, k, 1, q, v, actuated, since)
         w.x[tables.learned.joint[k]] += learned_force(tables.learned, s, k, x, y)
-    solve(w, w.x)
+    accelerate(tables.chains, s, q, v, w, w.x)
     for j in range(J):
         kv[row, j] = w.x[j]
 

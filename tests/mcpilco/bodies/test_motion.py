@@ -62,10 +62,10 @@ def test_forward_and_inverse_dynamics_are_inverses(seed):
     np.testing.assert_allclose(found, ddq, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(20))  # chains of 1 and 2 joints have forms of their own
 def test_a_planar_chain_moves_the_same_in_a_world_turned_out_of_the_plane(seed):
     rng = np.random.default_rng(10 + seed)
-    chain = random_planar_chain(rng, 2 + seed % 4)
+    chain = random_planar_chain(rng, 1 + seed % 5)
     turn = Rotation.random(rng=rng).as_matrix()
     bodies = [
         replace(
