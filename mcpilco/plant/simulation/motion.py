@@ -41,6 +41,7 @@ from mcpilco.plant.simulation.layout import (
     LAG,
     LATENCY,
     OFFSET,
+    PLAY,
     RATE,
     SCALE,
     SINE,
@@ -58,6 +59,8 @@ SHORTEST = 1e-6
 """step that is taken whatever its error [s]"""
 BEGINNINGS = 10
 """turns in which memories and accelerations at a start are found from one another"""
+FORGOTTEN = 37.0
+"""times its lag after which what an actuator did before is rounding [-]"""
 RUNAWAY = 1e4
 """velocity beyond which a motion is given up [m/s or rad/s]"""
 MOST_STEPS = 20000.0
@@ -219,6 +222,8 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
     J = len(q)
     done = 0.0
     first = tried = 0
+    kq[:] = 0.0
+    kv[:] = 0.0
     for i in range(len(tables.law)):
         if past.memory[i, 0] != past.memory[i, 0]:
             past.memory[i, 0] = past.memory[i, 1] = 0.0
@@ -234,7 +239,7 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
             i = max(n, 0)
             for j in range(J):
                 dq = dv = 0.0
-                for k in range(i):
+                for k in range(6):  # A is 0 from row i on: a loop of one length is much faster
                     dq += A[i, k] * kq[k, j]
                     dv += A[i, k] * kv[k, j]
                 tq[j] = q[j] + h * dq
@@ -256,6 +261,8 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
         worst /= accuracy
         if not worst < 1e30:  # NaN or infinite
             worst = 1e30
+            kq[1:] = 0.0
+            kv[1:] = 0.0
         part = turning(tables, s, v, tv, kv, h)
         if (worst <= 1.0 and part == 1.0) or h <= SHORTEST:
             done += h
@@ -276,18 +283,24 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
 
 
 @njit(**INLINED)
+def within(late, dt):
+    """When in a command's time dt something happens that comes so late [s]."""
+    return late % dt if late != 0.0 else 0.0  # a remainder takes as long as 20 products
+
+
+@njit(**INLINED)
 def next_event(tables, s, now, dt, actuated):
     """When an input jumps, a ramp ends or a sensor looks next after `now`; dt if never before."""
     event = dt
     for u in range(len(tables.drives)):
-        at = tables.actuators[s, u, DELAY] % dt
+        at = within(tables.actuators[s, u, DELAY], dt)
         if now < at < event:
             event = at
         at = now + abs(actuated[u, 1] - actuated[u, 0]) / tables.actuators[s, u, RATE]
         if tables.actuators[s, u, LAG] == 0.0 and now < at < event:
             event = at
     for x in range(tables.sensors.shape[1]):
-        at = -tables.sensors[s, x, LATENCY] % dt
+        at = within(-tables.sensors[s, x, LATENCY], dt)
         if now < at < event:
             event = at
     return event
@@ -302,7 +315,7 @@ def look(tables, s, q, v, k, now, dt, every, y, filters):
     """
     for x in range(y.shape[0]):
         latency = tables.sensors[s, x, LATENCY]
-        if -latency % dt == now:
+        if within(-latency, dt) == now:
             row, between = divmod(k + round((now + latency) / dt), every)
             if between == 0 and row < y.shape[1]:
                 j, sensor = x // 2, tables.sensors[s, x]
@@ -357,15 +370,32 @@ def recall(tables, s, path, dt, past, load):
 
 
 @njit(**INLINED)
-def prepare(tables, s, commands, n, lead, dt, forces, actuated):
-    """The shaped commands of window n, and where the actuators are at command `lead`."""
+def recent(tables, s, dt, lead):
+    """How many of the `lead` commands before a start still show in where the actuators are."""
+    kept = min(lead, 1)
     for u in range(len(tables.drives)):
-        last = tables.actuators[s, u, GAIN] * commands[n, 0, u]
-        for i in range(commands.shape[1]):
+        if tables.actuators[s, u, RATE] < np.inf:
+            return lead
+        kept = max(kept, min(lead, 1 + math.ceil(FORGOTTEN * tables.actuators[s, u, LAG] / dt)))
+    return kept
+
+
+@njit(**INLINED)
+def prepare(tables, s, commands, n, lead, followed, dt, forces, actuated):
+    """The shaped commands of window n, and where the actuators are `followed` before the start.
+
+    Of the `lead` commands before it those are left out that no longer matter.
+    """
+    first = lead - max(recent(tables, s, dt, lead), followed)
+    for u in range(len(tables.drives)):
+        late = 1 + int(tables.actuators[s, u, DELAY] / dt)
+        begin = max(first - late, 0) if tables.actuators[s, u, PLAY] == 0.0 else 0
+        last = tables.actuators[s, u, GAIN] * commands[n, begin, u]
+        for i in range(begin, commands.shape[1]):
             last = shaped(tables.actuators[s, u], commands[n, i, u], last)
             forces[i, u] = last
-        actuated[u, 0] = actuated[u, 1] = forces[0, u]
-    for i in range(lead):
+        actuated[u, 0] = actuated[u, 1] = forces[begin, u]
+    for i in range(first, lead - followed):
         hold(tables, s, forces, i, dt, actuated)
 
 
@@ -385,9 +415,9 @@ def switch(tables, s, forces, i, now, dt, actuated):
     """Sets the forces that the actuators are driven to, `now` seconds after command i."""
     for u in range(len(tables.drives)):
         delay = tables.actuators[s, u, DELAY]
-        late = int(delay // dt)
-        if now < delay % dt:
-            late += 1
+        late = 0
+        if delay != 0.0:
+            late = int(delay // dt) + (now < delay % dt)
         actuated[u, 1] = forces[max(i - late, 0), u]
 
 
@@ -443,7 +473,7 @@ def _compiled(source: str):
                 q[j], v[j] = start[b, 2 * j], start[b, 2 * j + 1]
             past.memory[:] = np.nan
             followed = lead if recalls else 0
-            prepare(tables, s, commands, n, lead - followed, dt, forces, actuated)
+            prepare(tables, s, commands, n, lead, followed, dt, forces, actuated)
             for i in range(followed):
                 switch(tables, s, forces, i, 0.0, dt, actuated)
                 here, then = path[n, i], path[n, i + 1]

@@ -10,6 +10,7 @@ from envs.plants import cart_pole, double_pendulum, pendulum
 from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance, Plant
+from mcpilco.plant.simulation.layout import RATE
 from mcpilco.plant.simulation.motion import accuracy_for, simulate
 from tests.mcpilco.plant.effects.test_catalogue import FORMULAS, ORDINARY
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
@@ -66,6 +67,21 @@ def test_commands_keep_their_rate_where_few_samples_are_compared(effect):
     every_eighth = simulate(tables, each, start, each, commands, 24, DT / 8, every=8)
     assert every_eighth.shape == (1, 2, T)
     np.testing.assert_allclose(every_eighth, every_one[:, :, ::8], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [[], [("actuator_lag", [0.05])], [("actuator_lag", [0.05]), ("actuator_delay", [0.31])]],
+)
+def test_only_commands_that_an_actuator_has_forgotten_are_left_out(effects):
+    """An actuator with a limit of its rate forgets none; that of this one is never met."""
+    plant = having(*((name, "actuator", values) for name, values in effects))
+    tables, each = plant.tables(plant.nominal[None]), np.zeros(1, dtype=int)
+    commands = np.random.default_rng(0).uniform(-2, 2, (1, 200 + T, 1))
+    found = simulate(tables, each, START[None], each, commands, 200, DT)
+    tables.actuators[:, :, RATE] = 1e15
+    whole = simulate(tables, each, START[None], each, commands, 200, DT)
+    np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-9)
 
 
 def play(commands: np.ndarray, width: float) -> np.ndarray:
