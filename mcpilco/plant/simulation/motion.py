@@ -566,6 +566,7 @@ def simulate(
     memory = np.empty((T, U)), np.empty((U, 2)), np.empty((2 * J, 3)), taken
     room = room_for(J, len(tables.law))
     path = np.empty((len(commands), 0, 2 * J)) if path is None else path
+    start, path = map(np.ascontiguousarray, (start, path))  # each layout would be compiled for
     given = tables, system, start, window, commands, lead, dt, every, accuracy, path
     _follow(*given, y, scratch(J), room, memory)
     return y

@@ -11,7 +11,7 @@ from mcpilco.bodies import generalised_forces
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.plant import EffectInstance, Plant
 from mcpilco.plant.simulation.layout import RATE
-from mcpilco.plant.simulation.motion import accuracy_for, simulate
+from mcpilco.plant.simulation.motion import _follow, accuracy_for, simulate
 from tests.mcpilco.plant.effects.test_catalogue import FORMULAS, ORDINARY
 from tests.mcpilco.plant.simulation.reference import pendulum_motion
 from tests.reference.cartpole import CartPoleDynamics
@@ -43,6 +43,14 @@ def test_a_cart_pole_moves_as_the_env_integrates_it():
         np.testing.assert_allclose(found[:, k], states, **CLOSE)
         states = CartPoleDynamics.nominal().advance(states, commands[:, k, 0], DT)[-1]
     np.testing.assert_allclose(found[:, 25], states, **CLOSE)
+
+
+def test_one_compiled_loop_serves_starts_in_any_layout():
+    starts, commands = np.random.default_rng(1).normal(size=(3, 4)), np.ones((3, 5, 1))
+    expected, compiled = cart_pole().simulate(starts, commands, DT), set(_follow.signatures)
+    found = cart_pole().simulate(np.asfortranarray(starts), commands, DT)
+    np.testing.assert_array_equal(found, expected)
+    assert set(_follow.signatures) == compiled
 
 
 @pytest.mark.parametrize("name", FORMULAS)
