@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -116,8 +117,8 @@ class Problem:
         """`count` particles from fresh random numbers."""
         normal, noise = self.normals(count, generator)
         dynamics = self.dynamics
-        if isinstance(dynamics, UncertainDynamics):
-            dynamics = dynamics.draw(count, generator)
+        if (uncertain := self._uncertain) is not None:
+            dynamics = uncertain.draw(count, generator)
         start = self.start_mean + self.start_std * normal
         if self.observer is None:
             return self.rollout(dynamics, policy, start, noise, dropout)
@@ -146,9 +147,19 @@ class Problem:
 
     def widened(self, factor: float) -> Problem:
         """The same with a wider cost, where the cost knows what that is."""
-        if factor == 1.0 or not isinstance(self.cost, WidenableCost):
+        if factor == 1.0 or (cost := self._widenable) is None:
             return self
-        return dataclasses.replace(self, cost=self.cost.widened(factor))
+        return dataclasses.replace(self, cost=cost.widened(factor))
+
+    # Which protocols these follow is asked once, for the question takes a tenth of a millisecond.
+
+    @cached_property
+    def _uncertain(self) -> UncertainDynamics | None:
+        return self.dynamics if isinstance(self.dynamics, UncertainDynamics) else None
+
+    @cached_property
+    def _widenable(self) -> WidenableCost | None:
+        return self.cost if isinstance(self.cost, WidenableCost) else None
 
     def costs(self, particles: Particles) -> Float[Tensor, "T P"]:
         """Cost of each particle at the end of each step [-]; no policy can change the start's."""

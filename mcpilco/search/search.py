@@ -342,7 +342,7 @@ class PolicySearch:
         annealed = costs.mean(1).sum()
         descended = annealed if objective is None else objective(particles.states[1:], costs)
         slopes = torch.autograd.grad(descended, list(policy.parameters()))
-        norm = torch.nn.utils.get_total_norm(slopes)
+        norm = torch.linalg.vector_norm(torch.stack(torch._foreach_norm(slopes)))
         if self.config.clip_norm is not None:
             shrunk = torch.clamp(self.config.clip_norm / (norm + 1e-6), max=1.0)
             slopes = torch._foreach_mul(slopes, shrunk)
