@@ -14,7 +14,7 @@ from mcpilco.gap.comparison import Interval, error_over_expected, error_reductio
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
-from mcpilco.gap.search import SearchResult, Tried, without
+from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import CHOICE, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant, name_of
@@ -32,14 +32,18 @@ class Weighed:
     """for the best model"""
     nominal: Evidence
     """for the model of no effect"""
-    fewer: dict[EffectInstance, Fit]
-    """the fits without one of the best model's effects"""
 
     def share(self, instance: EffectInstance) -> float:
-        """The part of the closed gap that an effect closes [-]: what opens again without it."""
-        ends = (self.fewer[instance], self.null, self.best)
-        without, nominal, best = (_missed(fit, self.windows) for fit in ends)
-        return float(np.clip((without - best) / max(nominal - best, 1e-12), 0.0, 1.0))
+        """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
+        null = self.null.model
+        free = np.isinf([*null.priors.values()])  # what is free has no nominal value
+        model, theta = shrunk(self.best, instance, self.null)
+        if (told := null.frees(instance)) is not None:
+            theta = np.where(np.arange(len(theta)) == told, 0.0, theta)
+        nominal = null, np.where(free, self.null.theta, 0.0)
+        ends = (replace(self.best, model=m, theta=t) for m, t in ((model, theta), nominal))
+        opened, gap = (_missed(f, self.windows) - _missed(self.best, self.windows) for f in ends)
+        return float(np.clip(opened / max(gap, 1e-12), 0.0, 1.0))
 
     def closed(self, clear: Windows) -> Interval:
         """The part of the error on held-out windows without events that the effects take away."""
@@ -64,15 +68,15 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
         for fit in (best, null)
     )
     while True:
-        fewer = {
-            instance: tried.keep(without(best, instance, tried.windows, result.null))
+        fewer = (
+            tried.keep(without(best, instance, tried.windows, result.null))
             for instance in best.model.effects
-        }
-        enough = [fit for fit in fewer.values() if not tried.prefers(best, fit)]
+        )
+        enough = [fit for fit in fewer if not tried.prefers(best, fit)]
         if not enough:
             break
         best = min(enough, key=tried.bic)
-    return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null), fewer)
+    return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
@@ -206,7 +210,7 @@ class NamedEffect:
     probability: float
     """that it is missing: it belongs to the sets that the evidence favours, and it is not 0 [-]"""
     share: float
-    """part of the closed gap that it closes: what opens again without it [-]"""
+    """part of the closed gap that opens again where it alone is taken out [-]"""
     family: tuple[str, ...]
     """effects, itself first, that these recordings cannot distinguish from it"""
 

@@ -25,7 +25,6 @@ from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.residual_force import explained_by_forces, force_response
 from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
-from mcpilco.plant import Axis
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
 
@@ -67,7 +66,8 @@ def located_force(fit: Fit, windows: Windows) -> tuple[Disagreement, ...]:
     for place in force_places(fit, windows):
         force, joint = place.force, place.force.joint
         regions = [
-            f"{axis.of} {low:.2g} to {high:.2g} {_unit(fit, axis.of, joint)}{_round(axis)}"
+            f"{axis.of} {low:.2g} to {high:.2g} {_unit(fit, axis.of, joint)}"
+            + " of each turn" * axis.closed
             for axis, (low, high) in zip(force.axes, place.within, strict=True)
         ]
         size = f"{place.largest:.2g} {layout.unit_of(joint)[1]}"
@@ -75,10 +75,6 @@ def located_force(fit: Fit, windows: Windows) -> tuple[Disagreement, ...]:
         channel = layout.states[2 * layout.joints.index(joint)]
         disagreements.append(Disagreement(channel, place.share, condition, joint))
     return tuple(disagreements)
-
-
-def _round(axis: Axis) -> str:
-    return " of each turn" if axis.closed else ""
 
 
 def _unit(fit: Fit, name: str, joint: str) -> str:

@@ -32,8 +32,9 @@ from tests.mcpilco.gap.pendulum import dry_friction, record
 FRICTION = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
 SPRING = EffectInstance(CATALOGUE["spring"], "pendulum")
 OFFSET = EffectInstance(CATALOGUE["sensor_offset"], "angle")
+GAIN = EffectInstance(CATALOGUE["actuator_gain"], "actuator")
 NOTHING = Evidence(0.0, np.zeros(1), np.ones(2), 1000, np.zeros(2))
-SIZES = {FRICTION: (0.1, 2e-3), SPRING: (0.02,), OFFSET: (0.01,)}
+SIZES = {FRICTION: (0.1, 2e-3), SPRING: (0.02,), OFFSET: (0.01,), GAIN: (0.7,)}
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def searched(
 def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]) -> Weighed:
     """These effects and none, as they are."""
     null, best = (with_effects(nominal, windows, each) for each in ([], effects))
-    return Weighed(best, null, windows, NOTHING, NOTHING, {})
+    return Weighed(best, null, windows, NOTHING, NOTHING)
 
 
 @pytest.mark.parametrize(
@@ -135,6 +136,18 @@ def test_effects_that_may_be_none_are_not_named(
     (named,) = named_effects(result, judged)
     assert named.parameters["f_c"].low < 0.1 < named.parameters["f_c"].high
     assert named.share > 0.95
+
+
+def test_an_effect_closes_the_gap_though_a_refit_by_absurd_parameters_would_do_so_too() -> None:
+    """A weak motor moves a pendulum as a strong one moves one that is heavier and rubs more."""
+    rng = np.random.default_rng(1)
+    recordings = [record(rng, lambda q, v: 0.0, number, gain=0.7) for number in range(2)]
+    known = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
+    windows = known.windows()
+    judged = judging(known.model(windows), windows, [GAIN])
+    refit, corrected = (fit.by_window.sum() for fit in (judged.null, judged.best))
+    assert refit < 2.0 * corrected
+    assert judged.share(GAIN) > 0.9
 
 
 @pytest.mark.parametrize("helps", [True, False])
