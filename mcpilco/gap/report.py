@@ -87,7 +87,8 @@ class Gap:
     @property
     def mended(self) -> bool:
         """Whether the corrected plant has effects or learned forces that the nominal one lacks."""
-        return bool(self.corrected.added[len(self.plant.added) :] or self.corrected.learned)
+        added = self.corrected.added[len(self.plant.added) :]
+        return bool(self.named or added or self.corrected.learned)
 
     def _repr_html_(self) -> str:
         """The verdict, a row for each parameter of a missing effect, and the errors."""

@@ -109,6 +109,12 @@ def test_errors_are_told_in_radians_beside_noise_std_and_closed_says_from_where(
     assert error["closed"]["from"] == "nominal"
 
 
+def test_an_effect_that_is_a_parameter_of_the_plant_closes_a_gap_like_any_other(found: Gap) -> None:
+    heavier = replace(found, corrected=found.plant.where(mass=1.0))
+    assert any(line.startswith("The gap is closed by") for line in summary(heavier))
+    assert not replace(heavier, named=()).mended
+
+
 def test_a_recording_with_events_has_one_line_and_the_errors_with_them(found: Gap) -> None:
     assert found.comparison is not None
     assert not any("left out" in line.lower() for line in summary(found))
