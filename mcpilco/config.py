@@ -283,7 +283,7 @@ class Limit(Checked):
 class SearchConfig(Checked):
     """How the policy is improved in the model."""
 
-    particles: int = 96
+    particles: int = 64
     """P of each rollout"""
     steps: tuple[int, ...] = (500,)
     """most optimisation steps of a start in trial 1, 2, ...; the last entry holds from there on"""
@@ -309,7 +309,7 @@ class SearchConfig(Checked):
     screening: float = 1.0
     """a further start is given up at this share of its steps if it costs more there than half of
     those before it did; 1 gives none up [-]"""
-    failing: float = 0.05
+    failing: float = 0.02
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
     this share of the mean cost of a random rollout [-]"""
     continuation: int = 0
@@ -405,8 +405,9 @@ class Config(Checked):
     engine: Literal["fused", "eager"] = "fused"
     """how particles are rolled out: compiled loops, or plain torch with the same result;
     where numba is missing, torch takes the place of the loops"""
-    precision: Literal["float64", "float32"] = "float64"
-    """of the fast rollouts; factorisations, costs and parameters have float64 always"""
+    precision: Literal["float64", "float32"] = "float32"
+    """of the compiled rollouts; factorisations, costs and parameters have float64 always, and so
+    has plain torch"""
 
     def __post_init__(self) -> None:
         super().__post_init__()

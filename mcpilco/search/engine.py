@@ -28,12 +28,9 @@ def rollout_of(
     Where the compiled loops cannot be had, or do not know the model, the policy or the observer,
     the plain rollout takes over with a warning, once for each reason.
 
-    The engine `eager` asks for the plain rollout always, which knows one precision.
+    The engine `eager` asks for the plain rollout always, which computes in float64.
     """
-    single = config.precision == "float32"
     if config.engine == "eager":
-        if single:
-            _warn_once('The engine "eager" computes in float64; precision "float32" needs "fused".')
         return rollout
     fused = _compiled_loops()
     if fused is None:
@@ -45,7 +42,7 @@ def rollout_of(
             '"eager" if that is meant.'
         )
         return rollout
-    return functools.partial(fused.rollout, single=single)
+    return functools.partial(fused.rollout, single=config.precision == "float32")
 
 
 def compiled_before() -> bool:

@@ -6,6 +6,7 @@ import dataclasses
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -66,9 +67,9 @@ def same(chosen, expected, single: bool) -> bool:
 
 def test_the_compiled_loops_are_the_first_choice(task: TaskSpec) -> None:
     dynamics, policy = make_dynamics(task), make_policy(task)
-    assert same(rollout_of(Config(), dynamics, policy), fused.rollout, single=False)
-    single = Config(precision="float32")
-    assert same(rollout_of(single, dynamics, policy), fused.rollout, single=True)
+    assert same(rollout_of(Config(), dynamics, policy), fused.rollout, single=True)
+    double = Config(precision="float64")
+    assert same(rollout_of(double, dynamics, policy), fused.rollout, single=False)
     assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
 
 
@@ -98,13 +99,13 @@ def test_a_fall_back_to_plain_torch_is_warned_of_once_by_name(task: TaskSpec, sa
         said.clear()
 
 
-def test_single_precision_in_the_plain_rollout_is_warned_of(task: TaskSpec, said) -> None:
-    dynamics, policy = make_dynamics(task), make_policy(task)
-    assert rollout_of(Config(engine="eager"), dynamics, policy) is rollout
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_the_plain_rollout_takes_any_precision_without_a_word(
+    task: TaskSpec, said, precision: Literal["float32", "float64"]
+) -> None:
+    config = Config(engine="eager", precision=precision)
+    assert rollout_of(config, make_dynamics(task), make_policy(task)) is rollout
     assert not said.messages
-    config = Config(engine="eager", precision="float32")
-    assert rollout_of(config, dynamics, policy) is rollout
-    assert "computes in float64" in said.text
 
 
 def test_without_compiled_loops_all_is_rolled_out_in_torch(
@@ -118,7 +119,7 @@ def test_linear_observers_are_known_to_the_compiled_loops(task: TaskSpec) -> Non
     dynamics, policy = make_dynamics(task), make_policy(task)
     estimator = differences(dataclasses.replace(task, measured=(0, 2)))
     observer = Observer(estimator, torch.tensor([0.01, 0.01]).double(), estimator.C)
-    assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=False)
+    assert same(rollout_of(Config(), dynamics, policy, observer), fused.rollout, single=True)
 
 
 def test_compiled_code_that_is_newer_than_its_source_is_known(
