@@ -69,6 +69,19 @@ class Parameters:
     covariance: Float[np.ndarray, "K K"]
     """[-]"""
 
+    @property
+    def root(self) -> Float[np.ndarray, "K K"]:
+        """R of the covariance R R'.
+
+        Where data without noise know a number to its last digits, rounding leaves no Cholesky
+        factor.
+        """
+        try:
+            return np.linalg.cholesky(self.covariance)
+        except np.linalg.LinAlgError:
+            sizes, axes = np.linalg.eigh(self.covariance)
+            return axes * np.sqrt(np.maximum(sizes, 0.0))
+
 
 class PhysicsMean:
     """F(x, u; theta) of one sampling interval, and what is believed of theta."""
@@ -148,7 +161,7 @@ class PhysicsMean:
     def drawn(self, points: Float[np.ndarray, "S D"]) -> Float[Tensor, "S L"]:
         """The arguments of the program for plants that standard normal numbers choose."""
         K = len(self.belief.mean)
-        values = self.belief.mean + points[:, :K] @ np.linalg.cholesky(self.belief.covariance).T
+        values = self.belief.mean + points[:, :K] @ self.belief.root.T
         return self.numbers(values, self.spread.rows(points[:, K:]) if self.spread else None)
 
     def numbers(
@@ -332,7 +345,7 @@ class PhysicsDynamics:
         self.program = physics.step.program
         K = len(physics.belief.mean)
         normal = _normal_points(K + (physics.spread.dimensions if physics.spread else 0))
-        spread = normal[:, :K] @ np.linalg.cholesky(physics.belief.covariance).T
+        spread = normal[:, :K] @ physics.belief.root.T
         self._numbers = physics.drawn(normal)
         # given theta, alpha = (K + s^2 I)^-1 (y - F(theta)): linear in theta near its mean
         L_inv = model.posterior.L_inv.numpy()

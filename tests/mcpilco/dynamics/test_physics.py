@@ -15,7 +15,7 @@ from mcpilco.config import ModelConfig
 from mcpilco.data import Transitions
 from mcpilco.dynamics.dynamics import GPDynamics, full_state, speed_integration
 from mcpilco.dynamics.features import AngleAugmentation
-from mcpilco.dynamics.physics import PhysicsDynamics, PhysicsMean
+from mcpilco.dynamics.physics import Parameters, PhysicsDynamics, PhysicsMean
 from mcpilco.gp import GP
 from mcpilco.kernels import RBF
 from mcpilco.typing import InputError
@@ -92,6 +92,14 @@ def test_where_there_are_data_all_particles_agree_and_elsewhere_they_differ(task
     here = spread(rows.states[0].tolist(), float(rows.inputs[0, 0]))
     assert (here < 2 * NOISE).all()
     assert spread([0.0, 0.0, 0.3, 25.0], 40.0).max() > 2 * here.max()
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 0.5), (1.0, 1e-20), (1.0, -1e-18)])
+def test_a_root_is_of_the_covariance_though_rounding_makes_that_singular(sizes):
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    covariance = turn @ np.diag(sizes) @ turn.T
+    root = Parameters(np.zeros(2), covariance).root
+    np.testing.assert_allclose(root @ root.T, covariance, atol=1e-15)
 
 
 def test_a_particle_keeps_its_parameters(task):
