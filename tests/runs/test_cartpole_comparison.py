@@ -49,6 +49,7 @@ def test_all_agents_learn_from_the_same_seeds_and_stand_in_one_table(command, ca
         assert (tmp_path / picture).read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 @pytest.mark.xdist_group("compiled moments")  # which it compiles
 def test_what_learns_without_a_model_stands_beside_them_at_its_amounts(
     run, command, monkeypatch, tmp_path

@@ -49,6 +49,7 @@ def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run, robot):
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
 
 
+@pytest.mark.slow
 def test_the_agent_learns_the_plant_of_its_regulator_and_its_cost(run):
     """After a search both are of the masses that were fitted, closer than the nominal ones."""
     full, without = (run.VARIANTS[name] for name in ("full", "without regulator"))
