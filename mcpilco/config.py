@@ -306,7 +306,7 @@ class SearchConfig(Checked):
     restarts: tuple[int, ...] = (1, 3)
     """further starts from random policies in trial 1, 2, ..., tried while the model predicts
     failure; the last entry holds from there on"""
-    screening: float = 1.0
+    screening: float = 0.3
     """a further start is given up at this share of its steps if it costs more there than half of
     those before it did; 1 gives none up [-]"""
     failing: float = 0.02

@@ -188,7 +188,9 @@ CART_POLE, MUJOCO = "envs.cartpole:CartPoleSwingUpEnv", "envs.mujoco_cartpole"
 PENDULUM, PENDUBOT = "envs.pendulum:PendulumEnv", "envs.double_pendulum:PendubotEnv"
 EARLIER = "0:100,1000:1053,20000:20231"
 """seeds of the cart-pole by whose failures the preset `default` was changed at first"""
-LOOKED_AT = f"{EARLIER},20400:20440,21000:21100"
+BETWEEN = f"{EARLIER},20400:20440,21000:21100"
+"""these, and those by which it was changed then"""
+LOOKED_AT = f"{BETWEEN},22000:22100"
 """these, and those by which it was changed last"""
 
 
@@ -212,6 +214,7 @@ TABLES = (
     Table("cartpole_swingup", "results/no-mirror/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
     Table("cartpole_swingup", "results/default/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
     Table("cartpole_swingup", "results/earlier/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
+    Table("cartpole_swingup", "results/unscreened/seeds/*.json", (*AGENT, CART_POLE), BETWEEN),
     Table("cartpole_swingup", "results/thesis/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
     Table("cartpole_swingup", "results/tro2022/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
     Table("collision", "results/p*d/*.json", ("run:trial", "run:CONTROLLERS")),

@@ -2,7 +2,8 @@
 
 python runs/cartpole_swingup/run.py                       # default, 100 seeds, and thesis, 30
 python runs/cartpole_swingup/run.py --presets fresh       # default, on seeds that are run once
-python runs/cartpole_swingup/run.py --presets earlier     # its numbers before these, likewise
+python runs/cartpole_swingup/run.py --presets unscreened  # its numbers before these, likewise
+python runs/cartpole_swingup/run.py --presets earlier     # those before these, likewise
 python runs/cartpole_swingup/run.py --presets no-mirror   # those without mirror images, on 30 seeds
 python runs/cartpole_swingup/run.py --presets tro2022     # 10 seeds, 5 trials each
 python runs/cartpole_swingup/run.py --quick               # seconds: does it run at all?
@@ -15,7 +16,7 @@ the README of the project.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -63,17 +64,31 @@ class Plan:
     trials: int
     preset: str = ""
     """that is run; the plan's name by default"""
-    earlier: bool = False
-    """the preset as it was before: more particles, in double precision, and less strict a rule for
-    further starts"""
-    mirror: bool = True
-    """whether the model may learn from mirror images, as the preset says"""
+    as_it_was: Callable[[Config], Config] = lambda config: config
+    """the preset's numbers at the time"""
+
+
+def unscreened(config: Config) -> Config:
+    """The same, where further starts go to their end."""
+    return replace(config, search=replace(config.search, screening=1.0))
+
+
+def as_earlier(config: Config) -> Config:
+    """These with more particles, in double precision, and a less strict rule for further starts."""
+    search = replace(unscreened(config).search, particles=96, failing=0.05)
+    return replace(config, search=search, precision="float64")
+
+
+def without_mirror(config: Config) -> Config:
+    """Those, where the model never asks for mirror images."""
+    return replace(as_earlier(config), model=replace(config.model, mirror=0))
 
 
 PLANS = {
-    "fresh": Plan("22000:22100", 4, "default"),
-    "earlier": Plan("21000:21100", 4, "default", earlier=True),
-    "no-mirror": Plan("21000:21030", 4, "default", earlier=True, mirror=False),
+    "fresh": Plan("23000:23100", 4, "default"),
+    "unscreened": Plan("22000:22100", 4, "default", unscreened),
+    "earlier": Plan("21000:21100", 4, "default", as_earlier),
+    "no-mirror": Plan("21000:21030", 4, "default", without_mirror),
     "default": Plan("0:100", 4),
     "thesis": Plan("0:30", 4),
     "tro2022": Plan("0:10", 5),
@@ -86,8 +101,9 @@ class Arguments:
     """Train from many seeds and write the tables."""
 
     seeds: str | None = None
-    """`0:30` are 0 to 29; by default 0:100, 22000:22100 for fresh, 21000:21100 for earlier,
-    21000:21030 for no-mirror, 0:30 for thesis and 0:10 for tro2022"""
+    """`0:30` are 0 to 29; by default 0:100, 23000:23100 for fresh, 22000:22100 for
+    unscreened, 21000:21100 for earlier, 21000:21030 for no-mirror, 0:30 for thesis and 0:10 for
+    tro2022"""
     presets: tuple[Literal[*PLANS], ...] = ("default", "thesis")
     """which settings"""
     workers: int | None = None
@@ -115,24 +131,12 @@ def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
     seeds = parse_seeds(arguments.seeds or plan.seeds)
     name = plan.preset or preset
     chosen = PRESETS[name]
-    config = as_earlier(chosen.config) if plan.earlier else chosen.config
-    config = config if plan.mirror else without_mirror(config)
+    config = plan.as_it_was(chosen.config)
     config, fresh = (hasty(config), 5) if arguments.quick else (config, FRESH)
 
     settings = Settings(ENV, chosen.env_kwargs, name, config, plan.trials, fresh)
     print(f"Preset {name}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
     return swept(settings, seeds, out / "results" / preset, HERE.name, arguments.workers)
-
-
-def as_earlier(config: Config) -> Config:
-    """The same with the numbers of `default` before seeds 22000 and later."""
-    search = replace(config.search, particles=96, failing=0.05)
-    return replace(config, search=search, precision="float64")
-
-
-def without_mirror(config: Config) -> Config:
-    """The same, where the model never asks for mirror images."""
-    return replace(config, model=replace(config.model, mirror=0))
 
 
 # The tables ---------------------------------------------------------------------------------------
@@ -233,6 +237,7 @@ def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
 
 TITLES = {
     "fresh": "`default` on seeds run once",
+    "unscreened": "`default` whose further starts go to their end, on seeds run once",
     "earlier": "`default` with its earlier numbers, on seeds run once",
     "no-mirror": "the same without mirror images",
     "default": "`default` before mirror images, on seeds that were looked at",
