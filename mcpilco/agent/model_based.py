@@ -159,10 +159,7 @@ class ModelBasedAgent(TrialAgent):
         return self.horizon if asked is None else asked
 
     def _explore(self) -> list[Rollout]:
-        """Rollouts of uniform random inputs, or of the policy that was taken over.
-
-        As many as it takes, where they end early.
-        """
+        """Rollouts of random inputs, or of the policy taken over; more where they end early."""
         if not self._unexplored:
             return []
         inputs = self.streams.inputs(trial=0)
@@ -211,10 +208,7 @@ class ModelBasedAgent(TrialAgent):
         return trial > 1 or self.taught
 
     def _learn_cost(self, random: Sequence[Rollout] = ()) -> None:
-        """Fit the cost to the rewards so far, where it is not given, and what random inputs cost.
-
-        Rollouts of `random` inputs are the first.
-        """
+        """Fit the cost to the rewards so far, where it is not given; `random` are the first."""
         cost = self.task.cost
         if isinstance(cost, RewardCost):
             if random:

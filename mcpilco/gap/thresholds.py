@@ -367,8 +367,7 @@ class SuspicionThresholds:
     """
 
     span_s: float = 0.1
-    """over which the plant foretells a motion [s]: long enough for it to change, and no motion has
-    diverged"""
+    """over which the plant foretells a motion [s]: it changes in that time, and none diverges"""
     smooth_s: float = 0.06
     """to each side, of the cubics that smooth the ends of a span [s]; at least three samples"""
     spans: int = 160

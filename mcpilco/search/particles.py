@@ -52,12 +52,10 @@ def rollout(
 ) -> Particles:
     """The particles' trajectories; gradients flow to the policy's parameters.
 
-    The policy sees the particles' states without measurement noise. With `sensing` it acts on state
-    estimates, as it will on the system: each particle is measured with noise, and carries the
-    estimator's memory with its state. So a policy learns to live with noise and delay.
-
     Noise is standard normal, one row a step: its length is the horizon. `dropout` is a mask of the
-    policy's bases; without `sensing` the policy sees the states of the particles.
+    policy's bases, which sees the particles' states. With `sensing` it acts on state estimates, as
+    it will on the system: each particle is measured with noise, and carries the estimator's memory
+    with its state. So a policy learns to live with noise and delay.
 
     Reference: thesis section 5.4.1; with `sensing`, Amadio et al., IEEE Transactions on Robotics
     38 (6), 2022 (MC-PILCO4PMS).
@@ -131,9 +129,8 @@ class Problem:
     ) -> tuple[Float[Tensor, "P X"], Float[Tensor, "T P E"]]:
         """Fresh standard normal numbers for the starts and for the steps of `count` particles.
 
-        Those of a particle's steps are correlated. A model that errs at a state errs alike at the
-        next: drawn anew in each step, its errors would cancel along the way, and a policy that
-        lives on that fails on the system.
+        Those of a particle's steps are correlated, as a model's errors are at neighbouring states:
+        drawn anew they would cancel along the way, and a policy that lives on that fails.
         """
         start = _normal(generator, count, len(self.start_mean))
         noise = _normal(generator, self.horizon, count, self.dynamics.noise_dim)
@@ -151,9 +148,7 @@ class Problem:
             return self
         return dataclasses.replace(self, cost=cost.widened(factor))
 
-    # Which protocols these follow is asked once, for the question takes a tenth of a millisecond.
-
-    @cached_property
+    @cached_property  # a protocol is asked once, for the question takes 0.1 ms
     def _uncertain(self) -> UncertainDynamics | None:
         return self.dynamics if isinstance(self.dynamics, UncertainDynamics) else None
 

@@ -25,7 +25,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is ru
 
 from harness import broken_off, fill, folder, hasty, machines, parse_seeds, read_summaries, swept
 
-from mcpilco.config import PRESETS, Config, ModelConfig
+from mcpilco.config import PRESETS, Config, ModelConfig, SearchConfig
 from mcpilco.logbook import read_json
 from mcpilco.sweep import (
     Settings,
@@ -41,16 +41,21 @@ SOLVED = 0.9
 """least p of a policy that solves the task"""
 
 SYSTEMS = {"cartpole": "envs:mcpilco/CartPoleSwingUp-v0", "pendulum": "envs:mcpilco/Pendulum-v0"}
-DEFAULT = PRESETS["default"].config
+DEFAULT = replace(
+    PRESETS["default"].config,
+    search=SearchConfig(particles=96, failing=0.05, screening=1.0),
+    precision="float64",
+)
+"""the preset default as it was when its parts were compared"""
 
 
 def searching(**changes: Any) -> Config:
-    """The preset default, its search changed."""
+    """That preset, its search changed."""
     return replace(DEFAULT, search=replace(DEFAULT.search, **changes))
 
 
 def dropping(*rates: float) -> Config:
-    """The preset default with these dropout rates in its phases."""
+    """That preset with these dropout rates in its phases."""
     phases = zip(DEFAULT.search.phases, rates, strict=True)
     return searching(phases=tuple(replace(phase, dropout=rate) for phase, rate in phases))
 
@@ -73,7 +78,7 @@ SETTINGS = {
     "step-eager": replace(DEFAULT, engine="eager"),
     "path": replace(DEFAULT, engine="eager", model=ModelConfig(sampling="path")),
 }
-"""the preset default with one change each; path rolls out in plain torch, as step-eager does"""
+"""that preset with one change each; path rolls out in plain torch, as step-eager does"""
 CARTPOLE_ONLY = ("step-eager", "path")
 
 

@@ -68,6 +68,7 @@ def test_what_learns_without_a_model_stands_beside_them_at_its_amounts(
     assert not any((tmp_path / "results" / "mujoco" / "sac-checkpoints").iterdir())
 
 
+@pytest.mark.slow
 def test_a_seed_that_broke_off_keeps_its_checkpoint_and_is_listed(run, command, monkeypatch):
     monkeypatch.setattr(run, "ROWS", {"sac": run.Row("pilco", amounts=(6,))})
     engine = HereEngine(lost=[21])

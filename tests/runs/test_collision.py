@@ -32,6 +32,7 @@ def page(out: Path) -> str:
     return (out / "README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
 
 
+@pytest.mark.slow
 def test_its_tables_hold_each_model_and_each_detector(run, written):
     told = page(written)
     found = json.loads((written / "results/pd/0000.json").read_text())

@@ -116,6 +116,7 @@ def test_a_compiled_policy_answers_as_the_exported_one(tmp_path):
         assert ours(state) == pytest.approx(exported(state)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
 def test_a_compiled_motion_is_that_of_policy_regulator_and_plant(robot, tmp_path):
     plant, joint = plant_of(robot.capitalize()), ["pendubot", "acrobot"].index(robot)
@@ -151,6 +152,7 @@ def loop_of(robot: str, start: tuple[float, ...] = HANGING, steps: int = 300) ->
     return Loop(Regulator(plant, DT, 6.0, 3.0), nominal_row(plant), joint, start, steps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [HANGING, NEARLY_UP])
 @pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
 def test_the_slopes_are_those_of_finite_differences(robot, start, tmp_path):

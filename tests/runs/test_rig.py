@@ -31,6 +31,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return program
 
 
+@pytest.mark.slow
 def test_the_sketch_is_a_machine_at_a_serial_port(board: Path, tmp_path: Path) -> None:
     pytest.importorskip("serial")
     line, device = os.openpty()

@@ -6,9 +6,11 @@ import json
 import sys
 from pathlib import Path
 
+import pytest
 from harness import BEGIN, END
 
 
+@pytest.mark.slow
 def test_the_command_writes_its_tables_and_measures_nothing_twice(run, monkeypatch, tmp_path):
     cell = "vision_head-0.0002"
     monkeypatch.setattr(run, "CELLS", {cell: run.CELLS[cell]})

@@ -34,6 +34,7 @@ def called(run, monkeypatch, *arguments: str) -> str:
     return Path("out/README.md").read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0]
 
 
+@pytest.mark.slow
 def test_what_was_measured_stands_in_the_tables_and_is_not_measured_again(few, monkeypatch) -> None:
     page = called(few, monkeypatch, "--quick")
     path = Path("out/results/third-order-2/0000.json")

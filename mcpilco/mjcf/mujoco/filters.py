@@ -72,7 +72,7 @@ def _compiled(source: str):
         forces, actuated = np.empty((commands.shape[1], U)), np.empty((U, 2))
         for b in range(len(system)):
             s = system[b]
-            prepare(tables, s, commands, window[b], lead, dt, forces, actuated)
+            prepare(tables, s, commands, window[b], lead, 0, dt, forces, actuated)
             for i in range(y.shape[1]):
                 k, begun = lead + i // steps, (i % steps) * h
                 end = dt if i % steps == steps - 1 else begun + h

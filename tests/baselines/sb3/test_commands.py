@@ -95,6 +95,7 @@ def test_a_run_is_reported_without_predictions(tmp_path):
     assert "Calibration" not in page
 
 
+@pytest.mark.slow
 def test_a_sweep_judges_it_like_others(tmp_path):
     arguments = ["--seeds", "0:1", "--trials", "1", "--fresh", "2", "--workers", "1", "--quiet"]
     assert main(["sweep", "--algo", "ppo", "--out", str(tmp_path / "s"), *arguments]) == 0

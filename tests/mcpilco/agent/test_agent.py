@@ -172,7 +172,8 @@ def test_timesteps_are_rounded_up_to_whole_rollouts() -> None:
 
 def test_events_come_in_their_order() -> None:
     events = Events()
-    make_agent(**search(restarts=(1,), failing=0.0)).learn(2 * STEPS, callback=events)
+    two = search(restarts=(1,), failing=0.0, screening=1.0)
+    make_agent(**two).learn(2 * STEPS, callback=events)
     steps = ["1/4", "2/4", "3/4", "4/4", "5/8", "6/8", "7/8", "8/8"]
     assert events.names == [*("start 1", "exploration", "trial 1", "model", *steps, "end 1", "end")]
     keys = set().union(*events.values)

@@ -32,6 +32,7 @@ def hopping(text: str, truth: str, seconds: float = 4.0) -> GapProblem:
     return GapProblem.of(plant, recordings, 0.01, (), {})
 
 
+@pytest.mark.slow
 def test_responses_to_pulses_are_those_to_forces_along_the_whole_motion() -> None:
     """A force that is held all the time is the sum of its pulses, behind a sensor that is late."""
     problem = hopping(FALLING, FALLING)

@@ -66,6 +66,7 @@ def test_estimators_with_the_true_geometry_reproduce_a_robot(name):
     assert model.nmse(measured(robot, rng, 100)).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_friction_is_learned_where_it_is_allowed(robot):
     rng = np.random.default_rng(6)
     train, test = (measured(robot, rng, 300, friction=2.0) for _ in range(2))

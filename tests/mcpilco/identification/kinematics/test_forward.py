@@ -71,6 +71,7 @@ def test_without_noise_and_with_enough_samples_it_is_the_truth(exact, kernel: st
     assert len(model.report.evidence) == 9
 
 
+@pytest.mark.slow
 def test_a_tenth_of_wrong_poses_is_found_and_left_out() -> None:
     arm, recording, chain = seen_by(Camera(0.003, 0.01, outliers=0.05, missing=0.05), 150, 1)
     model = fit_forward(recording, chain)
