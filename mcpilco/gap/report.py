@@ -97,7 +97,7 @@ class Gap:
                 "missing effect": named.name,
                 "at": named.target,
                 "sure [%]": f"{100 * named.probability:.0f}",
-                "parameter": f"{symbol} = {e.value:.4g} {e.unit}",
+                "parameter": f"{symbol} = {e.value:.4g} {e.unit}".removesuffix(" -"),
                 "95 %": f"{e.low:.4g} to {e.high:.4g}",
             }
             for named in self.named
@@ -204,7 +204,7 @@ def summary(gap: Gap) -> list[str]:
 
 def _effect_line(named: NamedEffect) -> str:
     numbers = ", ".join(
-        f"{symbol} = {e.value:.4g} {e.unit} ({e.low:.4g} to {e.high:.4g})"
+        f"{symbol} = {e.value:.4g} {e.unit}".removesuffix(" -") + f" ({e.low:.4g} to {e.high:.4g})"
         for symbol, e in named.parameters.items()
     )
     others = named.family[1:]

@@ -190,7 +190,7 @@ def learned(gap: Gap) -> Section:
 def interval(estimate: EstimatedParameter) -> str:
     """A value with its unit and 95 % interval."""
     ends = f"{estimate.low:.4g} to {estimate.high:.4g}"
-    return f"{estimate.value:.4g} {estimate.unit} ({ends})"
+    return f"{estimate.value:.4g} {estimate.unit}".removesuffix(" -") + f" ({ends})"
 
 
 def worth(gap: Gap, found: Comparison) -> Section:

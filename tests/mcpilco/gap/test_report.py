@@ -55,6 +55,14 @@ def test_a_notebook_shows_a_row_for_each_parameter_of_a_missing_effect() -> None
     assert "<table>" not in nothing._repr_html_()
 
 
+def test_a_number_without_a_unit_has_no_dash_behind_it(found: Gap) -> None:
+    size = EstimatedParameter(0.5, 0.49, 0.51, "-")
+    gain = NamedEffect("actuator_gain", "actuator", {"k": size}, 1.0, 1.0, ("actuator_gain",))
+    gap = replace(found, named=(gain,))
+    assert any(line.endswith("k = 0.5 (0.49 to 0.51)") for line in summary(gap))
+    assert "<td>k = 0.5</td>" in gap._repr_html_()
+
+
 def test_what_small_motion_cannot_show_is_listed() -> None:
     """Five thousandths of the usual torque: nothing speeds up enough for drag to show."""
     rng = np.random.default_rng(8)
