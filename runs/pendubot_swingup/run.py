@@ -67,6 +67,7 @@ CONFIG = Config(
         evaluation_particles=100,
         steps=(400,),
         restarts=(3,),
+        screening=1.0,
         failing=0.02,
         phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
         widening=2.0,
