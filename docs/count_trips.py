@@ -142,7 +142,11 @@ TRIPS = (
         (
             Stop("mcpilco/agent/trial_agent.py", "the loop over trials", ("TrialAgent.learn",)),
             Stop("mcpilco/agent/model_based.py", "a trial: fit, search, try"),
-            Stop("mcpilco/agent/agent.py", "the expected cost as a function of the policy"),
+            Stop(
+                "mcpilco/agent/agent.py",
+                "the expected cost as a function of the policy",
+                ("MCPILCO",),
+            ),
             Stop(
                 "mcpilco/search/search.py",
                 "gradient steps, from several initial policies",

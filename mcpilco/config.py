@@ -129,6 +129,10 @@ class ModelConfig(Checked):
     """speed: GPs for the velocities, positions integrated (thesis eq. 5.9); full: for all states"""
     optimiser: Literal["lbfgs", "adam"] = "lbfgs"
     """maximiser of the marginal likelihood"""
+    prior_std: float | None = 2.0
+    """standard deviation of the prior of the logarithm of each hyperparameter, about where its fit
+    starts [-]: of a few samples the likeliest values alone are too sure. None: there is no prior;
+    nor is there where physics is the mean, which may leave nothing to learn"""
     noise_floor: float = 0.01
     """smallest noise standard deviation a GP may learn, in its target's unit"""
     subset_threshold: float | None = None
@@ -137,7 +141,7 @@ class ModelConfig(Checked):
     inducing: int = 300
     """with more than twice as many samples as this the GPs' hyperparameters are learned from twice
     as many, evenly spaced, and the GPs know all samples through at most so many inducing points"""
-    mirror: int = 60
+    mirror: int = 90
     """with at most so many samples the GPs learn from each one's mirror image too, in which states,
     inputs and changes have the other sign, where the marginal likelihood of the samples says that
     the system obeys the same laws in a mirror; 0 never asks"""
@@ -202,7 +206,7 @@ class ModelConfig(Checked):
             self.path_features % 2 == 0,
             f"path_features must be even, as many cosines as sines, got {self.path_features}.",
         )
-        self._positive("noise_floor")
+        self._positive("noise_floor", "prior_std")
         self._above("plausible", 1)
 
 
@@ -311,7 +315,7 @@ class SearchConfig(Checked):
     those before it did; 1 gives none up [-]"""
     failing: float = 0.02
     """the model predicts failure while the mean cost over the last third of the horizon exceeds
-    this share of the mean cost of a random rollout [-]"""
+    this share of the mean cost of the first rollout [-]"""
     continuation: int = 0
     """most steps of the way from an easier model to the model itself, on which a policy is
     followed: from a plant without its effects, where physics is the mean; 0 goes no way"""
@@ -400,8 +404,13 @@ class Config(Checked):
     horizon: int | None = None
     """steps of one episode; None takes the env's time limit"""
     exploration: int | None = None
-    """steps of random inputs before the first trial, in rollouts of at most the horizon; None: one
+    """steps before the first trial, in rollouts of at most the horizon; None: one
     horizon. Where rollouts end early there are as many as it takes"""
+    excitation: Literal["planned", "random"] = "planned"
+    """inputs before the first trial. planned: from what they have shown so far, towards where
+    little is known and the cost is low; random: uniform within the bounds, and so they are where
+    the cost is learned or cannot be made wider, states are measured in part, an actuator is late,
+    steps are shorter than 0.04 s, or there are limits"""
     engine: Literal["fused", "eager"] = "fused"
     """how particles are rolled out: compiled loops, or plain torch with the same result;
     where numba is missing, torch takes the place of the loops"""

@@ -123,7 +123,7 @@ def test_a_summary_is_that_of_its_seeds(folder):
 FACTS = {
     r"stable-baselines3": "a name",
     r"Python 3\.11 or newer": "pyproject.toml",
-    r"\b3 s of random inputs|for 3 s\b": "an episode of the env is 30 steps of 0.1 s",
+    r"\b3 s of inputs|for 3 s\b": "an episode of the env is 30 steps of 0.1 s",
     r"After 12 s of experience|after 12 s of experience|the cart-pole at 1 s": "of the picture",
     r"256 colours": "of the picture",
     r"share of 100 fresh episodes|solved is at least 90 %": "a rule of runs/crossing_the_gap",

@@ -110,7 +110,9 @@ class PilcoModel(Model):
     gp: CurbedGP
 
     def __init__(self, config: PilcoConfig, task: TaskSpec) -> None:
-        super().__init__(ModelConfig(kernel="rbf", integration="full", mirror=0), task)
+        super().__init__(
+            ModelConfig(kernel="rbf", integration="full", mirror=0, prior_std=None), task
+        )
         kernel = self.gp.kernel
         assert isinstance(kernel, RBF), "the configuration says so"
         self.gp = CurbedGP(kernel, config, self.names)

@@ -1,6 +1,6 @@
 """Agents that learn by trials: MC-PILCO, its loop, its model, its episodes, its files.
 
-`TrialAgent.learn` is the loop (thesis, Algorithm 1): record random inputs; then in each trial fit
+`TrialAgent.learn` is the loop (thesis, Algorithm 1): record first inputs; then in each trial fit
 the model, search a policy in it, try it on the system. `ModelBasedAgent` has the steps of a trial,
 and `MCPILCO` says which model, policy and search; `Model` turns recorded transitions into dynamics
 for the particles. On the system a policy acts through a `Controller`, behind the estimator that it

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from mcpilco.agent.episode import Act
+from mcpilco.agent.excitation import PlannedInputs
 from mcpilco.agent.model import KernelFactory, Model
 from mcpilco.agent.model_based import ModelBasedAgent
 from mcpilco.config import PRESETS, Config
+from mcpilco.data import Rollout
 from mcpilco.dynamics import PhysicsDynamics
 from mcpilco.logbook import Callback
-from mcpilco.policies import Brake, Regulator, SumOfGaussians, blank_policy, random_policy
+from mcpilco.policies import Bounds, Brake, Regulator, SumOfGaussians, blank_policy, random_policy
 from mcpilco.search import (
     Candidate,
     Limits,
@@ -29,9 +33,6 @@ from mcpilco.search import (
 from mcpilco.sensing import DelayModel, Observer, Perception
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Dynamics, InputError, UncertainDynamics
-
-if TYPE_CHECKING:
-    from mcpilco.policies import Bounds
 
 
 class MCPILCO(ModelBasedAgent):
@@ -134,6 +135,13 @@ class MCPILCO(ModelBasedAgent):
         policy = random_policy(numbers, task, self.low, self.high, seen, generator)
         policy.regulator, policy.brake = self.policy.regulator, self.policy.brake
         return policy
+
+    def _exciting(self, random: np.random.Generator, steps: int, before: Sequence[Rollout]) -> Act:
+        late = self.model.memory > 0
+        if self.config.excitation == "random" or late or not PlannedInputs.applies(self.task):
+            return super()._exciting(random, steps, before)
+        known = [record.transitions() for record in before]
+        return PlannedInputs(self.task, self.low, self.high, steps, random, known)
 
     def _fit_model(self, trial: int) -> dict[str, float]:
         numbers, regulator = super()._fit_model(trial), self.policy.regulator

@@ -13,7 +13,7 @@ REMEDIES = {
     "device": "agents compute on the processor; leave it out",
     "force_reset": "each trial begins new episodes; leave it out",
     "gamma": "costs are summed over the horizon without discount; set config={}(horizon=...)",
-    "learning_starts": "set the steps of random inputs in config={}(exploration=...)",
+    "learning_starts": "set the steps before the first trial in config={}(exploration=...)",
     "log_interval": "callbacks are told of each step of a search; leave it out",
     "n_steps": "set the steps of an episode in config={}(horizon=...)",
     "policy_kwargs": "set the policy's numbers in config={}(...)",

@@ -268,10 +268,12 @@ class Model:
         return values | {f"model/{name}": value for name, value in parameters.items()}
 
     def _maximise(self, X: Float[Tensor, "N D"], Y: Float[Tensor, "N E"], warm: bool) -> None:
-        """Give the GPs the hyperparameters of the highest marginal likelihood."""
+        """Give the GPs the likeliest hyperparameters."""
         optimiser = self.config.optimiser
         limit = ITERATIONS[optimiser]
-        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, max_iterations=limit)
+        prior_std = self.config.prior_std if self.physics is None else None
+        numbers: dict[str, Any] = {"max_iterations": limit, "prior_std": prior_std}
+        self.gp.fit(X, Y, optimiser=optimiser, warm=warm, **numbers)
 
     def _few(self, transitions: Transitions) -> bool:
         """Whether images may count: the mean is zero, and with them an exact posterior is cheap."""

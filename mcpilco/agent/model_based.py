@@ -32,7 +32,7 @@ SHOWN_PARTICLES = 100
 class ModelBasedAgent(TrialAgent):
     """Learns by trials with a model; a subclass says which model, policy and search.
 
-    The first call of `learn` spends one rollout on random inputs, or `Config.exploration` steps;
+    The first call of `learn` spends one rollout on exciting inputs, or `Config.exploration` steps;
     each further rollout is a trial: fit the model to all data, search a policy, try it.
 
     A trial whose model cannot be made, or predicts nothing finite, tries the last policy once
@@ -139,7 +139,7 @@ class ModelBasedAgent(TrialAgent):
         needed = self.timesteps_of(1)
         trials = 1 + math.ceil((total_timesteps - needed) / self.horizon)
         if trials < 1:
-            first = f"{needed - self.horizon} of random inputs and " if self._unexplored else ""
+            first = f"{needed - self.horizon} of first inputs and " if self._unexplored else ""
             raise InputError(
                 f"learn needs at least {needed} timesteps, {first}{self.horizon} for a trial, "
                 f"got {total_timesteps}."
@@ -159,7 +159,7 @@ class ModelBasedAgent(TrialAgent):
         return self.horizon if asked is None else asked
 
     def _explore(self) -> list[Rollout]:
-        """Rollouts of random inputs, or of the policy taken over; more where they end early."""
+        """Rollouts of exciting inputs, or of the policy taken over; more where they end early."""
         if not self._unexplored:
             return []
         inputs = self.streams.inputs(trial=0)
@@ -180,19 +180,24 @@ class ModelBasedAgent(TrialAgent):
     def _random_episode(
         self, inputs: np.random.Generator, trial: int, steps: int, before: Sequence[Rollout] = ()
     ) -> tuple[Rollout, str | None]:
-        """A rollout of uniform random inputs, after those before it.
+        """A rollout of inputs that excite the system, after those before it.
 
-        Where there are limits the brake is learned on the way; until it holds them all, the rollout
-        ends half-way to one.
+        Where there are limits they are random, and the brake is learned on the way; until it holds
+        them all, the rollout ends half-way to one.
         """
-        draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
         episode = len(before)
         if self.limits is None:
-            return self._run_episode(lambda _: next(draws), trial, steps, episode)
+            act = self._exciting(inputs, min(steps, self.horizon), before)
+            return self._run_episode(act, trial, steps, episode)
+        draws = (inputs.uniform(self.low, self.high) for _ in itertools.count())
         known = [record.transitions() for record in before]
         learns = self._unexplored and self.perception is None
-        act = Controller(careful(self.policy.brake, draws, known, learns), self.estimator)
-        return self._run_episode(remembering(act.answer), trial, steps, episode, self._far)
+        braked = Controller(careful(self.policy.brake, draws, known, learns), self.estimator)
+        return self._run_episode(remembering(braked.answer), trial, steps, episode, self._far)
+
+    def _exciting(self, random: np.random.Generator, steps: int, before: Sequence[Rollout]) -> Act:
+        """Inputs that excite the system, for an episode of so many steps after those before it."""
+        return lambda _: random.uniform(self.low, self.high)
 
     def _far(self, measured: Float[np.ndarray, " Y"]) -> bool:
         """Whether a random input might lead out of the limits, as far as they are measured."""

@@ -303,7 +303,7 @@ class Learning(Command):
     task: TaskPath = None
     """file with states, angles and cost of the env, where the env does not show them"""
     exploration: Annotated[int | None, optional("INT", "one rollout")] = None
-    """steps of random inputs at first; several rollouts, where they end early"""
+    """steps that excite the system at first; several rollouts, where they end early"""
     model: Annotated[str | None, optional("NAME", "that of the preset, rbf+mpk")] = None
     """of mcpilco: rbf, mpk, sed-mpk, sed-fir, features, friction, joined by +; physics+ before them
     makes the plant's equations the mean, physics+gip+ adds the forces that they lack"""

@@ -41,7 +41,7 @@ class Train(options.Learning, options.OnMachine):
     trials: Annotated[
         int | None, options.optional("INT", "4, those of the preset, or those of the run resumed")
     ] = None
-    """policies to learn, each from one more rollout, after one of random inputs; of sac, tqc and
+    """policies to learn, each from one more rollout, after one of first inputs; of sac, tqc and
     ppo each from `trial_steps` more steps"""
     out: Annotated[
         Path | None, options.optional("FOLDER", f"{_OUT}/<env>-<preset>-seed<seed>-<time>")

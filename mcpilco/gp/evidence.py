@@ -102,10 +102,20 @@ _FORBIDDEN = 1e20
 
 
 class Evidence:
-    """The marginal likelihood as an optimiser sees it; keeps the best point of each output."""
+    """The marginal likelihood as an optimiser sees it; keeps the best point of each output.
 
-    def __init__(self, gp: GP, X: Tensor, Y: Tensor) -> None:
+    With a prior of the logarithms, mean and standard deviation, it is the posterior density.
+    """
+
+    def __init__(
+        self,
+        gp: GP,
+        X: Tensor,
+        Y: Tensor,
+        prior: tuple[Float[np.ndarray, "E H"], float] | None = None,
+    ) -> None:
         self._gp, self._X, self._Y = gp, X, Y
+        self._prior = prior
         self._parameters = list(gp.parameters())
         self.evaluations = self.iterations = 0
         self.best_logs = gp.get_logs()
@@ -118,7 +128,7 @@ class Evidence:
             self._gp.on_iteration(self.iterations, max(most, self.iterations))
 
     def __call__(self, logs: Float[np.ndarray, "E H"]) -> tuple[float, Float[np.ndarray, "E H"]]:
-        """The nlml, summed over the outputs, and its gradient."""
+        """The nlml less the log prior, summed over the outputs, and its gradient."""
         self.evaluations += 1
         gp = self._gp
         gp.set_logs(logs)
@@ -130,10 +140,15 @@ class Evidence:
             return _FORBIDDEN, np.zeros_like(logs)
         gradients = torch.autograd.grad(nlml.sum(), self._parameters)
         values = nlml.detach().numpy()
+        gradient = torch.cat([g.reshape(gp.outputs, -1) for g in gradients], 1).numpy()
+        if self._prior is not None:
+            mean, std = self._prior
+            distance = (logs - mean) / std
+            values = values + 0.5 * np.square(distance).sum(1)
+            gradient = gradient + distance / std
         better = values < self.best_nlml
         self.best_nlml = np.where(better, values, self.best_nlml)
         self.best_logs = np.where(better[:, None], logs, self.best_logs)
-        gradient = torch.cat([g.reshape(gp.outputs, -1) for g in gradients], 1).numpy()
         return float(values.sum()), gradient
 
 

@@ -257,6 +257,32 @@ def test_fit_cut_short_says_that_it_did_not_converge():
         assert report.iterations == 3
 
 
+def test_a_prior_holds_the_hyperparameters_at_their_start_as_its_width_says():
+    X, Y = data(samples=12)
+    start = make_gp()
+    start._start_from(X, Y)
+    centre = start.get_logs()
+    moved = [
+        np.abs(make_gp().fit(X, Y, prior_std=std).get_logs() - centre).max()
+        for std in (0.01, 1.0, 1000.0)
+    ]
+    assert moved[0] < 0.01
+    assert 10 * moved[0] < moved[1] < moved[2]
+
+
+def test_fit_with_a_prior_ends_where_the_gradient_of_the_posterior_density_vanishes():
+    X, Y = data(samples=12)
+    gp = make_gp()
+    gp._start_from(X, Y)
+    centre = torch.from_numpy(gp.get_logs())
+    gp.fit(X, Y, prior_std=0.7, tolerance=1e-12, max_iterations=2000)
+    slopes = torch.autograd.grad(gp.nlml(X, Y).sum(), list(gp.parameters()))
+    slope = torch.cat([g.reshape(OUTPUTS, -1) for g in slopes], 1)
+    pull = (torch.from_numpy(gp.get_logs()) - centre) / 0.7**2
+    assert pull.abs().max() > 0.1
+    assert (slope + pull).abs().max() < 0.02
+
+
 def test_adam_and_lbfgs_find_the_same_optimum():
     X, Y = data(12)
     lbfgs, adam = (
