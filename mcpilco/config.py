@@ -221,9 +221,9 @@ class PolicyConfig(Checked):
 
     bases: int = 100
     """number of Gaussians"""
-    span: float | Literal["data"] = "data"
+    span: float | Literal["rms", "data"] = "rms"
     """centres of the components that are no angle start uniform in +-span, in their units;
-    data: the largest magnitude recorded"""
+    rms: their root mean square in the recordings; data: the largest magnitude recorded"""
     lengthscale: float | Literal["span"] = "span"
     """starting lengthscale of those components, in their units; span: the same as their span"""
     angle_lengthscale: float = 1.0

@@ -172,9 +172,10 @@ def random_policy(
     """A random start for a search, its centres spread over the states seen so far."""
     policy = blank_policy(config, task, low, high)
     plain = list(policy.augmentation.plain)
-    if config.span == "data":
-        largest = torch.from_numpy(states).abs().amax(0)
-        span = torch.maximum(largest, largest.new_tensor(task.start_std))[plain]
+    if isinstance(config.span, str):
+        sizes = torch.from_numpy(states).abs()
+        size = sizes.amax(0) if config.span == "data" else sizes.square().mean(0).sqrt()
+        span = torch.maximum(size, size.new_tensor(task.start_std))[plain]
         span[span == 0] = 1.0  # a state that never moved needs a lengthscale all the same
     else:
         span = torch.full((len(plain),), config.span, dtype=torch.float64)

@@ -39,7 +39,7 @@ searches = st.builds(
 policies = st.builds(
     PolicyConfig,
     bases=st.integers(1, 10**4),
-    span=positive | st.just("data"),
+    span=positive | st.sampled_from(["rms", "data"]),
     lengthscale=positive | st.just("span"),
 )
 configs = st.builds(

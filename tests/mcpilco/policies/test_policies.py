@@ -154,10 +154,11 @@ def test_a_random_start_fills_the_range_asked_for(task: TaskSpec) -> None:
 def test_a_random_start_spreads_over_the_states_seen(task: TaskSpec) -> None:
     """In proportion to each state's own range, and at least over the starts."""
     seen = np.array([[1.0, -2.0, 9.0, 0.0], [0.0, 1.0, 9.0, -8.0]])
-    scales = random_start(task, seen).lengthscale
-    np.testing.assert_allclose(scales[:3].detach() / scales[0].detach(), [1.0, 2.0, 8.0])
-    doubled = random_start(task, 2 * seen).lengthscale
-    torch.testing.assert_close(doubled[:3], 2 * scales[:3])
+    for span, ranges in ("data", [1.0, 2.0, 8.0]), ("rms", [1.0, 5.0**0.5, 8.0]):
+        scales = random_start(task, seen, span=span).lengthscale
+        np.testing.assert_allclose(scales[:3].detach() / scales[0].detach(), ranges)
+        doubled = random_start(task, 2 * seen, span=span).lengthscale
+        torch.testing.assert_close(doubled[:3], 2 * scales[:3])
     at_rest = random_start(task, np.zeros((1, 4))).lengthscale
     wider = dataclasses.replace(task, start_std=(0.2,) * 4)
     torch.testing.assert_close(
