@@ -280,10 +280,15 @@ def error_reduction(before: Fit, after: Fit, windows: Windows, evidence: Evidenc
     return closed_interval(squares, "before", windows)
 
 
-def error_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> float:
-    """The error at the end of windows, in parts of the one to be expected in each [-]."""
-    windows = predictable(fit, windows)
-    return _rms(_squares(fit, windows) / expected_squares(fit, windows, evidence))
+def misfit_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> float:
+    """The misfit of windows, in parts of what noise and random forces of such sizes make of it [-].
+
+    Initial states are fitted to all of a window: it does not decide by how far it diverges.
+    """
+    windows = truncated(fit.model, windows, fit.theta)
+    white = Disturbance.of(on_windows(fit, windows), windows).whitened(evidence)
+    by_window = on_windows(fit, white).by_window
+    return float(np.sqrt(by_window.sum() / windows.samples.sum()))
 
 
 def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:

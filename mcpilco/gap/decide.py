@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from mcpilco.gap.comparison import Interval, error_over_expected, error_reduction
+from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expected
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
@@ -80,14 +80,14 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
-    """Whether effects that fit their recordings take too little of the held-out error away.
+    """Whether effects that fit their recordings miss others by far more, and their error too.
 
     The held-out windows `clear` are those without events.
     """
-    best, windows, evidence = judged.best, judged.windows.plain, judged.evidence
-    if not best.model.effects or judged.closed(clear).value >= VERDICT.closed:
+    if not judged.best.model.effects or judged.closed(clear).value >= VERDICT.closed:
         return False
-    unseen, seen = (error_over_expected(best, some, evidence) for some in (clear, windows))
+    some = clear, judged.windows.plain
+    unseen, seen = (misfit_over_expected(judged.best, each, judged.evidence) for each in some)
     return unseen > VERDICT.far * max(1.0, seen)
 
 

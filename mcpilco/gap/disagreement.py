@@ -128,27 +128,27 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
     is missed changes from them by its slope.
     """
     r = np.where(windows.measured, residuals(fit, windows), np.nan)
-    around = _neighbours(r)
+    around = _neighbours(r, np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
         apart = np.abs(r - np.nanmedian(around, axis=3))
         usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
         slope = np.nanmedian(np.abs(np.diff(r, axis=2)), axis=2, keepdims=True)
         one_sided = np.isnan(around).any(axis=3)
-        one_sided[:, :, [0, 1, -2, -1]] = True
         usual = EVENT.spike * np.maximum(np.where(one_sided, np.fmax(usual, slope), usual), 1.0)
-        strange = _neighbours(apart > usual)
+        strange = _neighbours(apart > usual, False)
         strange &= strange.sum(axis=3, keepdims=True) == 1  # another spike; more are a motion,
         strange[..., 1:3] = False  # and so is what goes on to the next sample
         around = np.where(strange, np.nan, around)
+        apart = np.abs(r - np.nanmedian(around, axis=3))
         differing = np.nanmax(around, axis=3) - np.nanmin(around, axis=3)
     spikes = apart > np.fmax(usual, EVENT.beyond * differing)
     return replace(windows, y=np.where(spikes, np.nan, windows.y))
 
 
-def _neighbours(r: np.ndarray) -> np.ndarray:
+def _neighbours(r: np.ndarray, beyond: float) -> np.ndarray:
     """The two samples before each, and the two behind it; [W, X, T, 4] of [W, X, T]."""
-    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), mode="reflect")
+    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), constant_values=beyond)
     return np.delete(sliding_window_view(padded, 5, axis=2), 2, axis=3)
 
 

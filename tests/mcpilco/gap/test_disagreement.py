@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -147,3 +149,18 @@ def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_readi
         of_these = np.isin(numbers.astype(int), misread)[:, None] & windows.measured
         assert (seen | of_these)[windows.measured].all()
         assert (of_these & ~seen).sum() >= 0.8 * of_these.sum()
+
+
+@pytest.mark.parametrize("last", [1, 2, 3])
+def test_a_wrong_reading_near_the_end_of_a_window_is_one_and_its_neighbours_are_none(
+    last: int,
+) -> None:
+    known, short, _ = nominal()
+    y = short.y.copy()
+    y[::3, 0, -last] += 40.0 * STD
+    wrong = replace(short, y=y)
+    seen = without_spikes(on_windows(known, wrong), wrong).measured
+    misread = np.zeros_like(seen)
+    misread[::3, 0, -last] = True
+    assert ((seen | misread) == short.measured).all()
+    assert not (seen & misread).any()
