@@ -10,8 +10,9 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 from jaxtyping import Float
@@ -163,30 +164,40 @@ class Tried:
         return sorted(self.fits.values(), key=order)
 
     def best(self) -> Fit:
-        """The likeliest model, or one of fewer effects to which it is not preferred."""
+        """The likeliest model of those that are worth their effects."""
         ranked = self.ranked
-        for size in range(len(ranked[0].model.effects)):
-            first = next((fit for fit in ranked if len(fit.model.effects) == size), None)
-            if first is not None and not self.prefers(ranked[0], first):
-                return self._without_superfluous(first)
-        return self._without_superfluous(ranked[0])
+        likeliest = {len(fit.model.effects): fit for fit in reversed(ranked)}
+        return next(fit for fit in ranked if self._worth(fit, likeliest))
 
-    def _without_superfluous(self, best: Fit) -> Fit:
-        """Without effects that are not worth it, or with special cases that do as well."""
-        ours = frozenset(best.model.effects)
-        keys = [key for e in best.model.effects for key in (ours - {e}, *self.special(ours, e))]
+    def _worth(self, fit: Fit, likeliest: Mapping[int, Fit]) -> bool:
+        """Whether a model is preferred to the likeliest of each smaller number of effects.
+
+        And to itself without one of its effects, or with a special case in the place of one.
+        """
+        ours = frozenset(fit.model.effects)
+        keys = [key for e in ours for key in (ours - {e}, *self.special(ours, e))]
         plainer = [self.fits[key] for key in keys if key in self.fits]
-        enough = [fit for fit in plainer if not self.prefers(best, fit)]
-        return self._without_superfluous(min(enough, key=self.bic)) if enough else best
+        fewer = [likeliest[n] for n in range(len(ours)) if n in likeliest]
+        return all(self.prefers(fit, other) for other in (*plainer, *fewer))
 
     def special(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
         """The sets of effects with a special case of one of them in its place."""
         rest = ours - {instance}
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
-    def simplify(self) -> None:
-        """Fits the best model with special cases of its effects, from where its own values are."""
+    def simplify(self, share: BudgetShare) -> None:
+        """Fits the best model with special cases of its effects, from where its own values are.
+
+        And with one effect in the place of two that it says again: single changes do not lead
+        from a Coulomb friction and a constant force to the asymmetric one that they make.
+        """
         best = self.best()
+        ours = frozenset(best.model.effects)
+        for whole in self.candidates:
+            parts = [part for part in ours if whole.repeats(part)]
+            if len(parts) > 1 and (ours - {*parts} | {whole}) not in self.fits:
+                rest = reduce(lambda fit, e: without(fit, e, self.windows, self.null), parts, best)
+                self._add(rest, [whole], 1, share, 0.0)
         for instance, values in best.model.effect_values(best.theta[None]):
             for special in [c for c in self.candidates if instance.holds(c)]:
                 model, theta = shrunk(best, instance, self.null)
@@ -197,7 +208,7 @@ class Tried:
                 )
                 self.keep(fit_model(model, self.windows, theta, best.x0, iterations=8))
         if self.best() is not best:
-            self.simplify()
+            self.simplify(share)
 
     def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
@@ -316,7 +327,7 @@ def _search(
 
 def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
-    tried.simplify()
+    tried.simplify(share)
     best, idle = tried.best(), 0
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
@@ -328,7 +339,7 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
             tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
-            tried.simplify()
+            tried.simplify(share)
             best, idle = tried.best(), 0
         else:
             idle += 1

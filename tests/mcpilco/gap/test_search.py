@@ -10,7 +10,7 @@ import pytest
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
-from mcpilco.gap.fit import Fit
+from mcpilco.gap.fit import Fit, fit_nominal
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.search import Tried, search, without
 from mcpilco.plant import EffectInstance
@@ -61,14 +61,51 @@ def test_a_search_ends_by_the_special_cases_of_each_of_its_effects(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
     """However little it has tried of them: what is there is told in its plainest form."""
-    _, windows, null = lagging
+    known, windows, null = lagging
     tried = Tried.begun(null, windows, [UNEVEN, MOTOR, FRICTION, LAG, DELAY])
     model, theta = null.model.grown(null.theta, MOTOR, [0.01, 0.07])
     model, theta = model.grown(theta, UNEVEN, [0.12, 0.1, 2e-3])
     tried.keep(fitted(model, tried.windows, theta))
-    tried.simplify()
+    tried.simplify(known.budget.share(1.0))
     assert {*tried.best().model.effects} == {LAG, FRICTION}
     assert frozenset({DELAY, UNEVEN}) not in tried.fits
+
+
+def test_two_effects_are_told_as_the_one_that_they_make() -> None:
+    """No single change leads there, as no joint gets two effects that say the same."""
+    constant = active("constant_force", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (0.14, 0.06, 2e-3))])
+    windows = known.windows()
+    null, windows = fit_nominal(known.model(windows), windows)
+    tried = Tried.begun(null, windows, [UNEVEN, FRICTION, constant])
+    model, theta = null.model.grown(null.theta, FRICTION, [0.1, 2e-3])
+    model, theta = model.grown(theta, constant, [-0.04])
+    two = tried.keep(fitted(model, tried.windows, theta))
+    assert tried.best() is two
+    tried.simplify(known.budget.share(1.0))
+    assert {*tried.best().model.effects} == {UNEVEN}
+
+
+def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the_priors(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
+    null = tried.null = replace(null, theta=pulled)
+    grown = [
+        null.model.grown(theta, DELAY if theta is pulled else LAG, [0.01])
+        for theta in (pulled, 0.0 * pulled)
+    ]
+    likeliest, meant = (replace(null, model=model, theta=theta) for model, theta in grown)
+    for fit, std, deviance in ((null, 0.05, 3e3), (likeliest, 0.04, 2.9e3), (meant, 0.05, 3e3)):
+        key = frozenset(fit.model.effects)
+        tried.fits[key] = fit
+        tried.evidence[key] = Evidence(
+            deviance, np.array([std]), np.array([1.0]), 1000, np.zeros(1)
+        )
+    assert tried.ranked[0] is likeliest
+    assert tried.best() is meant
 
 
 def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
