@@ -18,12 +18,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
+from scipy.ndimage import binary_propagation
 
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals, truncated
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.residual_force import explained_by_forces, force_response
+from mcpilco.gap.sensitivities import motion
 from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
@@ -206,7 +208,7 @@ def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, 
 
 
 def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
-    """Spans in which a far larger force is missed than usual.
+    """Spans in which a far larger force is missed than usual, and more than a part of what acts.
 
     None where they would be much of the recordings: then the model is wrong.
 
@@ -281,8 +283,20 @@ def _far(fit: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
     force = np.abs(np.einsum("wij,wnj,wn->wi", covariance, G, r))
     std = np.sqrt(np.einsum("wii->wi", covariance))
     size = force / np.maximum(np.median(force, axis=0), 1e-12)
-    strong = ((size > EVENT.strong) & (force > EVENT.sure * std)).any(axis=1)
+    least = np.maximum(EVENT.sure * std, EVENT.of_acting * _acting(fit, short))
+    strong = ((size > EVENT.strong) & (force > least)).any(axis=1)
     return _grown(strong, (size > EVENT.weak).any(axis=1), runs(short))
+
+
+def _acting(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
+    """The root mean square force on each joint, by its acceleration [usual forces]."""
+    plant, J = fit.model.plant, len(fit.model.plant.layout.joints)
+    at = motion(windows)
+    q, v = (np.ascontiguousarray(at[:, :, part : 2 * J : 2]) for part in (0, 1))
+    M = plant.mass_matrix(q.reshape(-1, J)).reshape(*q.shape, J)
+    force = np.einsum("wtij,wtj->wti", M, np.gradient(v, windows.dt, axis=1))
+    usual = [fit.model.scales[joint].force for joint in plant.layout.joints]
+    return np.sqrt(np.square(force).mean(axis=1)) / usual
 
 
 def runs(short: Windows) -> list[slice]:
@@ -299,10 +313,7 @@ def _grown(
     """Strong windows, and the weak ones that are joined to them by weak ones."""
     far = strong.copy()
     for run in runs:
-        for order in (range(run.start + 1, run.stop), range(run.stop - 2, run.start - 1, -1)):
-            for w in order:
-                before = w - 1 if order.step > 0 else w + 1
-                far[w] |= weak[w] & far[before]
+        far[run] = binary_propagation(strong[run], mask=weak[run])
     return far
 
 

@@ -164,3 +164,17 @@ def test_a_wrong_reading_near_the_end_of_a_window_is_one_and_its_neighbours_are_
     misread[::3, 0, -last] = True
     assert ((seen | misread) == short.measured).all()
     assert not (seen & misread).any()
+
+
+def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst() -> None:
+    rng, plant = np.random.default_rng(0), envs.PLANTS["mcpilco/Pendubot-v0"]()
+    u, std = np.repeat(rng.uniform(-1.0, 1.0, 60), 20)[:, None], np.array([1e-3, 1e-2, 1e-3, 1e-2])
+    heavier = {"lower_mass": 1.02 * plant.values["lower_mass"]}
+    true = plant.where(**heavier).simulate(np.zeros((1, 4)), u[None, :-1], 0.02)[0]
+    states = true + std * rng.standard_normal(true.shape)
+    time = 0.02 * np.arange(len(u))
+    one = Recording("swing", time, states, u, plant.layout.states, plant.layout.inputs)
+    short = cut([one], std, FORCE.short_s, 0.5 * FORCE.short_s)
+    model = PlantModel(plant, (), {}, usual_scales(plant, short))
+    fit = Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short)))
+    assert bursts(fit, short, [one]) == ()
