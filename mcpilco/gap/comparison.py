@@ -133,7 +133,6 @@ def compare(
         everything: with them; None: there are none.
     """
     everything = windows if everything is None else everything
-    T = windows.y.shape[2]
     best = models.corrected
     windows = predictable(best, windows)
     plants = models.plants()
@@ -158,7 +157,7 @@ def compare(
     base = models.baseline
     start, floor = (_mean_rms(by_window[name], without) for name in (base, "noise_floor"))
     return Comparison(
-        horizon_s=round((T - 1) * windows.dt, 6),
+        horizon_s=round((windows.y.shape[2] - 1) * windows.dt, 6),
         **rms,
         closed=closed_interval(by_window, base, windows),
         baseline=base,

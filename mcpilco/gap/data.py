@@ -91,32 +91,20 @@ class Windows:
 
     def split(self, parts: int) -> Windows:
         """Each window as so many shorter ones, one after the other in time."""
-        T = self.y.shape[2] // parts
-        each = []
-        for n in range(parts):
-            first = n * T
-            y = self.y[:, :, first : first + T].copy()
-            guess = np.stack([first_state(window, self.dt, self.std) for window in y])
+        T, each = self.y.shape[2] // parts, []
+        for first in range(0, parts * T, T):
+            part = self.part(first, T)
+            guess = np.stack([first_state(window, self.dt, self.std) for window in part.y])
+            y, start_s = part.y.copy(), self.start_s + first * self.dt
             y[:, :, : math.ceil(DATA.latency_s / self.dt)] = np.nan
-            driven = slice(first * self.every, self.lead + (first + T) * self.every)
-            each.append(
-                replace(
-                    self,
-                    y=y,
-                    guess=guess,
-                    commands=np.ascontiguousarray(self.commands[:, driven]),
-                    path=np.ascontiguousarray(self.path[:, driven]),
-                    start_s=self.start_s + first * self.dt,
-                    whitening=None,
-                )
-            )
+            each.append(replace(part, y=y, guess=guess, start_s=start_s))
         return reduce(Windows.joined, each)
 
-    def beginning(self, samples: int) -> Windows:
-        """The first samples of each window."""
-        last = self.lead + samples * self.every
-        commands = np.ascontiguousarray(self.commands[:, :last])
-        y, path = self.y[:, :, :samples], self.path[:, :last]
+    def part(self, first: int, samples: int) -> Windows:
+        """Some samples of each window, with all the commands that come before them."""
+        driven = slice(first * self.every, self.lead + (first + samples) * self.every)
+        commands, path = (np.ascontiguousarray(x[:, driven]) for x in (self.commands, self.path))
+        y = self.y[:, :, first : first + samples]
         return replace(self, y=y, commands=commands, path=path, whitening=None)
 
     @property

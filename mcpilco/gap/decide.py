@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -95,11 +94,6 @@ def closes_most(judged: Weighed, clear: Windows) -> bool:
     """Whether effects surely take away most of the error on held-out windows without events."""
     closed = judged.closed(clear)
     return closed.low > 0.0 and closed.value >= VERDICT.most
-
-
-def surely_better(fit: Fit, others: Sequence[Fit], clear: Windows, evidence: Evidence) -> bool:
-    """Whether a model's error on held-out windows without events is surely less than others'."""
-    return all(error_reduction(other, fit, clear, evidence).low > 0.0 for other in others)
 
 
 def _missed(fit: Fit, windows: Windows) -> float:

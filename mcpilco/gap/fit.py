@@ -226,7 +226,7 @@ def _fit_initial_states(
 ) -> np.ndarray:
     if windows.whitening is None:
         measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
-        windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
+        windows = windows.part(0, int(measured[-1]) + 1 if len(measured) else 1)
     x0, damping = x0.copy(), np.full(len(x0), 1e-3)
     moving, lin = np.arange(len(x0)), lean(model, windows, theta, x0)
     r, Jx, kept = lin.r.copy(), lin.Jx.copy(), np.zeros(len(x0), dtype=bool)

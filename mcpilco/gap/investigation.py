@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, compare
+from mcpilco.gap.comparison import ComparedModels, compare, error_reduction
 from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of
 from mcpilco.gap.decide import (
     Closest,
@@ -20,7 +20,6 @@ from mcpilco.gap.decide import (
     on_bounds,
     shifted_parameters,
     spread_of,
-    surely_better,
     unweighed,
     weighed,
 )
@@ -340,7 +339,7 @@ def _learn_force(
 ) -> tuple[Fit, tuple[Event, ...]] | None:
     """A fit with the residual as a force, and the events that this does not explain either.
 
-    None where it does not shrink the error of the held-out windows that decide.
+    None where it does not surely shrink the error of the held-out windows that decide.
     """
     windows, masked = explained.windows.plain, explained.masked
     budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
@@ -355,5 +354,6 @@ def _learn_force(
     missed, _ = still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _clear(decisive, problem, events, fit)
-    better = surely_better(fit, (judged.null, base), clear, judged.evidence)
-    return (fit, events) if better else None
+    others = judged.null, base
+    less = [error_reduction(other, fit, clear, judged.evidence).low > 0.0 for other in others]
+    return (fit, events) if all(less) else None
