@@ -10,9 +10,8 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -164,51 +163,56 @@ class Tried:
         return sorted(self.fits.values(), key=order)
 
     def best(self) -> Fit:
-        """The likeliest model of those that are worth their effects."""
-        ranked = self.ranked
-        likeliest = {len(fit.model.effects): fit for fit in reversed(ranked)}
-        return next(fit for fit in ranked if self._worth(fit, likeliest))
+        """The likeliest model of those that are worth their effects: of more and more effects."""
+        ranked, chosen = self.ranked, [self.null]
+        for size in range(1, 1 + SEARCH.most_effects):
+            own = [fit for fit in ranked if len(fit.model.effects) == size]
+            chosen += [fit for fit in own if self._worth(fit, chosen)][:1]
+        return chosen[-1]
 
-    def _worth(self, fit: Fit, likeliest: Mapping[int, Fit]) -> bool:
-        """Whether a model is preferred to the likeliest of each smaller number of effects.
+    def _worth(self, fit: Fit, fewer: Sequence[Fit]) -> bool:
+        """Whether a model is preferred to some of fewer effects, and to plainer forms of itself.
 
-        And to itself without one of its effects, or with a special case in the place of one.
+        These are itself without one of its effects, or with a special case in the place of one.
         """
         ours = frozenset(fit.model.effects)
         keys = [key for e in ours for key in (ours - {e}, *self.special(ours, e))]
         plainer = [self.fits[key] for key in keys if key in self.fits]
-        fewer = [likeliest[n] for n in range(len(ours)) if n in likeliest]
-        return all(self.prefers(fit, other) for other in (*plainer, *fewer))
+        return all(self.prefers(fit, other) for other in (*fewer, *plainer))
 
     def special(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
         """The sets of effects with a special case of one of them in its place."""
         rest = ours - {instance}
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
-    def simplify(self, share: BudgetShare) -> None:
-        """Fits the best model with special cases of its effects, from where its own values are.
+    def simplify(self) -> None:
+        """Fits the best model in plainer forms, from where its own values are.
 
-        And with one effect in the place of two that it says again: single changes do not lead
-        from a Coulomb friction and a constant force to the asymmetric one that they make.
+        With special cases of its effects, and with one effect in the place of those that make it:
+        no single change leads there, for beside any of them it says the same again.
         """
         best = self.best()
-        ours = frozenset(best.model.effects)
-        for whole in self.candidates:
-            parts = [part for part in ours if whole.repeats(part)]
-            if len(parts) > 1 and (ours - {*parts} | {whole}) not in self.fits:
-                rest = reduce(lambda fit, e: without(fit, e, self.windows, self.null), parts, best)
-                self._add(rest, [whole], 1, share, 0.0)
-        for instance, values in best.model.effect_values(best.theta[None]):
-            for special in [c for c in self.candidates if instance.holds(c)]:
-                model, theta = shrunk(best, instance, self.null)
-                if any(special == other or special.repeats(other) for other in model.effects):
-                    continue
-                model, theta = model.grown(
-                    theta, special, instance.values_as(special, list(values[0]))
-                )
-                self.keep(fit_model(model, self.windows, theta, best.x0, iterations=8))
+        values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
+        for plain in self.candidates:
+            for own in [own for own in values if own.holds(plain)]:
+                self._exchange(best, [own], plain, own.values_as(plain, values[own]))
+            parts = [part for part in values if plain.repeats(part)]
+            made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
+            if made is not None:
+                self._exchange(best, parts, plain, made)
         if self.best() is not best:
-            self.simplify(share)
+            self.simplify()
+
+    def _exchange(
+        self, fit: Fit, gone: Sequence[EffectInstance], new: EffectInstance, values: list[float]
+    ) -> None:
+        """Fits a model with another effect in the place of some, from these values of it."""
+        for instance in gone:
+            model, theta = shrunk(fit, instance, self.null)
+            fit = replace(fit, model=model, theta=theta)
+        if not any(new == other or new.repeats(other) for other in fit.model.effects):
+            model, theta = fit.model.grown(fit.theta, new, values)
+            self.keep(fit_model(model, self.windows, theta, fit.x0, iterations=8))
 
     def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
@@ -218,10 +222,17 @@ class Tried:
             share: of the steps that they may take.
             exchange: whether effects may be dropped and exchanged too.
         """
-        self.grown.add((frozenset(fit.model.effects), exchange))
-        strained = fit.model.penalty(fit.theta) > SEARCH.strained
-        least = SEARCH.strained if strained else SEARCH.promising
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, least)
+        ours, scores = frozenset(fit.model.effects), []
+        if (ours, False) not in self.grown:
+            scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+            if fit.model.penalty(fit.theta) > SEARCH.strained:
+                frees = fit.model.frees
+                of_known = [
+                    c for c in self.candidates if c.effect.place == "body" or frees(c) is not None
+                ]
+                new = [c for c in of_known if ours | {c} not in self.fits]
+                self._add(fit, new, SEARCH.relieving, share, SEARCH.strained)
+        self.grown |= {(ours, False), (ours, exchange)}
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
@@ -327,19 +338,21 @@ def _search(
 
 def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     """Tries the neighbours of the best models until none is better; scores of further effects."""
-    tried.simplify(share)
+    tried.simplify()
     best, idle = tried.best(), 0
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
-        for fit in _next(tried, best):
-            told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
-            scores = told if fit is best and told else scores
+        scores = tried.neighbours(best, share, exchange=False) or scores
+        if tried.best() is best:  # there is nothing to add
+            for fit in _next(tried, best):
+                told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
+                scores = told if fit is best and told else scores
         best = tried.best()
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
             tried.keep(fit_model(best.model, tried.windows, best.theta, best.x0))
-            tried.simplify(share)
+            tried.simplify()
             best, idle = tried.best(), 0
         else:
             idle += 1

@@ -11,7 +11,8 @@ import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_nominal
-from mcpilco.gap.plant_model import ComputeBudget
+from mcpilco.gap.plant_model import BudgetShare, ComputeBudget
+from mcpilco.gap.screen import Score
 from mcpilco.gap.search import Tried, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
@@ -46,6 +47,37 @@ def test_an_effect_that_stands_for_another_is_exchanged(
     assert tried.bic(right) < tried.bic(wrong) - 15.0
 
 
+def test_effects_are_exchanged_where_none_can_be_added(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, _, _ = lagging
+    tried, neighbours = [], Tried.neighbours
+
+    def spied(self: Tried, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
+        tried.append(({*fit.model.effects}, exchange))
+        return neighbours(self, fit, share, exchange)
+
+    monkeypatch.setattr(Tried, "neighbours", spied)
+    best = found(known, [FRICTION, LAG])
+    assert best == {FRICTION, LAG}
+    assert [effects for effects, exchange in tried if exchange and effects] == [best]
+
+
+def test_where_a_fit_takes_masses_far_from_their_priors_effects_of_these_are_tried_too(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    mass = active("body_mass", "pendulum")
+    candidates, asked = [FRICTION, LAG, mass], []
+    tried = Tried.begun(null, windows, candidates)
+    monkeypatch.setattr(tried, "_add", lambda fit, some, *_: asked.append(some) or [])
+    pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
+    for theta in (0.0 * pulled, pulled):
+        tried.grown.clear()
+        tried.neighbours(replace(null, theta=theta), known.budget.share(1.0), exchange=False)
+    assert asked == [candidates, candidates, [mass]]
+
+
 @pytest.mark.parametrize(
     ("forces", "named"), [((0.1, 0.1), FRICTION), ((0.13, 0.07), UNEVEN)], ids=["even", "uneven"]
 )
@@ -61,12 +93,12 @@ def test_a_search_ends_by_the_special_cases_of_each_of_its_effects(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
     """However little it has tried of them: what is there is told in its plainest form."""
-    known, windows, null = lagging
+    _, windows, null = lagging
     tried = Tried.begun(null, windows, [UNEVEN, MOTOR, FRICTION, LAG, DELAY])
     model, theta = null.model.grown(null.theta, MOTOR, [0.01, 0.07])
     model, theta = model.grown(theta, UNEVEN, [0.12, 0.1, 2e-3])
     tried.keep(fitted(model, tried.windows, theta))
-    tried.simplify(known.budget.share(1.0))
+    tried.simplify()
     assert {*tried.best().model.effects} == {LAG, FRICTION}
     assert frozenset({DELAY, UNEVEN}) not in tried.fits
 
@@ -82,7 +114,7 @@ def test_two_effects_are_told_as_the_one_that_they_make() -> None:
     model, theta = model.grown(theta, constant, [-0.04])
     two = tried.keep(fitted(model, tried.windows, theta))
     assert tried.best() is two
-    tried.simplify(known.budget.share(1.0))
+    tried.simplify()
     assert {*tried.best().model.effects} == {UNEVEN}
 
 
@@ -93,10 +125,7 @@ def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the
     tried = Tried.begun(null, windows, [])
     pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
     null = tried.null = replace(null, theta=pulled)
-    grown = [
-        null.model.grown(theta, DELAY if theta is pulled else LAG, [0.01])
-        for theta in (pulled, 0.0 * pulled)
-    ]
+    grown = [null.model.grown(pulled, DELAY, [0.01]), null.model.grown(0.0 * pulled, LAG, [0.01])]
     likeliest, meant = (replace(null, model=model, theta=theta) for model, theta in grown)
     for fit, std, deviance in ((null, 0.05, 3e3), (likeliest, 0.04, 2.9e3), (meant, 0.05, 3e3)):
         key = frozenset(fit.model.effects)
