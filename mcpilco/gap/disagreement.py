@@ -24,7 +24,7 @@ from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals, truncated
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
-from mcpilco.gap.residual_force import explained_by_forces, force_response
+from mcpilco.gap.residual_force import force_response, unpredicted_by_forces
 from mcpilco.gap.sensitivities import motion
 from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
 from mcpilco.recordings import Recording
@@ -161,12 +161,14 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     windows tell it, explains that: neither if those that are missed count less, nor if all count
     alike, for then an effect that acts in few places would show.
     """
-    response = force_response(fit, windows)
     far = np.zeros(len(windows), dtype=bool)
-    alike = explained_by_forces(response, np.ones(len(windows))).unpredicted
+    if not (fit.by_window > EVENT.far * windows.samples).any():
+        return far
+    response = force_response(fit, windows)
+    alike = unpredicted_by_forces(response, np.ones(len(windows)))
     before = response.by_window / response.samples
     for _ in range(EVENT.passes):
-        rest = np.minimum(alike, explained_by_forces(response, response.weights * ~far).unpredicted)
+        rest = np.minimum(alike, unpredicted_by_forces(response, response.weights * ~far))
         now = rest > EVENT.far * max(1.0, float(np.median(rest[~far])))
         now &= rest > EVENT.strange * before
         if now.mean() > EVENT.rare:
@@ -257,7 +259,7 @@ def unforeseen(
     part = on_windows(fit, windows)
     folds = np.where(touched < 0, np.arange(len(windows)), touched) % FORCE.folds
     response = force_response(part, windows)
-    smooth = [explained_by_forces(response, response.weights, folds, n).unpredicted for n in (1, 2)]
+    smooth = [unpredicted_by_forces(response, response.weights, folds, n) for n in (1, 2)]
     narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).unpredicted
     before, samples = part.by_window / windows.samples, windows.samples
     usual = EVENT.ordinary * float(np.median(before[touched < 0]))

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 import envs
+from mcpilco.gap import disagreement
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
-from mcpilco.gap.disagreement import bursts, recurring, unforeseen, without_spikes
+from mcpilco.gap.disagreement import (
+    bursts,
+    recurring,
+    unforeseen,
+    windows_with_events,
+    without_spikes,
+)
 from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.thresholds import FORCE
@@ -178,3 +185,15 @@ def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst()
     model = PlantModel(plant, (), {}, usual_scales(plant, short))
     fit = Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short)))
     assert bursts(fit, short, [one]) == ()
+
+
+def test_where_no_window_is_missed_by_much_no_force_is_sought(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, short, _ = nominal()
+
+    def sought(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(disagreement, "force_response", sought)
+    assert not windows_with_events(on_windows(known, short), short).any()
