@@ -79,10 +79,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
-    """Whether effects that fit their recordings miss others by far more, and their error too.
-
-    The held-out windows `clear` are those without events.
-    """
+    """Whether effects that fit their recordings miss held-out windows without events far more."""
     if not judged.best.model.effects or judged.closed(clear).value >= VERDICT.closed:
         return False
     some = clear, judged.windows.plain

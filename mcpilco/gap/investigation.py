@@ -111,11 +111,13 @@ def investigate(
     problem = likelier_clock(problems)
     everything = problem.enough_windows()
     if len(everything) < DATA.fewest_windows:
-        return _too_poor(problem, _too_short(everything), remarks, doubts)
+        why = f"{LONGER} {len(everything)}. {MOVE}"
+        return _too_poor(problem, why, remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
     if (likelier := likelier_clock(problems, explained.best)) is not problem:
-        problem, explained = likelier, _explain_but_events(likelier, likelier.enough_windows())
+        hints, problem = explained.result.fits[: SEARCH.hints], likelier
+        explained = _explain_but_events(problem, problem.enough_windows(), hints)
     recordings = list(problem.recordings)
     _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
@@ -160,7 +162,6 @@ def investigate(
     _tell("comparison of the models", final)
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
-    train, unseen = problem.names
     compared = compare(models, clear, reported)
     return Gap(
         plant=plant,
@@ -172,8 +173,8 @@ def investigate(
         events=events,
         experiments=tuple(experiments(result, best, windows)),
         closest=closest,
-        train=train,
-        held_out=unseen,
+        train=problem.names[0],
+        held_out=problem.names[1],
         apart=reported is not decisive,
         search=result,
         models=models,
@@ -194,6 +195,7 @@ def _thinned(recording: Recording) -> Recording:
 
 
 MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."
+LONGER = f"Record longer: {DATA.fewest_windows} windows of one second are needed, there are"
 AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 
@@ -203,22 +205,16 @@ def _tell(stage: str, best: Fit | None = None) -> None:
     _LOG.info(stage, extra={"found": effects})
 
 
-def _too_short(windows: Windows) -> str:
-    few, there = f"at least {DATA.fewest_windows} windows of one second", len(windows)
-    return f"Record longer: {few} are needed, there are {there}. {MOVE}"
-
-
 def _too_poor(
     problem: GapProblem, why: str, remarks: tuple[str, ...], doubts: tuple[str, ...] = ()
 ) -> Gap:
-    plant, (train, unseen) = problem.plant, problem.names
     return Gap(
-        plant=plant,
+        plant=problem.plant,
         verdict="too_poor",
-        corrected=plant,
+        corrected=problem.plant,
         experiments=(why,),
-        train=train,
-        held_out=unseen,
+        train=problem.names[0],
+        held_out=problem.names[1],
         suspicions=doubts,
         remarks=remarks,
     )
@@ -261,7 +257,9 @@ class _Explanation:
     """those that hold an event"""
 
 
-def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
+def _explain_but_events(
+    problem: GapProblem, windows: Windows, hints: Sequence[Fit] = ()
+) -> _Explanation:
     """The search on windows from which those are taken that seem to hold an event."""
     null, kept = fit_nominal(problem.model(windows), windows)
     clean = without_spikes(null, windows)
@@ -269,7 +267,7 @@ def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
         kept = without_spikes(null, kept)
         null = fit_model(null.model, kept, null.theta, null.x0, iterations=5)
     far = windows_with_events(null, kept)
-    return _explain(problem, clean[~far], clean[far])
+    return _explain(problem, clean[~far], clean[far], hints)
 
 
 def _explain(
