@@ -188,10 +188,11 @@ class Tried:
     def simplify(self) -> None:
         """Fits the best model in plainer forms, from where its own values are.
 
-        With special cases of its effects, and with one effect in the place of those that make it:
-        no single change leads there, for beside any of them it says the same again.
+        With special cases of its effects, with one effect in the place of those that make it, to
+        which no single change leads, and with effects of masses that it takes from their priors.
         """
         best = self.best()
+        self._relieve(best)
         values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
         for plain in self.candidates:
             for own in [own for own in values if own.holds(plain)]:
@@ -202,6 +203,14 @@ class Tried:
                 self._exchange(best, parts, plain, made)
         if self.best() is not best:
             self.simplify()
+
+    def _relieve(self, fit: Fit) -> None:
+        """Fits a model with effects of masses where it takes these far from their priors."""
+        if fit.model.penalty(fit.theta) > SEARCH.strained:
+            ours, frees = frozenset(fit.model.effects), fit.model.frees
+            meant = [c for c in self.candidates if c.effect.place == "body" or frees(c) is not None]
+            new = [c for c in meant if ours | {c} not in self.fits]
+            self._add(fit, new, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
     def _exchange(
         self, fit: Fit, gone: Sequence[EffectInstance], new: EffectInstance, values: list[float]
@@ -225,13 +234,6 @@ class Tried:
         ours, scores = frozenset(fit.model.effects), []
         if (ours, False) not in self.grown:
             scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
-            if fit.model.penalty(fit.theta) > SEARCH.strained:
-                frees = fit.model.frees
-                of_known = [
-                    c for c in self.candidates if c.effect.place == "body" or frees(c) is not None
-                ]
-                new = [c for c in of_known if ours | {c} not in self.fits]
-                self._add(fit, new, SEARCH.relieving, share, SEARCH.strained)
         self.grown |= {(ours, False), (ours, exchange)}
         for instance in fit.model.effects if exchange else ():
             if share.used_up:

@@ -109,8 +109,7 @@ class FitThresholds:
     least_scale: float = 0.1
     """sensor scale below which a reading is not inverted [-]"""
     quickest_s: float = 1e-4
-    """in which dry friction may bring its joint to rest [s]: what a simulation can follow at
-    reasonable cost"""
+    """in which dry friction may bring its joint to rest [s]: what a simulation can follow"""
 
 
 @dataclass(frozen=True)
@@ -262,8 +261,7 @@ class ForceThresholds:
     slow: float = 0.1
     """speed, in a joint's rms, below which speeds are spread out [-]: dry friction turns over"""
     most_turned_rad: float = 8.0
-    """turn of a hinge beyond which its angle and its place in a turn are two things [rad]: a full
-    turn and some"""
+    """turn of a hinge beyond which its angle and its place in a turn are two things [rad]"""
     folds: int = 4
     """of the cross-validation over windows"""
     most_unknown: int = 1600
