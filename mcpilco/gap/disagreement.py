@@ -159,8 +159,10 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     windows tell it, explains that: neither if those that are missed count less, nor if all count
     alike, for then an effect that acts in few places would show.
     """
-    response = force_response(fit, windows)
     far = np.zeros(len(windows), dtype=bool)
+    if not (fit.by_window > EVENT.far * windows.samples).any():
+        return far
+    response = force_response(fit, windows)
     alike = explained_by_forces(response, np.ones(len(windows))).unpredicted
     before = response.by_window / response.samples
     for _ in range(EVENT.passes):

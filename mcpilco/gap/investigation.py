@@ -42,7 +42,6 @@ from mcpilco.gap.fit import (
     fit_nominal,
     likelier_clock,
     on_windows,
-    possible_clocks,
     refit,
     refit_truncated,
     truncated,
@@ -53,7 +52,6 @@ from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
 from mcpilco.gap.suspicion import (
     at_rest,
-    distinct,
     far_from_noise,
     require_plausible,
     suspicions,
@@ -61,7 +59,7 @@ from mcpilco.gap.suspicion import (
 )
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, distinct, possible_clocks
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""

@@ -61,9 +61,15 @@ class ForceResponse:
 
         The second one, where a hinge turns round and round, knows its place in a turn as well.
         """
-        yield self._prior(self.x, coordinates)
-        if self.turns.shape[2]:
-            yield self._prior(np.concatenate([self.x, self.turns], axis=2), coordinates)
+        if coordinates not in self._priors:
+            both = self.x, np.concatenate([self.x, self.turns], axis=2)
+            some = both if self.turns.shape[2] else both[:1]
+            self._priors[coordinates] = [self._prior(x, coordinates) for x in some]
+        yield from self._priors[coordinates]
+
+    @cached_property
+    def _priors(self) -> dict[int, list[Float[np.ndarray, "Wm Wm"]]]:
+        return {}
 
     def _prior(self, x: Float[np.ndarray, "W m C"], coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
         W, m, C = x.shape

@@ -7,7 +7,13 @@ import pytest
 
 import envs
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
-from mcpilco.gap.disagreement import bursts, recurring, unforeseen, without_spikes
+from mcpilco.gap.disagreement import (
+    bursts,
+    recurring,
+    unforeseen,
+    windows_with_events,
+    without_spikes,
+)
 from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.thresholds import FORCE
@@ -147,3 +153,11 @@ def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_readi
         of_these = np.isin(numbers.astype(int), misread)[:, None] & windows.measured
         assert (seen | of_these)[windows.measured].all()
         assert (of_these & ~seen).sum() >= 0.8 * of_these.sum()
+
+
+def test_where_no_window_is_missed_by_much_no_event_is_sought(problem: GapProblem) -> None:
+    windows = problem.windows()
+    model = PlantModel(problem.plant, (), {}, usual_scales(problem.plant, windows))
+    fit = Fit(model, np.zeros(0), windows.guess, 0.0, 11.0 * windows.samples)
+    assert not windows_with_events(fit, windows).any()
+    assert not model.budget.used[0]

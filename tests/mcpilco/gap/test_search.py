@@ -12,7 +12,7 @@ from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.search import Tried, search, without
+from mcpilco.gap.search import Tried, _next, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -214,3 +214,26 @@ def test_a_search_whose_budget_is_used_up_has_what_was_found_before(
     )
     assert not search(spent, windows, [LAG]).best.model.effects
     assert {*search(spent, windows, [LAG], (before,)).best.model.effects} == {LAG}
+
+
+def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_nothing(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [LAG, FRICTION])
+    model, theta = null.model.grown(null.theta, LAG, [0.04])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    best = tried.keep(fitted(model, tried.windows, theta))
+    tried.weigh_by(best)
+    tried.keep(without(best, LAG, tried.windows, null))
+    tried.keep(without(best, FRICTION, tried.windows, null))
+    assert tried.best() is best
+    none = replace(tried.judged(best), std=np.zeros(1), noise=np.ones(2))
+    tried.evidence[frozenset({LAG, FRICTION})] = none
+    for fit in tried.fits.values():  # far likelier than the best, were they but preferred
+        if fit is not best:
+            far = replace(tried.judged(fit), deviance=none.deviance - 100.0)
+            tried.evidence[frozenset(fit.model.effects)] = far
+    assert len(_next(tried, best)) > 1
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    assert _next(tried, best) == [best]
