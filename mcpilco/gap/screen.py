@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance
@@ -59,14 +59,14 @@ def screen(
     if len(windows) > SCREEN.many_probes:
         some = np.arange(0, len(windows), SCREEN.thinned)
         thinned = _Projection.of(fit.at(some), lin[some], windows[some])
-    best, scores = candidates, []
+    views, scores = (whole, thinned), []
+    first = {c: _scores(views, c, pulses=pulses) for c in candidates}
     if pulses is not None:
-        first = [score for c in candidates for score in _scores((whole, thinned), c, pulses)]
-        first.sort(key=lambda score: -score.gain)
-        best = list(dict.fromkeys(score.instance for score in first))[: SCREEN.checked]
-        scores = [score for score in first if score.instance not in best]
-    for instance in best:
-        own = _scores((whole, thinned), instance)
+        order = sorted(first, key=lambda c: -max(score.gain for score in first[c]))
+        for instance in order[: SCREEN.checked]:
+            gains = [-score.gain for score in first[instance]]
+            first[instance] = _scores(views, instance, np.argsort(gains)[:per_effect])
+    for own in first.values():
         scores += sorted(own, key=lambda score: -score.gain)[:per_effect]
     return sorted(scores, key=lambda score: -score.gain)
 
@@ -74,9 +74,10 @@ def screen(
 def _scores(
     views: tuple[_Projection, _Projection],
     instance: EffectInstance,
+    chosen: Int[np.ndarray, " n"] | None = None,
     pulses: Disturbance | None = None,
 ) -> list[Score]:
-    """The scores of an effect's probes, by simulation or by pulses, on all windows or on a part."""
+    """The scores of an effect's probes, or of some; `pulses` as of `screen`."""
     whole, thinned = views
     fit, effect = whole.fit, instance.effect
     parameter = fit.model.frees(instance)
@@ -84,6 +85,7 @@ def _scores(
         gain, sensitivity = whole.freeing(parameter)
         return [Score(instance, gain, effect.neutral, sensitivity)]
     probes = effect.probes(fit.model.scales[instance.target])
+    probes = probes if chosen is None else [probes[n] for n in chosen]
     many, force = len(probes) > SCREEN.many_probes, isinstance(effect, JointForce)
     if pulses is not None and many and force:
         view, columns = whole, _trains(whole, instance, probes, pulses)

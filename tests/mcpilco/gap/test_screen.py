@@ -77,3 +77,20 @@ def test_where_a_simulation_is_dear_the_same_effects_promise_most_after_fewer_st
     assert first[0].gain == whole[0].gain
     assert {score.instance for score in first} == set(candidates)
     assert taken[1] < 0.5 * taken[0]
+
+
+def test_of_an_effect_of_many_shapes_those_are_simulated_that_promise_most() -> None:
+    ripple = active("position_ripple", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(ripple, (0.02, 0.03, 12.0))])
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    lin, pulses = linearise(model, windows, null.theta, null.x0), Disturbance.of(null, windows)
+    best, taken = [], []
+    for given in (None, pulses):
+        before = int(known.budget.used[0])
+        best.append(screen(null, lin, windows, [ripple], pulses=given)[0])
+        taken.append(int(known.budget.used[0]) - before)
+    assert taken[1] < 0.3 * taken[0]
+    assert best[1].gain > 0.9 * best[0].gain
+    assert best[1].start[2] == pytest.approx(12.0, abs=1.0)
