@@ -50,13 +50,7 @@ from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import (
-    at_rest,
-    far_from_noise,
-    require_plausible,
-    suspicions,
-    unchanging,
-)
+from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions, unchanging
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
 from mcpilco.recordings import Recording, distinct, possible_clocks

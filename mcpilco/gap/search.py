@@ -239,9 +239,10 @@ class Tried:
         new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
         if not new or len(ours) == SEARCH.most_effects:
             return []
-        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
-        costly = fit.model.plant.costly
-        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if costly else None)
+        lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
+        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
+        first = scores[0].gain if dear and scores else 0.0
+        least = max(least, SEARCH.part_of_exchanged * first)
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
         few, view = self.windows[some], fit.at(some)
@@ -255,7 +256,10 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
-        near = lin if costly and not fit.model.learned else None
+        if dear and closest:  # those that explain half of what the first does
+            enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
+            closest = [grown for grown in closest if grown.chi2 <= enough]
+        near = lin if dear and not fit.model.learned else None
         for grown in closest[: SEARCH.refined]:
             x0 = fit.x0.copy()
             x0[some] = grown.x0

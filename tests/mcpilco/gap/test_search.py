@@ -237,3 +237,17 @@ def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_noth
     assert len(_next(tried, best)) > 1
     monkeypatch.setattr(type(known.plant), "costly", True)
     assert _next(tried, best) == [best]
+
+
+def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    heavier, fits = active("armature", "pendulum"), []
+    for costly in (False, True):
+        monkeypatch.setattr(type(known.plant), "costly", costly)
+        tried = Tried.begun(null, windows, [LAG, DELAY, FRICTION, heavier])
+        tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+        fits.append({*tried.fits} - {frozenset()})
+    much = {frozenset({LAG}), frozenset({DELAY})}
+    assert fits == [much | {frozenset({FRICTION}), frozenset({heavier})}, much]
