@@ -1,4 +1,4 @@
-"""What is usual at the targets of a plant, and how well its parameters are known."""
+"""The usual motion and force at each target of a plant, and the priors of its parameters."""
 
 from __future__ import annotations
 
