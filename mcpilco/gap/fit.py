@@ -132,7 +132,7 @@ def fit_model(
         theta, x0, by_window = there, moved, after
         lost = Robust.of(after, windows.samples).far(after)
         if lost.any() and not lost.all():  # the step was too far for their initial states
-            x0, by_window = _recovered(model, windows, theta, x0, by_window, lost)
+            x0, by_window = recovered(model, windows, theta, x0, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
         wrong = model.plant.costly and temper > SEARCH.least_noise  # whose optimum tells little
         crawling = (hasty or wrong) and now - then < FIT.crawl * now
@@ -189,7 +189,7 @@ def _squares(r: Float[np.ndarray, "W n"]) -> PerWindow:
     return np.einsum("wn,wn->w", r, r)
 
 
-def _recovered(
+def recovered(
     model: PlantModel,
     windows: Windows,
     theta: Theta,

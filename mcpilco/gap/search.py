@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits, recovered
 from mcpilco.gap.plant_model import BudgetShare, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise
@@ -241,8 +241,7 @@ class Tried:
             return []
         lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
         scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
-        first = scores[0].gain if dear and scores else 0.0
-        least = max(least, SEARCH.part_of_exchanged * first)
+        least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
         few, view = self.windows[some], fit.at(some)
@@ -263,6 +262,9 @@ class Tried:
         for grown in closest[: SEARCH.refined]:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
+            if dear:  # the model without the effect has led them astray
+                known = misfits(grown.model, self.windows, grown.theta, x0)
+                x0, _ = recovered(grown.model, self.windows, grown.theta, x0, known, known > 0.0)
             self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit
-from mcpilco.gap.plant_model import ComputeBudget
+from mcpilco.gap.plant_model import ComputeBudget, PlantModel
 from mcpilco.gap.search import Tried, _next, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
@@ -251,3 +253,23 @@ def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
         fits.append({*tried.fits} - {frozenset()})
     much = {frozenset({LAG}), frozenset({DELAY})}
     assert fits == [much | {frozenset({FRICTION}), frozenset({heavier})}, much]
+
+
+def test_where_a_simulation_is_dear_initial_states_are_sought_anew_with_an_effect(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the model without it may have been led astray in any window."""
+    known, windows, null = lagging
+    module, sought = importlib.import_module("mcpilco.gap.search"), []
+    told = module.recovered
+
+    def seeking(model: PlantModel, *given: Any) -> tuple[np.ndarray, np.ndarray]:
+        assert given[-1].all()
+        sought.append(model.effects)
+        return told(model, *given)
+
+    monkeypatch.setattr(module, "recovered", seeking)
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    tried = Tried.begun(null, windows, [LAG])
+    tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+    assert sought == [(LAG,)]
