@@ -41,7 +41,6 @@ from mcpilco.gap.fit import (
     fit_nominal,
     likelier_clock,
     on_windows,
-    possible_clocks,
     refit,
     refit_truncated,
     truncated,
@@ -50,17 +49,10 @@ from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import (
-    at_rest,
-    distinct,
-    far_from_noise,
-    require_plausible,
-    suspicions,
-    unchanging,
-)
+from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions, unchanging
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, distinct, possible_clocks
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits, recovered
 from mcpilco.gap.plant_model import BudgetShare, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise
@@ -238,12 +238,16 @@ class Tried:
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
-            rest = self.keep(without(fit, instance, self.windows, self.null))
+            known, costly = frozenset(fit.model.effects) - {instance}, fit.model.plant.costly
+            done = costly and any((known, each) in self.grown for each in (True, False))
+            there = self.fits.get(known) if done else None
+            rest = there or self.keep(without(fit, instance, self.windows, self.null))
             others = [c for c in self.candidates if c != instance]
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
             least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
             self._add(rest, related, len(related), share, least)
-            self._add(rest, others, SEARCH.exchanges, share, least)
+            if not done:  # of those its best were fitted
+                self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
     def _add(
@@ -259,8 +263,9 @@ class Tried:
         new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
         if not new or len(ours) == SEARCH.most_effects:
             return []
-        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
-        scores = screen(fit, lin, self.windows, new)
+        lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
+        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
+        least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
         few, view = self.windows[some], fit.at(some)
@@ -274,10 +279,17 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
+        if dear and closest:  # those that explain half of what the first does
+            enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
+            closest = [grown for grown in closest if grown.chi2 <= enough]
+        near = lin if dear and not fit.model.learned else None
         for grown in closest[: SEARCH.refined]:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
-            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, iterations=8))
+            if dear:  # the model without the effect has led them astray
+                known = misfits(grown.model, self.windows, grown.theta, x0)
+                x0, _ = recovered(grown.model, self.windows, grown.theta, x0, known, known > 0.0)
+            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
 
 
@@ -368,9 +380,11 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     it. That costs it its rank, but it is one effect away from what is there. And of three effects
     none may explain as much as the others leave over before these are known: models that are far
     likelier than the best one go on, though they are not preferred to it yet. So do the special
-    cases of the best one, which may miss but one further effect.
+    cases of the best one, which may miss but one further effect. Where a simulation is dear and
+    the best one leaves nothing over, nothing but these goes on.
     """
     most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
+    closed = best.model.plant.costly and not _left_over(tried.judged(best)).any()
     ours = frozenset(best.model.effects)
     open_ = [
         fit
@@ -379,7 +393,7 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
         and (tried.judged(fit).deviance < most or tried.bic(fit) <= known)
         and not (ours < frozenset(fit.model.effects) and known - tried.bic(fit) < SEARCH.bic_gain)
     ]
-    rest = [fit for fit in open_ if fit is not best]
+    rest = [fit for fit in open_ if fit is not best and not closed]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
     keys = [key for each in best.model.effects for key in tried.special(ours, each)]
     new = [key for key in keys if not {(key, True), (key, False)} & tried.grown]

@@ -142,6 +142,8 @@ class ScreenThresholds:
     """probes of an effect beyond which it is scored on a part of the windows, for its cost"""
     thinned: int = 3
     """then one of so many windows counts"""
+    checked: int = 24
+    """effects that are simulated on all windows where that is dear, of those that promise most"""
     influence: float = 10.0
     """times the influence at three quarters of the windows that a signature may have in one [-]:
     near an unstable rest a small effect leads a motion anywhere (Hampel et al., Robust Statistics,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +13,9 @@ import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_nominal
-from mcpilco.gap.plant_model import BudgetShare, ComputeBudget
+from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score
-from mcpilco.gap.search import Tried, search, without
+from mcpilco.gap.search import Tried, _next, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -280,3 +282,60 @@ def test_a_search_whose_budget_is_used_up_has_what_was_found_before(
     )
     assert not search(spent, windows, [LAG]).best.model.effects
     assert {*search(spent, windows, [LAG], (before,)).best.model.effects} == {LAG}
+
+
+def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_nothing(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [LAG, FRICTION])
+    model, theta = null.model.grown(null.theta, LAG, [0.04])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    best = tried.keep(fitted(model, tried.windows, theta))
+    tried.weigh_by(best)
+    tried.keep(without(best, LAG, tried.windows, null))
+    tried.keep(without(best, FRICTION, tried.windows, null))
+    assert tried.best() is best
+    none = replace(tried.judged(best), std=np.zeros(1), noise=np.ones(2))
+    tried.evidence[frozenset({LAG, FRICTION})] = none
+    for fit in tried.fits.values():  # far likelier than the best, were they but preferred
+        if fit is not best:
+            far = replace(tried.judged(fit), deviance=none.deviance - 100.0)
+            tried.evidence[frozenset(fit.model.effects)] = far
+    assert len(_next(tried, best)) > 1
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    assert _next(tried, best) == [best]
+
+
+def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    heavier, fits = active("armature", "pendulum"), []
+    for costly in (False, True):
+        monkeypatch.setattr(type(known.plant), "costly", costly)
+        tried = Tried.begun(null, windows, [LAG, DELAY, FRICTION, heavier])
+        tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+        fits.append({*tried.fits} - {frozenset()})
+    much = {frozenset({LAG}), frozenset({DELAY})}
+    assert fits == [much | {frozenset({FRICTION}), frozenset({heavier})}, much]
+
+
+def test_where_a_simulation_is_dear_initial_states_are_sought_anew_with_an_effect(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the model without it may have been led astray in any window."""
+    known, windows, null = lagging
+    module, sought = importlib.import_module("mcpilco.gap.search"), []
+    told = module.recovered
+
+    def seeking(model: PlantModel, *given: Any) -> tuple[np.ndarray, np.ndarray]:
+        assert given[-1].all()
+        sought.append(model.effects)
+        return told(model, *given)
+
+    monkeypatch.setattr(module, "recovered", seeking)
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    tried = Tried.begun(null, windows, [LAG])
+    tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+    assert sought == [(LAG,)]
