@@ -133,7 +133,6 @@ def compare(
         everything: with them; None: there are none.
     """
     everything = windows if everything is None else everything
-    T = windows.y.shape[2]
     best = models.corrected
     windows = predictable(best, windows)
     plants = models.plants()
@@ -158,7 +157,7 @@ def compare(
     base = models.baseline
     start, floor = (_mean_rms(by_window[name], without) for name in (base, "noise_floor"))
     return Comparison(
-        horizon_s=round((T - 1) * windows.dt, 6),
+        horizon_s=round((windows.y.shape[2] - 1) * windows.dt, 6),
         **rms,
         closed=closed_interval(by_window, base, windows),
         baseline=base,
@@ -280,10 +279,15 @@ def error_reduction(before: Fit, after: Fit, windows: Windows, evidence: Evidenc
     return closed_interval(squares, "before", windows)
 
 
-def error_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> float:
-    """The error at the end of windows, in parts of the one to be expected in each [-]."""
-    windows = predictable(fit, windows)
-    return _rms(_squares(fit, windows) / expected_squares(fit, windows, evidence))
+def misfit_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> float:
+    """The misfit of windows, in parts of what noise and random forces of such sizes make of it [-].
+
+    Initial states are fitted to all of a window: it does not decide by how far it diverges.
+    """
+    windows = truncated(fit.model, windows, fit.theta)
+    white = Disturbance.of(on_windows(fit, windows), windows).whitened(evidence)
+    by_window = on_windows(fit, white).by_window
+    return float(np.sqrt(by_window.sum() / windows.samples.sum()))
 
 
 def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:

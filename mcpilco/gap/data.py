@@ -16,13 +16,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.plant_model import ComputeBudget, PerWindow, PlantModel
-from mcpilco.gap.thresholds import BUDGET, DATA
-from mcpilco.plant import EffectInstance, Plant, Scale, scales_of
+from mcpilco.gap.thresholds import BUDGET, COMPARISON, DATA
+from mcpilco.plant import EffectInstance, Plant, Scale, priors_of, scales_of
 from mcpilco.recordings import (
     Recording,
     Whitening,
+    divided,
     first_state,
-    noise_std,
+    noise_of,
     states_at_commands,
 )
 from mcpilco.typing import InputError
@@ -91,32 +92,20 @@ class Windows:
 
     def split(self, parts: int) -> Windows:
         """Each window as so many shorter ones, one after the other in time."""
-        T = self.y.shape[2] // parts
-        each = []
-        for n in range(parts):
-            first = n * T
-            y = self.y[:, :, first : first + T].copy()
-            guess = np.stack([first_state(window, self.dt, self.std) for window in y])
+        T, each = self.y.shape[2] // parts, []
+        for first in range(0, parts * T, T):
+            part = self.part(first, T)
+            guess = np.stack([first_state(window, self.dt, self.std) for window in part.y])
+            y, start_s = part.y.copy(), self.start_s + first * self.dt
             y[:, :, : math.ceil(DATA.latency_s / self.dt)] = np.nan
-            driven = slice(first * self.every, self.lead + (first + T) * self.every)
-            each.append(
-                replace(
-                    self,
-                    y=y,
-                    guess=guess,
-                    commands=np.ascontiguousarray(self.commands[:, driven]),
-                    path=np.ascontiguousarray(self.path[:, driven]),
-                    start_s=self.start_s + first * self.dt,
-                    whitening=None,
-                )
-            )
+            each.append(replace(part, y=y, guess=guess, start_s=start_s))
         return reduce(Windows.joined, each)
 
-    def beginning(self, samples: int) -> Windows:
-        """The first samples of each window."""
-        last = self.lead + samples * self.every
-        commands = np.ascontiguousarray(self.commands[:, :last])
-        y, path = self.y[:, :, :samples], self.path[:, :last]
+    def part(self, first: int, samples: int) -> Windows:
+        """Some samples of each window, with all the commands that come before them."""
+        driven = slice(first * self.every, self.lead + (first + samples) * self.every)
+        commands, path = (np.ascontiguousarray(x[:, driven]) for x in (self.commands, self.path))
+        y = self.y[:, :, first : first + samples]
         return replace(self, y=y, commands=commands, path=path, whitening=None)
 
     @property
@@ -299,8 +288,9 @@ class GapProblem:
             InputError: the recordings do not fit the plant or one another.
         """
         _check(plant, recordings)
-        std, priors = _noise(plant, recordings, noise), _priors(plant, uncertainty, free)
-        train, unseen = _split(recordings, held_out)
+        std = noise_of(recordings, noise, plant.angles, DATA.least_noise)
+        priors = priors_of(plant, uncertainty, free, DATA.uncertainty)
+        train, unseen = divided(recordings, held_out, DATA.held_out, DATA.fewest_to_split)
         most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
         budget = ComputeBudget.at(recordings[0].dt / _holds(recordings), most)
         found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
@@ -331,7 +321,27 @@ class GapProblem:
         chosen = self.recordings if numbers is None else [self.recordings[n] for n in numbers]
         windows = cut(chosen, self.std, **how)
         seen = np.repeat(windows.measured[:, 0::2].any(axis=(0, 2)), 2)
-        return replace(windows, guess=np.where(seen, windows.guess, self.plant.rest))
+        windows = replace(windows, guess=np.where(seen, windows.guess, self.plant.rest))
+        return self._begun_nearer(windows, chosen) if self.plant.costly else windows
+
+    def _begun_nearer(self, windows: Windows, recordings: Sequence[Recording]) -> Windows:
+        """With the readings at the start as its guess where the plant is closer from these.
+
+        Where a machine hits the ground its motion is no cubic.
+        """
+        at = zip(windows.recording, np.round(windows.start_s / windows.dt).astype(int), strict=True)
+        read = np.stack([recordings[n].states[k] for n, k in at])
+        read = np.where(np.isfinite(read), read, windows.guess)
+        plant, few = self.plant, windows.part(0, round(COMPARISON.start_s / windows.dt))
+        each, system = np.arange(len(few)), np.zeros(len(few), dtype=np.int64)
+        driven = few.commands, few.lead, few.held_s, self.budget.used, few.every
+        tables, near = plant.tables(plant.nominal[None]), []
+        for start in (windows.guess, read):
+            y = plant.beside(plant.run(tables, system, start, each, *driven), few.y)
+            r = np.where(few.measured, (y - few.y) / few.std[:, None], 0.0)
+            near.append(np.nan_to_num(np.square(r), nan=np.inf).sum(axis=(1, 2)))
+        closer = (near[1] < near[0])[:, None]
+        return replace(windows, guess=np.where(closer, read, windows.guess))
 
     def without(self, spans: Sequence[Event]) -> GapProblem:
         """The same with a gap in the recordings at each event."""
@@ -372,74 +382,6 @@ def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
                 f"{plant.name}, {', '.join(ours[0] + ours[1])}, got "
                 f"{', '.join(theirs[0] + theirs[1])}; read it with the plant's names."
             )
-
-
-def _noise(
-    plant: Plant, recordings: Sequence[Recording], known: Mapping[str, float]
-) -> Float[np.ndarray, " X"]:
-    """Noise std of each state: the reported one, else the median over the recordings.
-
-    It is at least that of rounding to the steps in which the values came, and a part of their
-    spread: a simulation without noise is no more exact than another integrator.
-    """
-    noise = np.stack([noise_std(recording) for recording in recordings])
-    measured = np.stack([recording.measured for recording in recordings])
-    std = np.ones(noise.shape[1])
-    for x, name in enumerate(plant.layout.states):
-        if name in known:
-            std[x] = known[name]
-        elif measured[:, x].any():
-            steps = max(recording.resolution[x] for recording in recordings) / math.sqrt(12.0)
-            spread = float(np.nanstd(np.concatenate([r.states[:, x] for r in recordings])))
-            spread = min(spread, 1.0) if x in plant.angles else spread  # however often it turned
-            std[x] = max(
-                float(np.median(noise[measured[:, x], x])), steps, DATA.least_noise * spread, 1e-9
-            )
-    return std
-
-
-def _split(recordings: Sequence[Recording], held_out: Sequence[str]) -> tuple[list[int], list[int]]:
-    """Numbers of the recordings to fit, and of those held out: by name, or the last ones."""
-    numbers = list(range(len(recordings)))
-    names = [recording.name for recording in recordings]
-    if held_out:
-        if not set(held_out) < set(names):
-            raise InputError(
-                f"held_out must be some of the recordings {', '.join(names)}, and leave one to "
-                f"fit, got {', '.join(held_out)}."
-            )
-        unseen = [n for n in numbers if names[n] in held_out]
-        return [n for n in numbers if n not in unseen], unseen
-    if len(numbers) < DATA.fewest_to_split:
-        return numbers, numbers
-    lengths = np.array([len(recording) for recording in recordings])
-    after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
-    fits = after <= DATA.held_out
-    first = int(np.argmax(fits)) if fits[-1] else -1
-    return numbers[:first], numbers[first:]
-
-
-def _priors(
-    plant: Plant, uncertainty: float | Mapping[str, float], free: Sequence[str]
-) -> dict[str, float]:
-    """Relative prior std of each uncertain parameter; inf frees it."""
-    names = [parameter.name for parameter in plant.parameters]
-    by_name = uncertainty if isinstance(uncertainty, Mapping) else {}
-    unknown = sorted({*by_name, *free} - {*names, "all"})
-    if unknown:
-        raise InputError(
-            f"{plant.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
-        )
-    usual = DATA.uncertainty if isinstance(uncertainty, Mapping) else uncertainty
-    priors = {
-        parameter.name: float(by_name.get(parameter.name, usual))
-        for parameter in plant.parameters
-        if (parameter.uncertain or parameter.name in by_name) and parameter.value != 0.0
-    }
-    freed = [n for n in priors if "all" in free or n in free]
-    freed += [name for name in free if name != "all" and name not in priors]
-    priors |= dict.fromkeys(freed, np.inf)
-    return {name: std for name, std in priors.items() if std > 0.0}
 
 
 def usual_scales(plant: Plant, windows: Windows) -> dict[str, Scale]:

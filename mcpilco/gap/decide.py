@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
-from mcpilco.gap.comparison import Interval, error_over_expected, error_reduction
+from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expected
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
@@ -80,14 +79,11 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
-    """Whether effects that fit their recordings take too little of the held-out error away.
-
-    The held-out windows `clear` are those without events.
-    """
-    best, windows, evidence = judged.best, judged.windows.plain, judged.evidence
-    if not best.model.effects or judged.closed(clear).value >= VERDICT.closed:
+    """Whether effects that fit their recordings miss held-out windows without events far more."""
+    if not judged.best.model.effects or judged.closed(clear).value >= VERDICT.closed:
         return False
-    unseen, seen = (error_over_expected(best, some, evidence) for some in (clear, windows))
+    some = clear, judged.windows.plain
+    unseen, seen = (misfit_over_expected(judged.best, each, judged.evidence) for each in some)
     return unseen > VERDICT.far * max(1.0, seen)
 
 
@@ -95,11 +91,6 @@ def closes_most(judged: Weighed, clear: Windows) -> bool:
     """Whether effects surely take away most of the error on held-out windows without events."""
     closed = judged.closed(clear)
     return closed.low > 0.0 and closed.value >= VERDICT.most
-
-
-def surely_better(fit: Fit, others: Sequence[Fit], clear: Windows, evidence: Evidence) -> bool:
-    """Whether a model's error on held-out windows without events is surely less than others'."""
-    return all(error_reduction(other, fit, clear, evidence).low > 0.0 for other in others)
 
 
 def _missed(fit: Fit, windows: Windows) -> float:

@@ -18,12 +18,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
+from scipy.ndimage import binary_propagation
 
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
 from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals, truncated
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
-from mcpilco.gap.residual_force import explained_by_forces, force_response
+from mcpilco.gap.residual_force import force_response, unpredicted_by_forces
+from mcpilco.gap.sensitivities import motion
 from mcpilco.gap.thresholds import BUDGET, DATA, EVENT, FORCE
 from mcpilco.recordings import Recording
 from mcpilco.typing import InputError
@@ -128,27 +130,27 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
     is missed changes from them by its slope.
     """
     r = np.where(windows.measured, residuals(fit, windows), np.nan)
-    around = _neighbours(r)
+    around = _neighbours(r, np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
         apart = np.abs(r - np.nanmedian(around, axis=3))
         usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
         slope = np.nanmedian(np.abs(np.diff(r, axis=2)), axis=2, keepdims=True)
         one_sided = np.isnan(around).any(axis=3)
-        one_sided[:, :, [0, 1, -2, -1]] = True
         usual = EVENT.spike * np.maximum(np.where(one_sided, np.fmax(usual, slope), usual), 1.0)
-        strange = _neighbours(apart > usual)
+        strange = _neighbours(apart > usual, False)
         strange &= strange.sum(axis=3, keepdims=True) == 1  # another spike; more are a motion,
         strange[..., 1:3] = False  # and so is what goes on to the next sample
         around = np.where(strange, np.nan, around)
+        apart = np.abs(r - np.nanmedian(around, axis=3))
         differing = np.nanmax(around, axis=3) - np.nanmin(around, axis=3)
     spikes = apart > np.fmax(usual, EVENT.beyond * differing)
     return replace(windows, y=np.where(spikes, np.nan, windows.y))
 
 
-def _neighbours(r: np.ndarray) -> np.ndarray:
+def _neighbours(r: np.ndarray, beyond: float) -> np.ndarray:
     """The two samples before each, and the two behind it; [W, X, T, 4] of [W, X, T]."""
-    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), mode="reflect")
+    padded = np.pad(r, ((0, 0), (0, 0), (2, 2)), constant_values=beyond)
     return np.delete(sliding_window_view(padded, 5, axis=2), 2, axis=3)
 
 
@@ -159,12 +161,14 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     windows tell it, explains that: neither if those that are missed count less, nor if all count
     alike, for then an effect that acts in few places would show.
     """
-    response = force_response(fit, windows)
     far = np.zeros(len(windows), dtype=bool)
-    alike = explained_by_forces(response, np.ones(len(windows))).unpredicted
+    if not (fit.by_window > EVENT.far * windows.samples).any():
+        return far
+    response = force_response(fit, windows)
+    alike = unpredicted_by_forces(response, np.ones(len(windows)))
     before = response.by_window / response.samples
     for _ in range(EVENT.passes):
-        rest = np.minimum(alike, explained_by_forces(response, response.weights * ~far).unpredicted)
+        rest = np.minimum(alike, unpredicted_by_forces(response, response.weights * ~far))
         now = rest > EVENT.far * max(1.0, float(np.median(rest[~far])))
         now &= rest > EVENT.strange * before
         if now.mean() > EVENT.rare:
@@ -206,7 +210,7 @@ def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, 
 
 
 def bursts(fit: Fit, short: Windows, recordings: Sequence[Recording]) -> tuple[Event, ...]:
-    """Spans in which a far larger force is missed than usual.
+    """Spans in which a far larger force is missed than usual, and more than a part of what acts.
 
     None where they would be much of the recordings: then the model is wrong.
 
@@ -255,7 +259,7 @@ def unforeseen(
     part = on_windows(fit, windows)
     folds = np.where(touched < 0, np.arange(len(windows)), touched) % FORCE.folds
     response = force_response(part, windows)
-    smooth = [explained_by_forces(response, response.weights, folds, n).unpredicted for n in (1, 2)]
+    smooth = [unpredicted_by_forces(response, response.weights, folds, n) for n in (1, 2)]
     narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).unpredicted
     before, samples = part.by_window / windows.samples, windows.samples
     usual = EVENT.ordinary * float(np.median(before[touched < 0]))
@@ -281,8 +285,20 @@ def _far(fit: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
     force = np.abs(np.einsum("wij,wnj,wn->wi", covariance, G, r))
     std = np.sqrt(np.einsum("wii->wi", covariance))
     size = force / np.maximum(np.median(force, axis=0), 1e-12)
-    strong = ((size > EVENT.strong) & (force > EVENT.sure * std)).any(axis=1)
+    least = np.maximum(EVENT.sure * std, EVENT.of_acting * _acting(fit, short))
+    strong = ((size > EVENT.strong) & (force > least)).any(axis=1)
     return _grown(strong, (size > EVENT.weak).any(axis=1), runs(short))
+
+
+def _acting(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
+    """The root mean square force on each joint, by its acceleration [usual forces]."""
+    plant, J = fit.model.plant, len(fit.model.plant.layout.joints)
+    at = motion(windows)
+    q, v = (np.ascontiguousarray(at[:, :, part : 2 * J : 2]) for part in (0, 1))
+    M = plant.mass_matrix(q.reshape(-1, J)).reshape(*q.shape, J)
+    force = np.einsum("wtij,wtj->wti", M, np.gradient(v, windows.dt, axis=1))
+    usual = [fit.model.scales[joint].force for joint in plant.layout.joints]
+    return np.sqrt(np.square(force).mean(axis=1)) / usual
 
 
 def runs(short: Windows) -> list[slice]:
@@ -299,10 +315,7 @@ def _grown(
     """Strong windows, and the weak ones that are joined to them by weak ones."""
     far = strong.copy()
     for run in runs:
-        for order in (range(run.start + 1, run.stop), range(run.stop - 2, run.start - 1, -1)):
-            for w in order:
-                before = w - 1 if order.step > 0 else w + 1
-                far[w] |= weak[w] & far[before]
+        far[run] = binary_propagation(strong[run], mask=weak[run])
     return far
 
 

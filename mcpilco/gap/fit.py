@@ -15,8 +15,7 @@ from jaxtyping import Bool, Float, Int
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
 from mcpilco.gap.sensitivities import Linearised, lean, linearise, residual, run
-from mcpilco.gap.thresholds import BUDGET, DATA, FIT
-from mcpilco.recordings import Recording
+from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH
 
 LEAST_DAMPING = 1e-10
 """of a step, relative: a window that is cut off early may not determine its initial state"""
@@ -116,7 +115,8 @@ def fit_model(
                 break
             worse = np.flatnonzero(after > by_window)
             if not then < now and len(worse):  # right, perhaps, and too far for x0
-                moved[worse] = _fit_initial_states(model, windows[worse], there, moved[worse], 4)
+                some, J = windows[worse], lin.Jx[worse] if model.plant.costly else None
+                moved[worse] = _fit_initial_states(model, some, there, moved[worse], 4, J)
                 after[worse] = misfits(model, windows[worse], there, moved[worse])
                 then = _cost(model, there, after, robust, temper)
             if then < now:
@@ -132,9 +132,10 @@ def fit_model(
         theta, x0, by_window = there, moved, after
         lost = Robust.of(after, windows.samples).far(after)
         if lost.any() and not lost.all():  # the step was too far for their initial states
-            x0, by_window = _recovered(model, windows, theta, x0, by_window, lost)
+            x0, by_window = recovered(model, windows, theta, x0, by_window, lost)
         damping = max(0.03 * damping, LEAST_DAMPING)
-        crawling = hasty and now - then < FIT.crawl * now
+        wrong = model.plant.costly and temper > SEARCH.least_noise  # whose optimum tells little
+        crawling = (hasty or wrong) and now - then < FIT.crawl * now
         if crawling or share.used_up or (not kept and now - then < FIT.converged * now):
             break
         if now - then < FIT.converged * now:
@@ -188,7 +189,7 @@ def _squares(r: Float[np.ndarray, "W n"]) -> PerWindow:
     return np.einsum("wn,wn->w", r, r)
 
 
-def _recovered(
+def recovered(
     model: PlantModel,
     windows: Windows,
     theta: Theta,
@@ -222,14 +223,24 @@ def fit_initial_states(
 
 
 def _fit_initial_states(
-    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, iterations: int = 10
+    model: PlantModel,
+    windows: Windows,
+    theta: Theta,
+    x0: InitialStates,
+    iterations: int = 10,
+    Jx: Float[np.ndarray, "W n X"] | None = None,
 ) -> np.ndarray:
-    if windows.whitening is None:
+    """The initial states; `Jx`, how motions changed with them nearby, serves while it foretells."""
+    if windows.whitening is None and Jx is None:
         measured = np.flatnonzero(windows.measured.any(axis=(0, 1)))
-        windows = windows.beginning(int(measured[-1]) + 1 if len(measured) else 1)
+        windows = windows.part(0, int(measured[-1]) + 1 if len(measured) else 1)
     x0, damping = x0.copy(), np.full(len(x0), 1e-3)
-    moving, lin = np.arange(len(x0)), lean(model, windows, theta, x0)
-    r, Jx, kept = lin.r.copy(), lin.Jx.copy(), np.zeros(len(x0), dtype=bool)
+    moving, kept = np.arange(len(x0)), np.full(len(x0), Jx is not None)
+    if Jx is None:
+        lin = lean(model, windows, theta, x0)
+        r, Jx = lin.r.copy(), lin.Jx.copy()
+    else:
+        r, Jx = residual(windows, run(model, windows, theta[None], x0[None]))[0], Jx.copy()
     for _ in range(iterations):
         some, here, J = windows[moving], r[moving], Jx[moving]
         step = _initial_state_step(J, here, damping[moving])
@@ -313,14 +324,6 @@ def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
     """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
     y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
     return residual(windows.plain, y).reshape(windows.y.shape)
-
-
-def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
-    """The recordings, and where there is doubt, the same with commands that a clock sent out."""
-    stamped = tuple(recordings)
-    if all(recording.by_clock is None for recording in stamped):
-        return [stamped]
-    return [stamped, tuple(recording.clocked for recording in stamped)]
 
 
 def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mcpilco.gap.comparison import ComparedModels, compare
+from mcpilco.gap.comparison import ComparedModels, compare, error_reduction
 from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of
 from mcpilco.gap.decide import (
     Closest,
@@ -20,7 +20,6 @@ from mcpilco.gap.decide import (
     on_bounds,
     shifted_parameters,
     spread_of,
-    surely_better,
     unweighed,
     weighed,
 )
@@ -42,7 +41,6 @@ from mcpilco.gap.fit import (
     fit_nominal,
     likelier_clock,
     on_windows,
-    possible_clocks,
     refit,
     refit_truncated,
     truncated,
@@ -51,17 +49,10 @@ from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import (
-    at_rest,
-    distinct,
-    far_from_noise,
-    require_plausible,
-    suspicions,
-    unchanging,
-)
+from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions, unchanging
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, distinct, possible_clocks
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""
@@ -112,11 +103,13 @@ def investigate(
     problem = likelier_clock(problems)
     everything = problem.enough_windows()
     if len(everything) < DATA.fewest_windows:
-        return _too_poor(problem, _too_short(everything), remarks, doubts)
+        why = f"{LONGER} {len(everything)}. {MOVE}"
+        return _too_poor(problem, why, remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
     if (likelier := likelier_clock(problems, explained.best)) is not problem:
-        problem, explained = likelier, _explain_but_events(likelier, likelier.enough_windows())
+        hints, problem = explained.result.fits[: SEARCH.hints], likelier
+        explained = _explain_but_events(problem, problem.enough_windows(), hints)
     recordings = list(problem.recordings)
     _tell("search for pushes and contacts", explained.best)
     problem, explained, pushes, place = _leave_out_pushes(problem, explained)
@@ -161,7 +154,6 @@ def investigate(
     _tell("comparison of the models", final)
     on_the_way = nested_fits(result, best) if named else ()
     models = ComparedModels(result.null.model, null, final, on_the_way)
-    train, unseen = problem.names
     compared = compare(models, clear, reported)
     return Gap(
         plant=plant,
@@ -173,8 +165,8 @@ def investigate(
         events=events,
         experiments=tuple(experiments(result, best, windows)),
         closest=closest,
-        train=train,
-        held_out=unseen,
+        train=problem.names[0],
+        held_out=problem.names[1],
         apart=reported is not decisive,
         search=result,
         models=models,
@@ -195,6 +187,7 @@ def _thinned(recording: Recording) -> Recording:
 
 
 MOVE = "Record with `mcpilco record --policy excitation`, which moves a plant so that effects show."
+LONGER = f"Record longer: {DATA.fewest_windows} windows of one second are needed, there are"
 AT_REST = f"Nothing moves: no position changes by more than its noise. {MOVE}"
 
 
@@ -204,22 +197,16 @@ def _tell(stage: str, best: Fit | None = None) -> None:
     _LOG.info(stage, extra={"found": effects})
 
 
-def _too_short(windows: Windows) -> str:
-    few, there = f"at least {DATA.fewest_windows} windows of one second", len(windows)
-    return f"Record longer: {few} are needed, there are {there}. {MOVE}"
-
-
 def _too_poor(
     problem: GapProblem, why: str, remarks: tuple[str, ...], doubts: tuple[str, ...] = ()
 ) -> Gap:
-    plant, (train, unseen) = problem.plant, problem.names
     return Gap(
-        plant=plant,
+        plant=problem.plant,
         verdict="too_poor",
-        corrected=plant,
+        corrected=problem.plant,
         experiments=(why,),
-        train=train,
-        held_out=unseen,
+        train=problem.names[0],
+        held_out=problem.names[1],
         suspicions=doubts,
         remarks=remarks,
     )
@@ -262,7 +249,9 @@ class _Explanation:
     """those that hold an event"""
 
 
-def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
+def _explain_but_events(
+    problem: GapProblem, windows: Windows, hints: Sequence[Fit] = ()
+) -> _Explanation:
     """The search on windows from which those are taken that seem to hold an event."""
     null, kept = fit_nominal(problem.model(windows), windows)
     clean = without_spikes(null, windows)
@@ -270,7 +259,7 @@ def _explain_but_events(problem: GapProblem, windows: Windows) -> _Explanation:
         kept = without_spikes(null, kept)
         null = fit_model(null.model, kept, null.theta, null.x0, iterations=5)
     far = windows_with_events(null, kept)
-    return _explain(problem, clean[~far], clean[far])
+    return _explain(problem, clean[~far], clean[far], hints)
 
 
 def _explain(
@@ -340,7 +329,7 @@ def _learn_force(
 ) -> tuple[Fit, tuple[Event, ...]] | None:
     """A fit with the residual as a force, and the events that this does not explain either.
 
-    None where it does not shrink the error of the held-out windows that decide.
+    None where it does not surely shrink the error of the held-out windows that decide.
     """
     windows, masked = explained.windows.plain, explained.masked
     budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
@@ -355,5 +344,6 @@ def _learn_force(
     missed, _ = still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)
     clear = _clear(decisive, problem, events, fit)
-    better = surely_better(fit, (judged.null, base), clear, judged.evidence)
-    return (fit, events) if better else None
+    others = judged.null, base
+    less = [error_reduction(other, fit, clear, judged.evidence).low > 0.0 for other in others]
+    return (fit, events) if all(less) else None

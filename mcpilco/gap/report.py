@@ -156,15 +156,10 @@ def _error(gap: Gap) -> dict[str, Any] | None:
     if gap.comparison is None:
         return None
     compared = gap.comparison
+    names = "horizon_s", "nominal", "refit", "corrected", "noise_floor", "hidden", "channels"
     return {
-        "horizon_s": compared.horizon_s,
-        "nominal": compared.nominal,
-        "refit": compared.refit,
-        "corrected": compared.corrected,
-        "noise_floor": compared.noise_floor,
+        **{name: getattr(compared, name) for name in names},
         "closed": {**vars(compared.closed), "from": compared.baseline},
-        "hidden": compared.hidden,
-        "channels": compared.channels,
         "units": {name: _units(gap)[name] for name in compared.channels},
         "with_events": compared.everywhere,
         "steps": [{"added": step.added, **vars(step.error)} for step in compared.steps],
@@ -331,15 +326,13 @@ def cautions(gap: Gap) -> list[str]:
     ]
     said += [*_shifts(gap), *(gap.on_bounds if gap.named else ())]
     if gap.verdict in ("partly", "unknown"):
-        said.append(
+        learned = ": a force was learned in its place, which is 0 outside the recorded range."
+        missed = ", nor does a learned force of state and command predict held-out recordings "
+        missed += "better. “When they disagree” shows when the residual is large."
+        explained = (
             "The best model's residual is not noise, and no effect of the catalogue explains it"
-            + (
-                ": a force was learned in its place, which is 0 outside the recorded range."
-                if gap.corrected.learned
-                else ", nor does a learned force of state and command predict held-out recordings "
-                "better. “When they disagree” shows when the residual is large."
-            )
         )
+        said.append(explained + (learned if gap.corrected.learned else missed))
     said += [f"{line} A push, a contact, a fault of the log?" for line in _left_out(gap)]
     said += _runaways(gap)
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:

@@ -11,12 +11,13 @@ depends on state and command can be learned so; a push by hand, which comes from
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import cho_factor, cho_solve
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance
@@ -56,14 +57,19 @@ class ForceResponse:
         """Weights that keep a few windows from leading all others."""
         return Robust.of(self.by_window, self.samples).weights(self.by_window)
 
-    def priors(self, coordinates: int) -> Iterator[Float[np.ndarray, "Wm Wm"]]:
+    def priors(self, coordinates: int) -> list[Float[np.ndarray, "Wm Wm"]]:
         """Covariances of all forces, of variance 1: functions of one coordinate, or of two.
 
         The second one, where a hinge turns round and round, knows its place in a turn as well.
         """
-        yield self._prior(self.x, coordinates)
-        if self.turns.shape[2]:
-            yield self._prior(np.concatenate([self.x, self.turns], axis=2), coordinates)
+        if coordinates not in self._known:
+            turning = [np.concatenate([self.x, self.turns], axis=2)] * (self.turns.shape[2] > 0)
+            self._known[coordinates] = [self._prior(x, coordinates) for x in (self.x, *turning)]
+        return self._known[coordinates]
+
+    @cached_property
+    def _known(self) -> dict[int, list[Float[np.ndarray, "Wm Wm"]]]:
+        return {}
 
     def _prior(self, x: Float[np.ndarray, "W m C"], coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
         W, m, C = x.shape
@@ -137,23 +143,15 @@ def covariance(
     return total / (len(pairs) * len(FORCE.lengthscales))
 
 
-@dataclass(frozen=True)
-class ExplainedForce:
-    """The part of the residuals that forces of state and command predict."""
-
-    share: float
-    """part of the squared residuals beyond the noise that is predicted, window by window [-]"""
-    unpredicted: PerWindow
-    """squared residual of a sample that is not predicted from the other windows"""
-
-
-def explained_by_forces(
+def unpredicted_by_forces(
     response: ForceResponse,
     weight: PerWindow | None = None,
     folds: Int[np.ndarray, " W"] | None = None,
     coordinates: int = 2,
-) -> ExplainedForce:
-    """Predicts the residuals of windows from those of others, as forces of state and command.
+) -> PerWindow:
+    """The squared residual of a sample of each window that others do not predict.
+
+    They predict it by forces of state and command, as these are in them.
 
     Args:
         response: of a fit.
@@ -163,17 +161,12 @@ def explained_by_forces(
     """
     weight = response.weights if weight is None else weight
     folds = np.arange(len(response)) % FORCE.folds if folds is None else folds
-    rest = min(
-        (
-            _unpredicted(response, prior * s**2, weight, folds)
-            for prior in response.priors(coordinates)
-            for s in FORCE.strengths
-        ),
-        key=lambda rest: float(weight @ rest),
-    )
-    beyond = float(weight @ np.maximum(response.by_window - response.samples, 0.0))
-    share = float(weight @ (response.by_window - rest)) / beyond if beyond > 0.0 else 0.0
-    return ExplainedForce(share=max(share, 0.0), unpredicted=rest / response.samples)
+    rests = [
+        _unpredicted(response, prior * s**2, weight, folds)
+        for prior in response.priors(coordinates)
+        for s in FORCE.strengths
+    ]
+    return min(rests, key=lambda rest: float(weight @ rest)) / response.samples
 
 
 def _unpredicted(
@@ -209,19 +202,19 @@ def _predict(
     misfit = response.by_window[known] / response.samples[known]
     noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
     inside, outside = np.repeat(known, m), np.repeat(unseen, m)
-    G, r = response.G[known], response.r[known]
-    A = np.einsum("wni,wnj->wij", G, G) / noise[:, None, None]
-    b = (np.einsum("wni,wn->wi", G, r) / noise[:, None]).reshape(-1)
-    Kii = K[np.ix_(inside, inside)]
-    system = _times_blocks(A, Kii)
+    # with G = Q R, window by window: f = K R^T (1 + R K R^T)^-1 Q^T r
+    Q, R = np.linalg.qr(response.G[known] / np.sqrt(noise)[:, None, None])
+    y = np.einsum("wni,wn->wi", Q, response.r[known] / np.sqrt(noise)[:, None]).ravel()
+    system = _times_blocks(R, _times_blocks(R, K[np.ix_(inside, inside)]).T)
     system[np.diag_indices(len(system))] += 1.0
-    force = K[np.ix_(outside, inside)] @ np.linalg.solve(system, b)
+    z = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), y, check_finite=False)
+    force = K[np.ix_(outside, inside)] @ np.einsum("wij,wi->wj", R, z.reshape(len(R), -1)).ravel()
     return np.einsum("wni,wi->wn", response.G[unseen], force.reshape(-1, m))
 
 
 def _times_blocks(
-    blocks: Float[np.ndarray, "V m m"], K: Float[np.ndarray, "Vm Vm"]
-) -> Float[np.ndarray, "Vm Vm"]:
-    """A K, where A is block-diagonal."""
-    V, m, _ = blocks.shape
-    return (blocks @ K.reshape(V, m, V * m)).reshape(V * m, V * m)
+    blocks: Float[np.ndarray, "V k m"], K: Float[np.ndarray, "Vm n"]
+) -> Float[np.ndarray, "Vk n"]:
+    """R K, where R is block-diagonal."""
+    V, k, m = blocks.shape
+    return (blocks @ K.reshape(V, m, -1)).reshape(V * k, -1)

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from mcpilco.gap.data import Windows
+from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, Robust, misfit
 from mcpilco.gap.plant_model import PerWindow
-from mcpilco.gap.sensitivities import Linearised, residual, run
-from mcpilco.gap.thresholds import SCREEN
-from mcpilco.plant import EffectInstance, Probe
+from mcpilco.gap.sensitivities import Linearised, motion_midway, residual, run
+from mcpilco.gap.thresholds import FORCE, SCREEN
+from mcpilco.plant import EffectInstance, JointForce, Probe
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ def screen(
     windows: Windows,
     candidates: Sequence[EffectInstance],
     per_effect: int = 2,
+    pulses: Disturbance | None = None,
 ) -> list[Score]:
     """Scores of candidates, best first.
 
@@ -49,33 +51,78 @@ def screen(
         windows: to which.
         candidates: effects that the model does not have.
         per_effect: how many probes of each may be scored.
+        pulses: responses to forces in the joints, where a simulation is dear: all is then scored on
+            few windows first, a force of many shapes as a train of these, and the best on all.
     """
     whole = _Projection.of(fit, lin, windows)
     thinned = whole
     if len(windows) > SCREEN.many_probes:
         some = np.arange(0, len(windows), SCREEN.thinned)
         thinned = _Projection.of(fit.at(some), lin[some], windows[some])
-    scores: list[Score] = []
-    for instance in candidates:
-        parameter = fit.model.frees(instance)
-        if parameter is not None:
-            gain, sensitivity = whole.freeing(parameter)
-            scores.append(Score(instance, gain, instance.effect.neutral, sensitivity))
-            continue
-        probes = instance.effect.probes(fit.model.scales[instance.target])
-        view = thinned if len(probes) > SCREEN.many_probes else whole
-        own = []
-        for probe, columns in zip(probes, signatures(view, instance, probes), strict=True):
-            one_sided = _one_sided(instance, probe)
-            S, b = view.normal_equations(columns)
-            mixes = [_best_mix(S, b, one_sided)]
-            mixes.append(_best_mix(*view.bounding(columns).normal_equations(columns), one_sided))
-            mix, gain = max(mixes, key=lambda scores: scores[1])
-            repeated = len(windows) / len(view.windows)
-            sensitivity = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
-            own.append(Score(instance, repeated * gain, _values(instance, probe, mix), sensitivity))
+    views, scores = (whole, thinned), []
+    first = {c: _scores(views, c, pulses=pulses) for c in candidates}
+    if pulses is not None:
+        order = sorted(first, key=lambda c: -max(score.gain for score in first[c]))
+        for instance in order[: SCREEN.checked]:
+            gains = [-score.gain for score in first[instance]]
+            first[instance] = _scores(views, instance, np.argsort(gains)[:per_effect])
+    for own in first.values():
         scores += sorted(own, key=lambda score: -score.gain)[:per_effect]
     return sorted(scores, key=lambda score: -score.gain)
+
+
+def _scores(
+    views: tuple[_Projection, _Projection],
+    instance: EffectInstance,
+    chosen: Int[np.ndarray, " n"] | None = None,
+    pulses: Disturbance | None = None,
+) -> list[Score]:
+    """The scores of an effect's probes, or of some; `pulses` as of `screen`."""
+    whole, thinned = views
+    fit, effect = whole.fit, instance.effect
+    parameter = fit.model.frees(instance)
+    if parameter is not None:
+        gain, sensitivity = whole.freeing(parameter)
+        return [Score(instance, gain, effect.neutral, sensitivity)]
+    probes = effect.probes(fit.model.scales[instance.target])
+    probes = probes if chosen is None else [probes[n] for n in chosen]
+    many, force = len(probes) > SCREEN.many_probes, isinstance(effect, JointForce)
+    if pulses is not None and many and force:
+        view, columns = whole, _trains(whole, instance, probes, pulses)
+    else:
+        view = thinned if pulses is not None or many else whole
+        columns = signatures(view, instance, probes)
+    repeated, scores = len(whole.windows) / len(view.windows), []
+    for probe, own in zip(probes, columns, strict=True):
+        one_sided = _one_sided(instance, probe)
+        S, b = view.normal_equations(own)
+        mixes = [_best_mix(S, b, one_sided)]
+        mixes.append(_best_mix(*view.bounding(own).normal_equations(own), one_sided))
+        mix, gain = max(mixes, key=lambda scores: scores[1])
+        sensitivity = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
+        values = _values(instance, probe, mix)
+        scores.append(Score(instance, repeated * gain, values, sensitivity))
+    return scores
+
+
+def _trains(
+    view: _Projection, instance: EffectInstance, probes: Sequence[Probe], pulses: Disturbance
+) -> list[Float[np.ndarray, "W n k"]]:
+    """The same as `signatures` for a force in a joint, as pulses along the measured motion."""
+    model, windows, target = view.fit.model, view.windows, instance.target
+    assert isinstance(instance.effect, JointForce)
+    j = model.plant.layout.joints.index(target)
+    at, G = motion_midway(model, view.fit.theta, windows), pulses.columns[:, :, pulses.joint == j]
+    first = np.arange(0, at.shape[1], max(1, round(FORCE.hold_s / windows.dt)))
+    lengths = np.diff(np.append(first, at.shape[1])) * model.scales[target].force
+    q, v, columns = at[:, :, 2 * j], at[:, :, 2 * j + 1], []
+    for probe in probes:
+        forces = [instance.effect.force(q, v, *values) + 0.0 * q for values in probe.values]
+        train = np.add.reduceat(forces, first, axis=2)
+        change = np.einsum("wni,kwi->kwn", G, train / lengths)
+        change = change if windows.whitening is None else windows.whitening(change)
+        columns.append(change.transpose(1, 2, 0))
+    return columns
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits, recovered
 from mcpilco.gap.plant_model import BudgetShare, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise
@@ -163,21 +163,22 @@ class Tried:
         return sorted(self.fits.values(), key=order)
 
     def best(self) -> Fit:
-        """The likeliest model, or one of fewer effects to which it is not preferred."""
-        ranked = self.ranked
-        for size in range(len(ranked[0].model.effects)):
-            first = next((fit for fit in ranked if len(fit.model.effects) == size), None)
-            if first is not None and not self.prefers(ranked[0], first):
-                return self._without_superfluous(first)
-        return self._without_superfluous(ranked[0])
+        """The likeliest model of those that are worth their effects: of more and more effects."""
+        ranked, chosen = self.ranked, [self.null]
+        for size in range(1, 1 + SEARCH.most_effects):
+            own = [fit for fit in ranked if len(fit.model.effects) == size]
+            chosen += [fit for fit in own if self._worth(fit, chosen)][:1]
+        return chosen[-1]
 
-    def _without_superfluous(self, best: Fit) -> Fit:
-        """Without effects that are not worth it, or with special cases that do as well."""
-        ours = frozenset(best.model.effects)
-        keys = [key for e in best.model.effects for key in (ours - {e}, *self.special(ours, e))]
+    def _worth(self, fit: Fit, fewer: Sequence[Fit]) -> bool:
+        """Whether a model is preferred to some of fewer effects, and to plainer forms of itself.
+
+        These are itself without one of its effects, or with a special case in the place of one.
+        """
+        ours = frozenset(fit.model.effects)
+        keys = [key for e in ours for key in (ours - {e}, *self.special(ours, e))]
         plainer = [self.fits[key] for key in keys if key in self.fits]
-        enough = [fit for fit in plainer if not self.prefers(best, fit)]
-        return self._without_superfluous(min(enough, key=self.bic)) if enough else best
+        return all(self.prefers(fit, other) for other in (*fewer, *plainer))
 
     def special(self, ours: Effects, instance: EffectInstance) -> list[Effects]:
         """The sets of effects with a special case of one of them in its place."""
@@ -185,19 +186,42 @@ class Tried:
         return [rest | {c} for c in self.candidates if instance.holds(c) and c not in rest]
 
     def simplify(self) -> None:
-        """Fits the best model with special cases of its effects, from where its own values are."""
+        """Fits the best model in plainer forms, from where its own values are.
+
+        With special cases of its effects, with one effect in the place of those that make it, to
+        which no single change leads, and with effects of masses that it takes from their priors.
+        """
         best = self.best()
-        for instance, values in best.model.effect_values(best.theta[None]):
-            for special in [c for c in self.candidates if instance.holds(c)]:
-                model, theta = shrunk(best, instance, self.null)
-                if any(special == other or special.repeats(other) for other in model.effects):
-                    continue
-                model, theta = model.grown(
-                    theta, special, instance.values_as(special, list(values[0]))
-                )
-                self.keep(fit_model(model, self.windows, theta, best.x0, iterations=8))
+        self._relieve(best)
+        values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
+        for plain in self.candidates:
+            for own in [own for own in values if own.holds(plain)]:
+                self._exchange(best, [own], plain, own.values_as(plain, values[own]))
+            parts = [part for part in values if plain.repeats(part)]
+            made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
+            if made is not None:
+                self._exchange(best, parts, plain, made)
         if self.best() is not best:
             self.simplify()
+
+    def _relieve(self, fit: Fit) -> None:
+        """Fits a model with effects of masses where it takes these far from their priors."""
+        if fit.model.penalty(fit.theta) > SEARCH.strained:
+            ours, frees = frozenset(fit.model.effects), fit.model.frees
+            meant = [c for c in self.candidates if c.effect.place == "body" or frees(c) is not None]
+            new = [c for c in meant if ours | {c} not in self.fits]
+            self._add(fit, new, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
+
+    def _exchange(
+        self, fit: Fit, gone: Sequence[EffectInstance], new: EffectInstance, values: list[float]
+    ) -> None:
+        """Fits a model with another effect in the place of some, from these values of it."""
+        for instance in gone:
+            model, theta = shrunk(fit, instance, self.null)
+            fit = replace(fit, model=model, theta=theta)
+        if not any(new == other or new.repeats(other) for other in fit.model.effects):
+            model, theta = fit.model.grown(fit.theta, new, values)
+            self.keep(fit_model(model, self.windows, theta, fit.x0, iterations=8))
 
     def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
@@ -207,19 +231,23 @@ class Tried:
             share: of the steps that they may take.
             exchange: whether effects may be dropped and exchanged too.
         """
-        self.grown.add((frozenset(fit.model.effects), exchange))
-        strained = fit.model.penalty(fit.theta) > SEARCH.strained
-        least = SEARCH.strained if strained else SEARCH.promising
-        scores = self._add(fit, self.candidates, SEARCH.shortlist, share, least)
+        ours, scores = frozenset(fit.model.effects), []
+        if (ours, False) not in self.grown:
+            scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+        self.grown |= {(ours, False), (ours, exchange)}
         for instance in fit.model.effects if exchange else ():
             if share.used_up:
                 break
-            rest = self.keep(without(fit, instance, self.windows, self.null))
+            known, costly = frozenset(fit.model.effects) - {instance}, fit.model.plant.costly
+            done = costly and any((known, each) in self.grown for each in (True, False))
+            there = self.fits.get(known) if done else None
+            rest = there or self.keep(without(fit, instance, self.windows, self.null))
             others = [c for c in self.candidates if c != instance]
             related = [c for c in others if c.holds(instance) or instance.holds(c)]
             least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
             self._add(rest, related, len(related), share, least)
-            self._add(rest, others, SEARCH.exchanges, share, least)
+            if not done:  # of those its best were fitted
+                self._add(rest, others, SEARCH.exchanges, share, least)
         return scores
 
     def _add(
@@ -235,8 +263,9 @@ class Tried:
         new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
         if not new or len(ours) == SEARCH.most_effects:
             return []
-        lin = linearise(fit.model, self.windows, fit.theta, fit.x0)
-        scores = screen(fit, lin, self.windows, new)
+        lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
+        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
+        least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
         few, view = self.windows[some], fit.at(some)
@@ -250,10 +279,17 @@ class Tried:
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
+        if dear and closest:  # those that explain half of what the first does
+            enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
+            closest = [grown for grown in closest if grown.chi2 <= enough]
+        near = lin if dear and not fit.model.learned else None
         for grown in closest[: SEARCH.refined]:
             x0 = fit.x0.copy()
             x0[some] = grown.x0
-            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, iterations=8))
+            if dear:  # the model without the effect has led them astray
+                known = misfits(grown.model, self.windows, grown.theta, x0)
+                x0, _ = recovered(grown.model, self.windows, grown.theta, x0, known, known > 0.0)
+            self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
 
 
@@ -321,9 +357,11 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
-        for fit in _next(tried, best):
-            told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
-            scores = told if fit is best and told else scores
+        scores = tried.neighbours(best, share, exchange=False) or scores
+        if tried.best() is best:  # there is nothing to add
+            for fit in _next(tried, best):
+                told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
+                scores = told if fit is best and told else scores
         best = tried.best()
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
             tried.weigh_by(best)
@@ -342,9 +380,11 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     it. That costs it its rank, but it is one effect away from what is there. And of three effects
     none may explain as much as the others leave over before these are known: models that are far
     likelier than the best one go on, though they are not preferred to it yet. So do the special
-    cases of the best one, which may miss but one further effect.
+    cases of the best one, which may miss but one further effect. Where a simulation is dear and
+    the best one leaves nothing over, nothing but these goes on.
     """
     most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
+    closed = best.model.plant.costly and not _left_over(tried.judged(best)).any()
     ours = frozenset(best.model.effects)
     open_ = [
         fit
@@ -353,7 +393,7 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
         and (tried.judged(fit).deviance < most or tried.bic(fit) <= known)
         and not (ours < frozenset(fit.model.effects) and known - tried.bic(fit) < SEARCH.bic_gain)
     ]
-    rest = [fit for fit in open_ if fit is not best]
+    rest = [fit for fit in open_ if fit is not best and not closed]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
     keys = [key for each in best.model.effects for key in tried.special(ours, each)]
     new = [key for key in keys if not {(key, True), (key, False)} & tried.grown]

@@ -70,25 +70,6 @@ def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
     )
 
 
-def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
-    """The recordings without those of the same content, and a sentence on each of these."""
-    kept: list[Recording] = []
-    remarks = []
-    for one in recordings:
-        same = next((other for other in kept if _same(one, other)), None)
-        if same is None:
-            kept.append(one)
-        else:
-            other = "another file" if one.name == same.name else same.name
-            remarks.append(f"{one.name} holds the same as {other}: it is counted once.")
-    return kept, tuple(remarks)
-
-
-def _same(one: Recording, other: Recording) -> bool:
-    pairs = [(one.time, other.time), (one.states, other.states), (one.inputs, other.inputs)]
-    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-
-
 def at_rest(recordings: Sequence[Recording], std: Float[np.ndarray, " X"]) -> bool:
     """Whether no position moves by more than its noise, of std in its unit."""
     q = [one.states[:, 0::2] for one in recordings]

@@ -61,7 +61,7 @@ from .equations.step import (
     true_state,
 )
 from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
-from .scales import scales_of
+from .scales import priors_of, scales_of
 from .simulation.laws import joint_force, shaped
 from .simulation.layout import (
     DELAY,
@@ -190,6 +190,7 @@ __all__ = [
     "physics_features",
     "plant_for",
     "prepare",
+    "priors_of",
     "read_correction",
     "recipe_of",
     "register_plant",

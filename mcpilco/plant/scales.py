@@ -1,6 +1,8 @@
-"""The usual motion and force at each target of a plant, from which plausible sizes follow."""
+"""The usual motion and force at each target of a plant, and the priors of its parameters."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +10,7 @@ from jaxtyping import Float
 from mcpilco.plant.effects.base import Scale
 from mcpilco.plant.plant import Plant
 from mcpilco.plant.simulation.layout import GAIN
+from mcpilco.typing import InputError
 
 
 def scales_of(
@@ -67,3 +70,36 @@ def scales_of(
             dt=dt,
         )
     return scales
+
+
+def priors_of(
+    plant: Plant, uncertainty: float | Mapping[str, float], free: Sequence[str], usual: float
+) -> dict[str, float]:
+    """Relative prior std of each uncertain parameter; inf frees it.
+
+    Args:
+        plant: nominal.
+        uncertainty: one for all, or by name [-].
+        free: names of those of which nothing is known; `all` for all.
+        usual: of those that `uncertainty` does not name [-].
+
+    Raises:
+        InputError: the plant has no such parameter.
+    """
+    names = [parameter.name for parameter in plant.parameters]
+    by_name = uncertainty if isinstance(uncertainty, Mapping) else {}
+    unknown = sorted({*by_name, *free} - {*names, "all"})
+    if unknown:
+        raise InputError(
+            f"{plant.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
+        )
+    rest = usual if isinstance(uncertainty, Mapping) else uncertainty
+    priors = {
+        parameter.name: float(by_name.get(parameter.name, rest))
+        for parameter in plant.parameters
+        if (parameter.uncertain or parameter.name in by_name) and parameter.value != 0.0
+    }
+    freed = [n for n in priors if "all" in free or n in free]
+    freed += [name for name in free if name != "all" and name not in priors]
+    priors |= dict.fromkeys(freed, np.inf)
+    return {name: std for name, std in priors.items() if std > 0.0}

@@ -23,7 +23,16 @@ from .joints import (
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
 from .noise import NoiseFilter, Whitening, following
 from .reader import read_recording, read_recordings
-from .recording import Recording, bridged, from_rollout, runs, write_recording
+from .recording import (
+    Recording,
+    bridged,
+    distinct,
+    divided,
+    from_rollout,
+    possible_clocks,
+    runs,
+    write_recording,
+)
 from .resample import sampling_time
 from .robot_log import (
     JointMotion,
@@ -36,7 +45,7 @@ from .robot_log import (
     zero_phase,
 )
 from .series import Series, lagged, read_series, suspicions, usable
-from .smoothing import first_state, noise_std, smoothed, states_at_commands
+from .smoothing import first_state, noise_of, noise_std, smoothed, states_at_commands
 from .suspicion import doubts
 
 __all__ = [
@@ -60,6 +69,8 @@ __all__ = [
     "bridged",
     "check_joint_data",
     "columns_of",
+    "distinct",
+    "divided",
     "doubts",
     "encoder_noise",
     "excitation",
@@ -75,7 +86,9 @@ __all__ = [
     "local_cubics",
     "marker_recording",
     "motion_cutoff",
+    "noise_of",
     "noise_std",
+    "possible_clocks",
     "read_arm",
     "read_for_plant",
     "read_joint_recordings",

@@ -263,3 +263,63 @@ def from_rollout(name: str, rollout: Rollout, task: TaskSpec) -> Recording:
         angles=task.angles,
         velocities=task.velocities,
     )
+
+
+def possible_clocks(recordings: Sequence[Recording]) -> list[tuple[Recording, ...]]:
+    """The recordings, and where there is doubt, the same with commands that a clock sent out."""
+    stamped = tuple(recordings)
+    if all(recording.by_clock is None for recording in stamped):
+        return [stamped]
+    return [stamped, tuple(recording.clocked for recording in stamped)]
+
+
+def distinct(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
+    """The recordings without those of the same content, and a sentence on each of these."""
+    kept: list[Recording] = []
+    remarks = []
+    for one in recordings:
+        same = next((other for other in kept if _same(one, other)), None)
+        if same is None:
+            kept.append(one)
+        else:
+            other = "another file" if one.name == same.name else same.name
+            remarks.append(f"{one.name} holds the same as {other}: it is counted once.")
+    return kept, tuple(remarks)
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    pairs = [(one.time, other.time), (one.states, other.states), (one.inputs, other.inputs)]
+    return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+
+def divided(
+    recordings: Sequence[Recording], held_out: Sequence[str], most: float, fewest: int
+) -> tuple[list[int], list[int]]:
+    """Numbers of the recordings to fit, and of those held out: by name, or the last ones.
+
+    Args:
+        recordings: all.
+        held_out: names of those that are held out; none: the last ones.
+        most: part of the samples that these may have [-].
+        fewest: recordings below which all are fitted and held out.
+
+    Raises:
+        InputError: there are no such names, or nothing is left to fit.
+    """
+    numbers = list(range(len(recordings)))
+    names = [recording.name for recording in recordings]
+    if held_out:
+        if not set(held_out) < set(names):
+            raise InputError(
+                f"held_out must be some of the recordings {', '.join(names)}, and leave one to "
+                f"fit, got {', '.join(held_out)}."
+            )
+        unseen = [n for n in numbers if names[n] in held_out]
+        return [n for n in numbers if n not in unseen], unseen
+    if len(numbers) < fewest:
+        return numbers, numbers
+    lengths = np.array([len(recording) for recording in recordings])
+    after = np.cumsum(lengths[::-1])[::-1] / lengths.sum()  # from each recording to the end
+    fits = after <= most
+    first = int(np.argmax(fits)) if fits[-1] else -1
+    return numbers[:first], numbers[first:]

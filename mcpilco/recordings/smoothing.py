@@ -14,6 +14,7 @@ and the mean of the rest is corrected for it by the chi-square distribution.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -73,6 +74,37 @@ def noise_std(recording: Recording) -> Float[np.ndarray, " X"]:
     found = [_noise(recording, k, 1 if k in rates else 2) for k in range(len(recording.measured))]
     steps = np.where(recording.measured, recording.resolution, 0.0)
     return np.where(steps > 0, np.fmax(found, steps / np.sqrt(12.0)), found)
+
+
+def noise_of(
+    recordings: Sequence[Recording],
+    known: Mapping[str, float],
+    angles: Sequence[int],
+    least: float,
+) -> Float[np.ndarray, " X"]:
+    """Noise std of each state of one machine's recordings: the known one, else their median.
+
+    It is at least that of rounding to the steps in which the values came, and a part of their
+    spread: a simulation without noise is no more exact than another integrator.
+
+    Args:
+        recordings: with the same states.
+        known: std of some states, by name [their unit].
+        angles: numbers of the states that may turn round and round.
+        least: the least std, as a part of the spread [-].
+    """
+    noise = np.stack([noise_std(recording) for recording in recordings])
+    measured = np.stack([recording.measured for recording in recordings])
+    std = np.ones(noise.shape[1])
+    for x, name in enumerate(recordings[0].state_names):
+        if name in known:
+            std[x] = known[name]
+        elif measured[:, x].any():
+            steps = max(recording.resolution[x] for recording in recordings) / np.sqrt(12.0)
+            spread = float(np.nanstd(np.concatenate([r.states[:, x] for r in recordings])))
+            spread = min(spread, 1.0) if x in angles else spread  # however often it turned
+            std[x] = max(float(np.median(noise[measured[:, x], x])), steps, least * spread, 1e-9)
+    return std
 
 
 def _noise(recording: Recording, channel: int, integrals: int) -> float:

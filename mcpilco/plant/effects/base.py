@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -159,6 +159,10 @@ class Effect(ABC):
     def largest(self, scale: Scale) -> Float[np.ndarray, " symbols"]:
         """Values beyond which it explains nothing, however well it fits."""
         return np.full(len(self.symbols), np.inf)
+
+    def made_of(self, parts: Mapping[str, Sequence[float]]) -> list[float] | None:
+        """Values with which it does what others do together, by their names; None: it cannot."""
+        return None
 
     @property
     def file(self) -> str:

@@ -6,7 +6,7 @@ To add one: a class here, its line in the catalogue (`mcpilco.plant.effects`), a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -181,6 +181,13 @@ class AsymmetricFriction(DryFriction):
     def force(q, v, f_p, f_n, v_r):
         sign = tanh(v / v_r)
         return -0.5 * ((f_p + f_n) * sign + (f_p - f_n) * abs(sign))
+
+    def made_of(self, parts: Mapping[str, Sequence[float]]) -> list[float] | None:
+        """Values with which it does what a Coulomb friction and a constant force do together."""
+        if parts.keys() != {"coulomb_friction", "constant_force"}:
+            return None
+        (f_c, v_r), (f_0,) = parts["coulomb_friction"], parts["constant_force"]
+        return [f_c - f_0, f_c + f_0, v_r]
 
     def probes(self, scale: Scale) -> list[Probe]:
         small = SMALL * scale.force

@@ -11,9 +11,9 @@ from mcpilco.gap import Gap, Windows, comparison
 from mcpilco.gap.comparison import (
     closed_interval,
     compare,
-    error_over_expected,
     error_reduction,
     free_run,
+    misfit_over_expected,
     missing_force,
     rms_interval,
     scaled_errors,
@@ -90,8 +90,10 @@ def test_only_the_corrected_plant_predicts_as_well_as_can_be_expected(found: Gap
     assert found.models is not None
     assert found.search is not None
     models, held_out = found.models, (found.comparison.windows, found.search.evidence)
-    corrected, refit = (error_over_expected(f, *held_out) for f in (models.corrected, models.refit))
-    assert corrected < 2.0 < 5.0 < refit
+    fits = models.corrected, models.refit
+    corrected, refit = (misfit_over_expected(fit, *held_out) for fit in fits)
+    assert corrected == pytest.approx(1.0, abs=0.15)
+    assert refit > 5.0
 
 
 @pytest.mark.parametrize("std", [0.0, 0.05])
@@ -134,14 +136,12 @@ def test_a_window_that_nobody_can_foresee_does_not_decide(
         return errors
 
     before, after = (np.zeros(windows.y.shape) for _ in range(2))
-    runs = iter((after, before, after))
+    runs = iter((before, after))
     monkeypatch.setattr(comparison, "predictable", lambda found, windows: windows)
     monkeypatch.setattr(comparison, "expected_squares", lambda *_: expected)
     monkeypatch.setattr(comparison, "free_run", lambda *_: next(runs))
     monkeypatch.setattr(comparison, "scaled_errors", error)
     told = found.models.corrected, windows, found.search.evidence
-    usual = np.sqrt((4.0 + 0.25 * (len(windows) - 1)) / len(windows))
-    assert error_over_expected(*told) == pytest.approx(usual)
     assert error_reduction(found.models.refit, *told).value == pytest.approx(0.5)
 
 

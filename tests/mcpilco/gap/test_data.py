@@ -6,9 +6,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mcpilco.gap.data import GapProblem, Windows, apart
-from mcpilco.gap.fit import Fit
+from mcpilco.gap.data import GapProblem, Windows, apart, cut
+from mcpilco.gap.fit import Fit, misfits
 from mcpilco.gap.sensitivities import run
+from tests.mcpilco.gap.test_sensitivities import hopping
+from tests.mcpilco.mjcf.mujoco.models import HOPPER
 
 
 def test_the_parts_of_a_window_are_driven_and_measured_as_it_is(
@@ -87,3 +89,15 @@ def test_recordings_are_parted_whole_where_each_part_has_enough_of_them(
     assert len(set(windows.recording)) > 1
     assert not set(decisive.recording) & set(reported.recording)
     assert len(decisive) + len(reported) == len(windows)
+
+
+def test_windows_of_a_machine_that_hits_the_ground_begin_at_their_readings() -> None:
+    """Through an impact no cubic goes; from the readings the plant stays near."""
+    problem = hopping(HOPPER, HOPPER)
+    windows, smoothed = problem.windows(), cut(problem.recordings, problem.std)
+    model = problem.model(windows)
+    near, far = (
+        misfits(model, windows.beginning(15), np.zeros(model.nuisances), each.guess)
+        for each in (windows, smoothed)
+    )
+    assert np.median(near) < 0.3 * np.median(far)

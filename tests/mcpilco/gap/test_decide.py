@@ -103,7 +103,7 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     clear = windows[:5]
     beyond = {len(windows): fitted, len(clear): held_out}
     monkeypatch.setattr(decide, "error_reduction", lambda *_: Interval(closed, 0.0, 1.0))
-    monkeypatch.setattr(decide, "error_over_expected", lambda fit, some, _: beyond[len(some)])
+    monkeypatch.setattr(decide, "misfit_over_expected", lambda fit, some, _: beyond[len(some)])
     assert decide.mispredicts(judged, clear) == bad
     assert not decide.mispredicts(judging(nominal, windows, []), clear)
 

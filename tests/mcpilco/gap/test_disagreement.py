@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import envs
+from mcpilco.gap import disagreement
 from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
-from mcpilco.gap.disagreement import bursts, recurring, unforeseen, without_spikes
+from mcpilco.gap.disagreement import (
+    bursts,
+    recurring,
+    unforeseen,
+    windows_with_events,
+    without_spikes,
+)
 from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.thresholds import FORCE
@@ -147,3 +156,44 @@ def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_readi
         of_these = np.isin(numbers.astype(int), misread)[:, None] & windows.measured
         assert (seen | of_these)[windows.measured].all()
         assert (of_these & ~seen).sum() >= 0.8 * of_these.sum()
+
+
+@pytest.mark.parametrize("last", [1, 2, 3])
+def test_a_wrong_reading_near_the_end_of_a_window_is_one_and_its_neighbours_are_none(
+    last: int,
+) -> None:
+    known, short, _ = nominal()
+    y = short.y.copy()
+    y[::3, 0, -last] += 40.0 * STD
+    wrong = replace(short, y=y)
+    seen = without_spikes(on_windows(known, wrong), wrong).measured
+    misread = np.zeros_like(seen)
+    misread[::3, 0, -last] = True
+    assert ((seen | misread) == short.measured).all()
+    assert not (seen & misread).any()
+
+
+def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst() -> None:
+    rng, plant = np.random.default_rng(0), envs.PLANTS["mcpilco/Pendubot-v0"]()
+    u, std = np.repeat(rng.uniform(-1.0, 1.0, 60), 20)[:, None], np.array([1e-3, 1e-2, 1e-3, 1e-2])
+    heavier = {"lower_mass": 1.02 * plant.values["lower_mass"]}
+    true = plant.where(**heavier).simulate(np.zeros((1, 4)), u[None, :-1], 0.02)[0]
+    states = true + std * rng.standard_normal(true.shape)
+    time = 0.02 * np.arange(len(u))
+    one = Recording("swing", time, states, u, plant.layout.states, plant.layout.inputs)
+    short = cut([one], std, FORCE.short_s, 0.5 * FORCE.short_s)
+    model = PlantModel(plant, (), {}, usual_scales(plant, short))
+    fit = Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short)))
+    assert bursts(fit, short, [one]) == ()
+
+
+def test_where_no_window_is_missed_by_much_no_force_is_sought(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    known, short, _ = nominal()
+
+    def sought(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(disagreement, "force_response", sought)
+    assert not windows_with_events(on_windows(known, short), short).any()

@@ -182,7 +182,7 @@ def test_a_window_is_whitened_alike_among_others_and_alone() -> None:
     some = np.array([3, 1])
     np.testing.assert_allclose(residual(white[some], y[some]), residual(white, y)[some])
     assert white.plain.whitening is None
-    assert white.beginning(5).whitening is None
+    assert white.part(0, 5).whitening is None
 
 
 def test_forces_are_held_as_long_as_the_thresholds_say() -> None:

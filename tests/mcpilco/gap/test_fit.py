@@ -11,16 +11,18 @@ import envs
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.fit import (
     Fit,
+    _fit_initial_states,
     fit_initial_states,
     fit_model,
     likelier_clock,
     misfits,
-    possible_clocks,
 )
+from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import FIT
 from mcpilco.plant import CATALOGUE, EffectInstance, Plant
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, possible_clocks
 from tests.mcpilco.gap.pendulum import record
+from tests.mcpilco.gap.test_sensitivities import FALLING, hopping
 
 
 def test_initial_states_are_sought_where_a_sensor_that_is_off_would_have_measured_them() -> None:
@@ -104,3 +106,20 @@ def test_a_linear_form_that_is_kept_leads_to_the_same_fit(monkeypatch) -> None:
     assert kept.theta[-1] == pytest.approx(fresh.theta[-1], rel=1e-3)
     assert kept.chi2 == pytest.approx(fresh.chi2, rel=1e-3)
     assert fewer < steps
+
+
+def test_initial_states_follow_by_what_is_known_of_their_responses() -> None:
+    """The responses nearby serve as well, and cost no simulation."""
+    problem = hopping(FALLING, FALLING)
+    windows = problem.windows()
+    model = problem.model(windows)
+    theta, start = np.zeros(model.nuisances), windows.guess
+    J = linearise(model, windows, theta, start, over_theta=False).Jx
+    taken, missed = [], []
+    for known in (None, J):
+        before = int(problem.budget.used[0])
+        x0 = _fit_initial_states(model, windows, theta, start, 4, known)
+        taken.append(int(problem.budget.used[0]) - before)
+        missed.append(misfits(model, windows, theta, x0).sum())
+    assert missed[1] < 1.05 * missed[0]
+    assert taken[1] < 0.8 * taken[0]

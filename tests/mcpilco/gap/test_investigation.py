@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,9 +13,10 @@ import pytest
 import envs
 import mcpilco.gap
 from mcpilco.cli import main
-from mcpilco.gap import Gap, investigate
+from mcpilco.gap import Gap, investigate, investigation
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.report import summary, to_json
+from mcpilco.gap.search import SearchResult
 from mcpilco.plant import Spread
 from mcpilco.recordings import Recording, write_recording
 from mcpilco.typing import InputError
@@ -274,3 +276,24 @@ def test_the_recordings_that_no_fit_may_see_can_be_named() -> None:
     for wrong in (["d"], ["a", "b", "c"]):
         with pytest.raises(InputError, match="must be some of the recordings a, b, c, and leave"):
             GapProblem.of(PLANT(), measured, 0.01, (), {}, held_out=wrong)
+
+
+def test_where_the_commands_went_out_otherwise_the_search_begins_with_what_was_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As the best model tells, and not the nominal plant: most steps are spent by then."""
+    rng = np.random.default_rng(0)
+    measured = [record(rng, dry_friction(HIDDEN_FRICTION), number) for number in range(3)]
+    begun, search = [], investigation.search
+
+    def spied(*given: Any) -> SearchResult:
+        begun.append((given[3], search(*given)))
+        return begun[-1][1]
+
+    monkeypatch.setattr(investigation, "search", spied)
+    monkeypatch.setattr(investigation, "possible_clocks", lambda some: [some, some])
+    monkeypatch.setattr(investigation, "likelier_clock", lambda each, fit=None: each[bool(fit)])
+    investigate(PLANT(), measured)
+    (first, result), (then, _) = begun
+    assert first == ()
+    assert then == result.fits[: len(then)] != []

@@ -11,6 +11,7 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
+from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit
 from mcpilco.gap.screen import screen
 from mcpilco.gap.sensitivities import linearise
@@ -55,3 +56,41 @@ def test_a_window_that_is_moved_far_more_than_the_others_does_not_hide_an_effect
     monkeypatch.setattr(module, "SCREEN", replace(SCREEN, influence=np.inf))
     (blindly, *_) = screen(null, lin, windows, [friction])
     assert blindly.gain < 0.03 * score.gain
+
+
+def test_where_a_simulation_is_dear_the_same_effects_promise_most_after_fewer_steps(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    names = "position_ripple", "coulomb_friction", "viscous_friction", "spring"
+    candidates = [active("actuator_lag", "actuator"), *(active(n, "pendulum") for n in names)]
+    lin, pulses = linearise(null.model, windows, null.theta, null.x0), Disturbance.of(null, windows)
+    module = importlib.import_module("mcpilco.gap.screen")
+    monkeypatch.setattr(module, "SCREEN", replace(SCREEN, checked=1))
+    taken, scores = [], []
+    for given in (None, pulses):
+        before = int(known.budget.used[0])
+        scores.append(screen(null, lin, windows, candidates, pulses=given))
+        taken.append(int(known.budget.used[0]) - before)
+    whole, first = scores
+    assert first[0].instance == whole[0].instance
+    assert first[0].gain == whole[0].gain
+    assert {score.instance for score in first} == set(candidates)
+    assert taken[1] < 0.5 * taken[0]
+
+
+def test_of_an_effect_of_many_shapes_those_are_simulated_that_promise_most() -> None:
+    ripple = active("position_ripple", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(ripple, (0.02, 0.03, 12.0))])
+    windows = known.windows()
+    model = known.model(windows)
+    null = fitted(model, windows, np.zeros(model.nuisances))
+    lin, pulses = linearise(model, windows, null.theta, null.x0), Disturbance.of(null, windows)
+    best, taken = [], []
+    for given in (None, pulses):
+        before = int(known.budget.used[0])
+        best.append(screen(null, lin, windows, [ripple], pulses=given)[0])
+        taken.append(int(known.budget.used[0]) - before)
+    assert taken[1] < 0.3 * taken[0]
+    assert best[1].gain > 0.9 * best[0].gain
+    assert best[1].start[2] == pytest.approx(12.0, abs=1.0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +12,10 @@ import pytest
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
-from mcpilco.gap.fit import Fit
-from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.search import Tried, search, without
+from mcpilco.gap.fit import Fit, fit_nominal
+from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
+from mcpilco.gap.screen import Score
+from mcpilco.gap.search import Tried, _next, search, without
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -46,6 +49,37 @@ def test_an_effect_that_stands_for_another_is_exchanged(
     assert tried.bic(right) < tried.bic(wrong) - 15.0
 
 
+def test_effects_are_exchanged_where_none_can_be_added(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, _, _ = lagging
+    tried, neighbours = [], Tried.neighbours
+
+    def spied(self: Tried, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
+        tried.append(({*fit.model.effects}, exchange))
+        return neighbours(self, fit, share, exchange)
+
+    monkeypatch.setattr(Tried, "neighbours", spied)
+    best = found(known, [FRICTION, LAG])
+    assert best == {FRICTION, LAG}
+    assert [effects for effects, exchange in tried if exchange and effects] == [best]
+
+
+def test_where_a_fit_takes_masses_far_from_their_priors_effects_of_these_are_tried_too(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, windows, null = lagging
+    mass = active("body_mass", "pendulum")
+    candidates, asked = [FRICTION, LAG, mass], []
+    tried = Tried.begun(null, windows, candidates)
+    monkeypatch.setattr(tried, "_add", lambda fit, some, *_: asked.append(some) or [])
+    pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
+    for theta in (0.0 * pulled, pulled):
+        tried.fits[frozenset()] = tried.null = replace(null, theta=theta)
+        tried.simplify()
+    assert asked == [[mass]]
+
+
 @pytest.mark.parametrize(
     ("forces", "named"), [((0.1, 0.1), FRICTION), ((0.13, 0.07), UNEVEN)], ids=["even", "uneven"]
 )
@@ -69,6 +103,40 @@ def test_a_search_ends_by_the_special_cases_of_each_of_its_effects(
     tried.simplify()
     assert {*tried.best().model.effects} == {LAG, FRICTION}
     assert frozenset({DELAY, UNEVEN}) not in tried.fits
+
+
+def test_two_effects_are_told_as_the_one_that_they_make() -> None:
+    """No single change leads there, as no joint gets two effects that say the same."""
+    constant = active("constant_force", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(UNEVEN, (0.14, 0.06, 2e-3))])
+    windows = known.windows()
+    null, windows = fit_nominal(known.model(windows), windows)
+    tried = Tried.begun(null, windows, [UNEVEN, FRICTION, constant])
+    model, theta = null.model.grown(null.theta, FRICTION, [0.1, 2e-3])
+    model, theta = model.grown(theta, constant, [-0.04])
+    two = tried.keep(fitted(model, tried.windows, theta))
+    assert tried.best() is two
+    tried.simplify()
+    assert {*tried.best().model.effects} == {UNEVEN}
+
+
+def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the_priors(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    pulled = np.eye(len(null.theta))[0] * 5.0 * next(iter(null.model.priors.values()))
+    null = tried.null = replace(null, theta=pulled)
+    grown = [null.model.grown(pulled, DELAY, [0.01]), null.model.grown(0.0 * pulled, LAG, [0.01])]
+    likeliest, meant = (replace(null, model=model, theta=theta) for model, theta in grown)
+    for fit, std, deviance in ((null, 0.05, 3e3), (likeliest, 0.04, 2.9e3), (meant, 0.05, 3e3)):
+        key = frozenset(fit.model.effects)
+        tried.fits[key] = fit
+        tried.evidence[key] = Evidence(
+            deviance, np.array([std]), np.array([1.0]), 1000, np.zeros(1)
+        )
+    assert tried.ranked[0] is likeliest
+    assert tried.best() is meant
 
 
 def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
@@ -214,3 +282,60 @@ def test_a_search_whose_budget_is_used_up_has_what_was_found_before(
     )
     assert not search(spent, windows, [LAG]).best.model.effects
     assert {*search(spent, windows, [LAG], (before,)).best.model.effects} == {LAG}
+
+
+def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_nothing(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [LAG, FRICTION])
+    model, theta = null.model.grown(null.theta, LAG, [0.04])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    best = tried.keep(fitted(model, tried.windows, theta))
+    tried.weigh_by(best)
+    tried.keep(without(best, LAG, tried.windows, null))
+    tried.keep(without(best, FRICTION, tried.windows, null))
+    assert tried.best() is best
+    none = replace(tried.judged(best), std=np.zeros(1), noise=np.ones(2))
+    tried.evidence[frozenset({LAG, FRICTION})] = none
+    for fit in tried.fits.values():  # far likelier than the best, were they but preferred
+        if fit is not best:
+            far = replace(tried.judged(fit), deviance=none.deviance - 100.0)
+            tried.evidence[frozenset(fit.model.effects)] = far
+    assert len(_next(tried, best)) > 1
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    assert _next(tried, best) == [best]
+
+
+def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    heavier, fits = active("armature", "pendulum"), []
+    for costly in (False, True):
+        monkeypatch.setattr(type(known.plant), "costly", costly)
+        tried = Tried.begun(null, windows, [LAG, DELAY, FRICTION, heavier])
+        tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+        fits.append({*tried.fits} - {frozenset()})
+    much = {frozenset({LAG}), frozenset({DELAY})}
+    assert fits == [much | {frozenset({FRICTION}), frozenset({heavier})}, much]
+
+
+def test_where_a_simulation_is_dear_initial_states_are_sought_anew_with_an_effect(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the model without it may have been led astray in any window."""
+    known, windows, null = lagging
+    module, sought = importlib.import_module("mcpilco.gap.search"), []
+    told = module.recovered
+
+    def seeking(model: PlantModel, *given: Any) -> tuple[np.ndarray, np.ndarray]:
+        assert given[-1].all()
+        sought.append(model.effects)
+        return told(model, *given)
+
+    monkeypatch.setattr(module, "recovered", seeking)
+    monkeypatch.setattr(type(known.plant), "costly", True)
+    tried = Tried.begun(null, windows, [LAG])
+    tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+    assert sought == [(LAG,)]

@@ -86,7 +86,7 @@ def test_the_beginning_of_windows_is_simulated_like_the_whole() -> None:
     recordings = [record(np.random.default_rng(0), lambda q, v: 0.0, 0)]
     problem = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
     windows = problem.windows()[:3]
-    model, first = problem.model(windows), windows.beginning(12)
+    model, first = problem.model(windows), windows.part(0, 12)
     theta, x0 = np.zeros((1, model.nuisances)), windows.guess[None]
     assert first.y.shape[2] == 12
     np.testing.assert_array_equal(first.y, windows.y[:, :, :12])

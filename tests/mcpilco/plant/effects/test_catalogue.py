@@ -251,6 +251,19 @@ def test_friction_brakes_and_springs_pull_back(name):
         assert (FORMULAS[name](q, v) * against <= 0.0).all()
 
 
+def test_an_effect_that_others_make_does_what_they_do_together():
+    coulomb, constant, both = (
+        CATALOGUE[name] for name in ("coulomb_friction", "constant_force", "asymmetric_friction")
+    )
+    parts = {coulomb.name: [0.4, 1e-3], constant.name: [-0.1]}
+    values = both.made_of(parts)
+    v = np.array([-2.0, -0.5, 0.3, 3.0])
+    together = coulomb.force(0.0, v, *parts[coulomb.name]) + constant.force(0.0, v, -0.1)
+    np.testing.assert_allclose(both.force(0.0, v, *values), together)
+    assert both.made_of({coulomb.name: [0.4, 1e-3]}) is None
+    assert coulomb.made_of(parts) is None
+
+
 @pytest.mark.parametrize(
     ("name", "at"),
     [
