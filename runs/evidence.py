@@ -191,6 +191,8 @@ EARLIER = "0:100,1000:1053,20000:20231"
 BETWEEN = f"{EARLIER},20400:20440,21000:21100"
 """these, and those by which it was changed then"""
 LOOKED_AT = f"{BETWEEN},22000:22100"
+"""these, and those by which it was changed after that"""
+LOOKED_AT_LAST = f"{LOOKED_AT},23000:23100"
 """these, and those by which it was changed last"""
 
 
@@ -210,7 +212,8 @@ TABLES = (
     Table("cartpole_comparison", "mujoco/pilco-tip/seeds/*.json", (*PILCO, MUJOCO)),
     *(_by_amounts("cartpole", CART_POLE, name) for name in ("sac", "tqc", "ppo")),
     *(_by_amounts("mujoco", MUJOCO, name) for name in ("sac", "tqc", "ppo")),
-    Table("cartpole_swingup", "results/fresh/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
+    Table("cartpole_swingup", "results/fresh/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT_LAST),
+    Table("cartpole_swingup", "results/random-inputs/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
     Table("cartpole_swingup", "results/no-mirror/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
     Table("cartpole_swingup", "results/default/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
     Table("cartpole_swingup", "results/earlier/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
