@@ -112,8 +112,8 @@ class Arguments:
 
     seeds: str | None = None
     """`0:30` are 0 to 29; by default 0:100, 24000:24100 for fresh, 23000:23100 for
-    random-inputs, 22000:22100 for unscreened, 21000:21100 for earlier, 21000:21030 for no-mirror, 0:30 for thesis and 0:10 for
-    tro2022"""
+    random-inputs, 22000:22100 for unscreened, 21000:21100 for earlier, 21000:21030 for no-mirror,
+    0:30 for thesis and 0:10 for tro2022"""
     presets: tuple[Literal[*PLANS], ...] = ("default", "thesis")
     """which settings"""
     workers: int | None = None
@@ -249,7 +249,7 @@ def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
 
 TITLES = {
     "fresh": "`default` on seeds run once",
-    "random-inputs": "`default` with random first inputs and its numbers of then, on seeds run once",
+    "random-inputs": "`default` with random first inputs, on seeds run once",
     "unscreened": "that whose further starts go to their end, on seeds run once",
     "earlier": "`default` with its earlier numbers, on seeds run once",
     "no-mirror": "the same without mirror images",
