@@ -336,7 +336,7 @@ def test_a_model_that_cannot_be_made_ends_its_trial_and_not_the_run(
     def singular(*_):
         raise NotPositiveDefiniteError("no factor\nat all")
 
-    agent = make_agent().learn(2 * STEPS)
+    agent = make_agent(seed=2).learn(2 * STEPS)
     policy = agent.policy.weights.detach().clone()
     with monkeypatch.context() as patch:
         if where == "fit":

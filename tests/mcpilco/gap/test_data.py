@@ -97,7 +97,7 @@ def test_windows_of_a_machine_that_hits_the_ground_begin_at_their_readings() -> 
     windows, smoothed = problem.windows(), cut(problem.recordings, problem.std)
     model = problem.model(windows)
     near, far = (
-        misfits(model, windows.beginning(15), np.zeros(model.nuisances), each.guess)
+        misfits(model, windows.part(0, 15), np.zeros(model.nuisances), each.guess)
         for each in (windows, smoothed)
     )
     assert np.median(near) < 0.3 * np.median(far)

@@ -278,6 +278,7 @@ def test_the_recordings_that_no_fit_may_see_can_be_named() -> None:
             GapProblem.of(PLANT(), measured, 0.01, (), {}, held_out=wrong)
 
 
+@pytest.mark.slow  # two searches
 def test_where_the_commands_went_out_otherwise_the_search_begins_with_what_was_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -18,6 +18,7 @@ HORIZON = 5
 TINY = Config(
     policy=PolicyConfig(bases=5),
     search=SearchConfig(particles=4, steps=(2,), restarts=(0,), evaluation_particles=4),
+    engine="eager",
 )
 """a search that takes no time, and finds nothing"""
 

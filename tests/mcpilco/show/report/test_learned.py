@@ -80,9 +80,9 @@ def test_model_had_not_seen_the_trial_that_it_is_judged_by(history) -> None:
     trial = history.learned[1]
     found = one_step(history, trial)
     model = Model(steps_config(history), history.task)
-    model.gp.load_arrays(history.run.read_arrays(2, "gp"))
+    model.load_arrays(history.run.read_arrays(2, "gp"))
     before = [Transitions(**history.run.read_arrays(n, "transitions")) for n in (0, 1)]
-    posterior = model.gp.condition(*model.rows(before[0] + before[1]))
+    posterior = model.gp.condition(*model.rows(model.known(before[0] + before[1])))
     X, Y = model.rows(Transitions(**history.run.read_arrays(2, "transitions")))
     mean, variance = posterior.mean_and_variance(X)
     torch.testing.assert_close(torch.from_numpy(found.errors), (Y - mean).detach())
