@@ -275,7 +275,7 @@ TABLES = (
     Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
     Table("mujoco_plants", "results/study/*.json", ("study:tried",), ":100"),
     Table("mujoco_plants", "results/sysid/*.json", ("beside_sysid:fitted",), ":100"),
-    Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
+    Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT_LAST),
     Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
     Table("partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE)),
     Table("pendubot_swingup", "results/*.json", ("run:learned", *AGENT, PENDUBOT), "0:1,1000:1003"),

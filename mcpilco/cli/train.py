@@ -289,8 +289,8 @@ class Demo(options.Command):
 
     out: Annotated[Path | None, options.optional("FOLDER", "that of `mcpilco train`")] = None
     """run folder to make; the picture goes there too"""
-    seed: int = 5
-    """of everything random; 5 is one of five in 0 to 11 whose second policy swings the pole up"""
+    seed: int = 6
+    """of everything random; 6 is one of eleven in 0 to 11 whose second policy swings the pole up"""
     no_view: bool = False
     """do not open the viewer at the end, which opens where there is a display"""
 

@@ -1,7 +1,7 @@
 """The swing-up in MuJoCo from many seeds, beside the same seeds of the analytic cart-pole.
 
-python runs/mujoco_swingup/run.py                  # seeds 0:20
-python runs/mujoco_swingup/run.py --seeds 0:2      # a first look, a minute or two
+python runs/mujoco_swingup/run.py                      # seeds 24000:24020
+python runs/mujoco_swingup/run.py --seeds 24000:24002  # a first look, a minute
 
 Results are kept in results/default/, a file a seed; the same command goes on where it was stopped,
 and rewrites README.md between its marked lines from all results that are there.
@@ -40,7 +40,7 @@ PRESET = "default"
 TRIALS = 4
 CLAIM = 90.0
 """least success of the last trial, after 12 s [%]"""
-ANALYTIC = HERE.parent / "cartpole_swingup" / "results"
+ANALYTIC = HERE.parent / "cartpole_swingup" / "results", "fresh"
 THESIS = (3.8, 38.5, 69.2, 88.5)
 """success on the analytic cart-pole, table 5.1 [%]"""
 
@@ -49,8 +49,8 @@ THESIS = (3.8, 38.5, 69.2, 88.5)
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "0:20"
-    """`0:20` are 0 to 19"""
+    seeds: str = "24000:24020"
+    """`24000:24020` are 24000 to 24019, of those of the analytic cart-pole"""
     workers: int | None = None
     """processes at a time; by default one a core"""
     fresh: int = 100
@@ -75,7 +75,8 @@ def write_readme(out: Path) -> None:
     summaries = read_summaries(out / "results", [PRESET])
     parts = []
     if summaries[PRESET]["trials"]:
-        analytic = read_summaries(ANALYTIC, [PRESET]).get(PRESET, {"by_seed": {}, "trials": []})
+        folder, name = ANALYTIC
+        analytic = read_summaries(folder, [name]).get(name, {"by_seed": {}, "trials": []})
         mujoco = summaries[PRESET]
         parts = [verdict(mujoco), comparison(mujoco, analytic), "### In MuJoCo", outcomes(mujoco)]
     parts += [costs(summaries), failures(summaries), machines(summaries)]
