@@ -63,8 +63,10 @@ class ForceResponse:
         The second one, where a hinge turns round and round, knows its place in a turn as well.
         """
         if coordinates not in self._known:
-            turning = [np.concatenate([self.x, self.turns], axis=2)] * (self.turns.shape[2] > 0)
-            self._known[coordinates] = [self._prior(x, coordinates) for x in (self.x, *turning)]
+            places = [self.x]
+            if self.turns.shape[2]:
+                places.append(np.concatenate([self.x, self.turns], axis=2))
+            self._known[coordinates] = [self._prior(x, coordinates) for x in places]
         return self._known[coordinates]
 
     @cached_property

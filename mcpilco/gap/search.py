@@ -239,7 +239,7 @@ class Tried:
             if share.used_up:
                 break
             known, costly = frozenset(fit.model.effects) - {instance}, fit.model.plant.costly
-            done = costly and any((known, each) in self.grown for each in (True, False))
+            done = costly and (known, False) in self.grown
             there = self.fits.get(known) if done else None
             rest = there or self.keep(without(fit, instance, self.windows, self.null))
             others = [c for c in self.candidates if c != instance]
@@ -396,7 +396,7 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     rest = [fit for fit in open_ if fit is not best and not closed]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
     keys = [key for each in best.model.effects for key in tried.special(ours, each)]
-    new = [key for key in keys if not {(key, True), (key, False)} & tried.grown]
+    new = [key for key in keys if (key, False) not in tried.grown]
     special = [tried.fits[key] for key in new if key in tried.fits]
     chosen = [*(fit for fit in open_ if fit is best), *special, *rest[: SEARCH.beam]]
     return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
