@@ -59,7 +59,8 @@ def write_c(
     """Write a policy, with its estimator, as one C99 header; returns the paths of the three files.
 
     The functions that it defines begin with the name of the file; it needs no other file, allocates
-    nothing, computes in double, or in float where `POLICY_FLOAT` is defined, and is C++ too.
+    nothing, computes in double, or in float where `POLICY_FLOAT` is defined, and is C++ too. The
+    estimator of a late actuator computes in double always: in float its variances cancel.
 
     Args:
         path: of the header, such as `policy.h`.
@@ -75,7 +76,7 @@ def write_c(
     arrays, path = policy_arrays(policy, task, estimator), Path(path)
     source, about = c_source(arrays, path.stem), contract(arrays)
     reals = state_reals(arrays)
-    sizes = {"double": 8 * reals + 8, "float": 4 * reals + 8}
+    sizes = {"double": 8 * reals + 8, "float": (8 if "delay.part" in arrays else 4) * reals + 8}
     about |= {"prefix": prefix_of(path.stem), "state": {"numbers": reals, "bytes": sizes}}
     return _written(path, source.encode(), about, arrays, vectors)
 
@@ -159,7 +160,8 @@ def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
 
     Measurements wander over where the policy has its centres. Where it has a model of the motion
     they follow that, with noise, as long as they stay there: the answers to what cannot be hang on
-    the last digit. Where there is a regulator, every other episode is near its goal.
+    the last digit. Where there is a regulator, every other episode is near its goal. What is
+    measured is exact in float too, so that code in float is asked the same.
     """
     policy, random = NumpyPolicy(arrays), np.random.default_rng(0)
     X, angles, measured = len(arrays["state_names"]), arrays["angles"], arrays["measured"]
@@ -184,7 +186,8 @@ def golden_vectors(arrays: Arrays, count: int) -> Iterator[list[float]]:
             share = 0.0 if begins else WANDERING
             x = centre + share * (x - centre) + np.sqrt(1 - share**2) * spread * normal
         left -= 1
-        yield [int(begins), *x[measured].tolist(), *policy(x[measured]).tolist()]
+        seen = x[measured].astype(np.float32).astype(float)
+        yield [int(begins), *seen.tolist(), *policy(seen).tolist()]
 
 
 # --- C --------------------------------------------------------------------------------------------
@@ -262,16 +265,16 @@ def _numbers(arrays: Arrays, stem: str) -> dict[str, Any]:
 
 def _program_lines(arrays: Arrays, stage: str, seen: int, prefix: str) -> list[str]:
     """The program behind a policy as declarations and assignments in C."""
-    real, U = f"{prefix}_real", len(arrays["middle"])
+    number, U = f"{prefix}_number", len(arrays["middle"])
     lines: list[str] = []
     registers = [*(f"x[{i}]" for i in range(seen)), *(f"inputs[{i}]" for i in range(U))]
-    registers += [f"({real}){constant:.17g}" for constant in arrays[f"{stage}.constants"]]
+    registers += [f"({number}){constant:.17g}" for constant in arrays[f"{stage}.constants"]]
     names = ("operations", "first", "second")
     rows = zip(*(arrays[f"{stage}.{name}"] for name in names), strict=True)
     for operation, a, b in rows:
         form = C_FORMS[operation].replace("M(", f"{prefix.upper()}_M(")
         name = f"r{len(lines)}"
-        lines.append(f"const {real} {name} = {form.format(registers[a], registers[b])};")
+        lines.append(f"const {number} {name} = {form.format(registers[a], registers[b])};")
         registers.append(name)
     results = (registers[i] for i in arrays[f"{stage}.outputs"])
     return lines + [f"inputs[{i}] = {result};" for i, result in enumerate(results)]
