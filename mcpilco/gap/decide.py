@@ -13,9 +13,10 @@ from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expect
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
+from mcpilco.gap.plant_model import PlantModel, Theta
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
-from mcpilco.gap.sensitivities import linearise
-from mcpilco.gap.thresholds import CHOICE, VERDICT
+from mcpilco.gap.sensitivities import linearise, residual, run
+from mcpilco.gap.thresholds import CHOICE, DATA, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant, name_of
 
 
@@ -36,11 +37,9 @@ class Weighed:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
         null = self.null.model
         free = np.isinf([*null.priors.values()])  # what is free has no nominal value
-        model, theta = shrunk(self.best, instance, self.null)
-        if (told := null.frees(instance)) is not None:
-            theta = np.where(np.arange(len(theta)) == told, 0.0, theta)
         nominal = null, np.where(free, self.null.theta, 0.0)
-        ends = (replace(self.best, model=m, theta=t) for m, t in ((model, theta), nominal))
+        fewer = _taken_out(self.best, instance, self.null)
+        ends = (replace(self.best, model=m, theta=t) for m, t in (fewer, nominal))
         opened, gap = (_missed(f, self.windows) - _missed(self.best, self.windows) for f in ends)
         return float(np.clip(opened / max(gap, 1e-12), 0.0, 1.0))
 
@@ -67,15 +66,45 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
         for fit in (best, null)
     )
     while True:
-        fewer = (
-            tried.keep(without(best, instance, tried.windows, result.null))
+        slight = slight_effects(best, null, tried.windows)
+        fewer = {
+            instance: tried.keep(without(best, instance, tried.windows, result.null))
             for instance in best.model.effects
-        )
-        enough = [fit for fit in fewer if not tried.prefers(best, fit)]
+        }
+        enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
         if not enough:
             break
         best = min(enough, key=tried.bic)
     return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
+
+
+def _taken_out(best: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, Theta]:
+    """The best model and its theta with one effect left out, or with the nominal parameter."""
+    model, theta = shrunk(best, instance, null)
+    if (told := null.model.frees(instance)) is not None:
+        theta = np.where(np.arange(len(theta)) == told, 0.0, theta)
+    return model, theta
+
+
+def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstance]:
+    """The effects that change motions less than the error does that parameters are told to have.
+
+    Where a simulation stands for a machine, an integrator of first order acts like drag, inertia
+    and lags of sensors of that size.
+    """
+    lin = linearise(best.model, windows, best.theta, best.x0)
+    priors = np.array([*null.model.priors.values()])
+    told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
+    wrong = lin.cleaned(lin.Jp[..., : len(told)]) * told
+    least = CHOICE.slight * np.linalg.norm(wrong, axis=(0, 1)).max(initial=0.0)
+    slight = []
+    for instance in best.model.effects:
+        model, theta = _taken_out(best, instance, null)
+        y = run(model, windows, theta[None], best.x0[None], rough=True)[0]
+        moved = residual(windows, y) - lin.rough
+        if np.linalg.norm(lin.cleaned(moved[..., None])) < least:
+            slight.append(instance)
+    return slight
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:

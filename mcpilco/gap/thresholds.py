@@ -305,6 +305,11 @@ class ChoiceThresholds:
     tied: float = 20.0
     """difference in BIC below which sets of effects cannot be distinguished; somewhat above
     `SearchThresholds.bic_gain`"""
+    slight: float = 0.5
+    """change of the motions by an effect below which it is not told, in that by the parameter that
+    changes them most, if this is as wrong as `uncertainty` says or by 1 % [-]. MuJoCo's default
+    integrator in steps of 2 ms acts like drag, armature and lags of velocities of 0.1 to 0.4;
+    effects of `runs/hidden_effects` begin at 0.55"""
     unseen: float = 1.0
     """sensitivity to an effect of usual size below which recordings have little power to detect one
     five times as large [noise std]"""

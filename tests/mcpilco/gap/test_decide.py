@@ -18,6 +18,7 @@ from mcpilco.gap.decide import (
     named_effects,
     on_bounds,
     shifted_parameters,
+    slight_effects,
     spread_of,
     weighed,
 )
@@ -66,6 +67,26 @@ def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]
     """These effects and none, as they are."""
     null, best = (with_effects(nominal, windows, each) for each in ([], effects))
     return Weighed(best, null, windows, NOTHING, NOTHING)
+
+
+def test_what_moves_less_than_told_errors_of_parameters_is_slight(
+    rubbing: tuple[PlantModel, Windows],
+) -> None:
+    """A spring of 1e-5 N m/rad beside a mass that may be 1 % wrong, and beside an exact one."""
+    nominal, windows = rubbing
+    null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION, SPRING]))
+    spring = best.model.spans()[1]
+
+    def slight(k: float, std: float) -> list[EffectInstance]:
+        theta = best.theta.copy()
+        theta[spring] = 1.0
+        theta[spring] = k / best.model.effect_values(theta[None])[1][1].item()
+        told = replace(null, model=replace(nominal, priors=dict.fromkeys(nominal.priors, std)))
+        return slight_effects(replace(best, theta=theta), told, windows)
+
+    assert slight(1e-5, 0.01) == [SPRING]
+    assert slight(0.05, 0.01) == []
+    assert slight(1e-5, 0.0) == slight(1e-5, np.inf) == []
 
 
 @pytest.mark.parametrize(
