@@ -289,7 +289,7 @@ class SearchConfig(Checked):
 
     particles: int = 64
     """P of each rollout"""
-    steps: tuple[int, ...] = (500,)
+    steps: tuple[int, ...] = (400,)
     """most optimisation steps of a start in trial 1, 2, ...; the last entry holds from there on"""
     rates: tuple[float, ...] = (1.0,)
     """factor of the learning rates in trial 1, 2, ...; the last entry holds from there on [-]"""
@@ -321,7 +321,7 @@ class SearchConfig(Checked):
     followed: from a plant without its effects, where physics is the mean; 0 goes no way"""
     evaluation_particles: int = 384
     """particles that judge a start, without dropout"""
-    correlations: tuple[float, ...] = (0.0, 0.0, 0.0, 0.8)
+    correlations: tuple[float, ...] = (0.0, 0.0, 0.5, 0.8)
     """correlation of a particle's noise in successive steps in trial 1, 2, ...; the last entry
     holds from there on; with 0 the model errs anew in each step [-]"""
     limits: tuple[Limit, ...] = ()

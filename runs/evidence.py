@@ -192,7 +192,9 @@ BETWEEN = f"{EARLIER},20400:20440,21000:21100"
 """these, and those by which it was changed then"""
 LOOKED_AT = f"{BETWEEN},22000:22100"
 """these, and those by which it was changed after that"""
-LOOKED_AT_LAST = f"{LOOKED_AT},23000:23100"
+LOOKED_AT_LATER = f"{LOOKED_AT},23000:23100"
+"""these, and those by which it was changed then"""
+LOOKED_AT_LAST = f"{LOOKED_AT_LATER},24000:24100"
 """these, and those by which it was changed last"""
 
 
@@ -213,6 +215,7 @@ TABLES = (
     *(_by_amounts("cartpole", CART_POLE, name) for name in ("sac", "tqc", "ppo")),
     *(_by_amounts("mujoco", MUJOCO, name) for name in ("sac", "tqc", "ppo")),
     Table("cartpole_swingup", "results/fresh/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT_LAST),
+    Table("cartpole_swingup", "results/longer/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT_LATER),
     Table("cartpole_swingup", "results/random-inputs/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
     Table("cartpole_swingup", "results/no-mirror/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
     Table("cartpole_swingup", "results/default/seeds/*.json", (*AGENT, CART_POLE), EARLIER),
@@ -307,6 +310,7 @@ TABLES = (
     Table("speed", "results.json", ("measures:ratio", "measures:memory", "parts:shares")),
     Table("ting_robots", "results/*/*.json", ("run:trial",)),
     Table("ting_synthetic", "results/*/*.json", ("run:trial",)),
+    Table("touched_arm", "results/*.json", ("run:investigated",), ":1000"),
     Table("volterra", "results/*/*.json", ("run:trial",)),
     Table("warm_start", "results/*.json", ("run:measured", *AGENT, SAC, CART_POLE)),
 )

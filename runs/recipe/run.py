@@ -25,7 +25,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is ru
 
 from harness import broken_off, fill, folder, hasty, machines, parse_seeds, read_summaries, swept
 
-from mcpilco.config import PRESETS, Config, ModelConfig, SearchConfig
+from mcpilco.config import PRESETS, Config, ModelConfig, PolicyConfig, SearchConfig
 from mcpilco.logbook import read_json
 from mcpilco.sweep import (
     Settings,
@@ -43,7 +43,16 @@ SOLVED = 0.9
 SYSTEMS = {"cartpole": "envs:mcpilco/CartPoleSwingUp-v0", "pendulum": "envs:mcpilco/Pendulum-v0"}
 DEFAULT = replace(
     PRESETS["default"].config,
-    search=SearchConfig(particles=96, failing=0.05, screening=1.0),
+    model=ModelConfig(prior_std=None, mirror=60),
+    policy=PolicyConfig(span="data"),
+    search=SearchConfig(
+        particles=96,
+        steps=(500,),
+        failing=0.05,
+        screening=1.0,
+        correlations=(0.0, 0.0, 0.0, 0.8),
+    ),
+    excitation="random",
     precision="float64",
 )
 """the preset default as it was when its parts were compared"""
@@ -65,7 +74,7 @@ SETTINGS = {
     "float32": replace(DEFAULT, precision="float32"),
     "no-polish": searching(polish=False),
     "no-widening": searching(widening=1.0),
-    "no-mirror": replace(DEFAULT, model=ModelConfig(mirror=0)),
+    "no-mirror": replace(DEFAULT, model=replace(DEFAULT.model, mirror=0)),
     "uncorrelated": searching(correlations=(0.0,)),
     "correlated-always": searching(correlations=(0.8,)),
     "one-start": searching(restarts=(0,)),
@@ -76,7 +85,7 @@ SETTINGS = {
     "no-clipping": searching(clip_norm=None),
     "dropout": dropping(0.25, 0.125, 0.0),
     "step-eager": replace(DEFAULT, engine="eager"),
-    "path": replace(DEFAULT, engine="eager", model=ModelConfig(sampling="path")),
+    "path": replace(DEFAULT, engine="eager", model=replace(DEFAULT.model, sampling="path")),
 }
 """that preset with one change each; path rolls out in plain torch, as step-eager does"""
 CARTPOLE_ONLY = ("step-eager", "path")
