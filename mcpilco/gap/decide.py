@@ -13,9 +13,10 @@ from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expect
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
+from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import linearise
-from mcpilco.gap.thresholds import CHOICE, VERDICT
+from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant, name_of
 
 
@@ -76,6 +77,17 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
             break
         best = min(enough, key=tried.bic)
     return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
+
+
+def leaves_something(judged: Weighed) -> bool:
+    """Whether more is left over than any machine has, or less that state and command predict.
+
+    A force that acts in few places is small on the whole, and yet tells windows from others.
+    """
+    evidence, windows = judged.evidence, judged.windows.plain
+    if evidence.deficient or not (evidence.std > SEARCH.least_force).any():
+        return evidence.deficient
+    return best_force(unweighed(judged.best, windows), windows) is not None
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
@@ -236,7 +248,7 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
         theirs = set(fitted.model.effects)
         behind, other = b - result.ranked[0][1], theirs - ours
         one = instance not in theirs and len(theirs) == len(ours) and len(other) == 1
-        if one and behind < CHOICE.tied:
+        if one and behind < VERDICT.tied:
             listed.append(Rival(next(iter(other)), fitted, behind))
     return listed
 

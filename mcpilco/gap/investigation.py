@@ -14,6 +14,7 @@ from mcpilco.gap.decide import (
     Closest,
     Weighed,
     closes_most,
+    leaves_something,
     left_forces,
     mispredicts,
     named_effects,
@@ -124,14 +125,9 @@ def investigate(
     events, final = (*pushes, *missed), best
     decisive, reported = _held_out(problem)
     clear = _clear(decisive, problem, events, best)
-    unknown = (
-        place is not None
-        or judged.evidence.deficient
-        or foreseen(missed, problem, best)
-        or mispredicts(judged, clear)
-    )
-    foreign = judged.evidence.foreign
-    helps = bool(named) and not foreign and closes_most(judged, clear)
+    unknown = place is not None or leaves_something(judged) or mispredicts(judged, clear)
+    unknown = unknown or foreseen(missed, problem, best)
+    helps = bool(named) and not judged.evidence.foreign and closes_most(judged, clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
@@ -171,7 +167,7 @@ def investigate(
         search=result,
         models=models,
         recordings=tuple(recordings),
-        suspicions=(*doubts, *far_from_noise(compared, unknown and not foreign)),
+        suspicions=(*doubts, *far_from_noise(compared, unknown and not judged.evidence.foreign)),
         remarks=remarks,
         left=left_forces(judged),
         shifted=shifted_parameters(final),

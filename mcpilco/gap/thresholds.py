@@ -44,6 +44,8 @@ class DataThresholds:
     """recordings below which none is held out"""
     held_out_every_s: float = 0.3
     """between the starts of two held-out windows, which overlap [s]"""
+    later_s: float = 0.5
+    """by which recordings begin later for `--stability` [s]: all windows are then others"""
     uncertainty: float = 0.01
     """prior std of masses, lengths, base friction and gains, relative to their values [-]: what a
     data sheet or a scale gives; a user's option"""
@@ -299,18 +301,6 @@ class ForceThresholds:
 
 
 @dataclass(frozen=True)
-class ChoiceThresholds:
-    """Which effects cannot be distinguished, and which are not seen."""
-
-    tied: float = 20.0
-    """difference in BIC below which sets of effects cannot be distinguished; somewhat above
-    `SearchThresholds.bic_gain`"""
-    unseen: float = 1.0
-    """sensitivity to an effect of usual size below which recordings have little power to detect one
-    five times as large [noise std]"""
-
-
-@dataclass(frozen=True)
 class ComparisonThresholds:
     """Errors of free runs on held-out windows, with their intervals."""
 
@@ -332,7 +322,7 @@ class ComparisonThresholds:
 
 @dataclass(frozen=True)
 class VerdictThresholds:
-    """Between `named`, `none`, `partly` and `unknown`."""
+    """Between `named`, `none`, `partly` and `unknown`, and which effects are not distinguished."""
 
     force: float = 0.02
     """random force in a joint beyond which something is missing [usual forces]: masses that are
@@ -351,6 +341,11 @@ class VerdictThresholds:
     missing too [-]: less, and they may but imitate it"""
     far: float = 2.0
     """times the misfit of the fitted windows that held-out ones must reach for that to count [-]"""
+    tied: float = 20.0
+    """difference in BIC below which sets of effects cannot be distinguished; above `bic_gain`"""
+    unseen: float = 1.0
+    """sensitivity to an effect of usual size below which recordings have little power to detect one
+    five times as large [noise std]"""
 
 
 @dataclass(frozen=True)
@@ -402,14 +397,6 @@ class SuspicionThresholds:
     joint's random force is larger than its usual one (`VERDICT.whole`)"""
 
 
-@dataclass(frozen=True)
-class StabilityThresholds:
-    """How an investigation is repeated."""
-
-    later_s: float = 0.5
-    """by which recordings begin later [s]: half a window, so that all windows are others"""
-
-
 DATA = DataThresholds()
 BUDGET = BudgetThresholds()
 FIT = FitThresholds()
@@ -418,8 +405,6 @@ SCREEN = ScreenThresholds()
 SEARCH = SearchThresholds()
 EVENT = EventThresholds()
 FORCE = ForceThresholds()
-CHOICE = ChoiceThresholds()
 COMPARISON = ComparisonThresholds()
 VERDICT = VerdictThresholds()
 SUSPICION = SuspicionThresholds()
-STABILITY = StabilityThresholds()
