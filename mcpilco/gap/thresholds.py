@@ -79,7 +79,7 @@ class BudgetThresholds:
     fit: float = 0.2
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7
-    """part of the steps left for the search [-]"""
+    """part of the steps left for the search, and once more where it ends too soon [-]"""
     bursts: float = 0.5
     """part of the steps left to find bursts of force [-]"""
     learning: float = 0.6
@@ -189,6 +189,8 @@ class SearchThresholds:
     """of these that are fitted to all windows, for the cost"""
     part_of_exchanged: float = 0.1
     """least part of what an effect explains that one must promise to be tried in its place [-]"""
+    part_at_last: float = 0.5
+    """the same where the steps of a search are used up [-]: what does as much, not what might"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
