@@ -189,6 +189,7 @@ TRIPS = (
                 "mcpilco/gap/decide.py",
                 "what is left over, which effects are named, how surely",
                 (
+                    "leaves_something",
                     "mispredicts",
                     "closes_most",
                     "Weighed",

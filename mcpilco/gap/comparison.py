@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from mcpilco.gap.data import Windows, cut
 from mcpilco.gap.disturbance import Disturbance, Evidence
@@ -141,7 +141,7 @@ def compare(
     errors["noise_floor"] = noise_floor(best.model, best.theta, windows)
     by_window = {name: squares_at_end(e) for name, e in errors.items()}
     rms = {name: _rms(parts) for name, parts in by_window.items()}
-    without = _leaving_out_one(len(windows))
+    without = 1.0 - np.eye(len(windows))
     states = models.nominal.plant.layout.states
     channels = {
         states[2 * j]: {
@@ -290,11 +290,6 @@ def misfit_over_expected(fit: Fit, windows: Windows, evidence: Evidence) -> floa
     return float(np.sqrt(by_window.sum() / windows.samples.sum()))
 
 
-def _leaving_out_one(W: int) -> Float[np.ndarray, "W W"]:
-    """Weights of W windows, each without one of them."""
-    return 1.0 - np.eye(W)
-
-
 def _half_width(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.ndarray, "*b"]:
     """Half of a 95 % interval; infinity for a single window.
 
@@ -318,7 +313,7 @@ def _factors(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.nda
 
 def rms_interval(squares: Float[np.ndarray, "W J"], windows: Windows) -> Interval:
     """Mean over the joints of the root of the mean over windows, with its interval."""
-    left = _mean_rms(squares, _leaving_out_one(len(windows)))
+    left = _mean_rms(squares, 1.0 - np.eye(len(windows)))
     return _ratio_interval(_rms(squares), left, windows)
 
 
@@ -373,7 +368,7 @@ def closed_interval(
         gap = start - floor
         return np.where(gap > 0.0, (end - floor) / np.where(gap > 0.0, gap, 1.0), 1.0)
 
-    (value,), left = rest(np.ones((1, len(windows)))), rest(_leaving_out_one(len(windows)))
+    (value,), left = rest(np.ones((1, len(windows)))), rest(1.0 - np.eye(len(windows)))
     if value > 0.0 and (left > 0.0).all():
         return _without(_ratio_interval(value, left, windows))
     half = float(_half_width(left, windows))
@@ -450,12 +445,7 @@ def missing_force(
 
     From the smoothed state at its beginning the model is simulated through each span; what the
     velocity is short of at the end, over the span's length, is the acceleration that it lacks.
-
-    Args:
-        model: what is judged.
-        theta: its parameters.
-        recordings: of one sampling time.
-        std: noise of each state's measurement, in its unit.
+    Arguments are those of `time_map`.
 
     Raises:
         InputError: nowhere are positions measured for long enough.
@@ -469,7 +459,10 @@ def missing_force(
     begin = np.round(spans.start_s / dt).astype(int)
     pairs = tuple((x, x + 1) for x in range(0, len(std), 2))
     known = [smoothed(replace(recording, velocities=pairs))[0] for recording in recordings]
-    here, there = (_at(known, spans, begin + k) for k in (0, steps))
+    here, there = (
+        np.stack([known[n][k] for n, k in zip(spans.recording, begin + ahead, strict=True)])
+        for ahead in (0, steps)
+    )
     fine = np.flatnonzero(np.isfinite(here).all(axis=1) & np.isfinite(there).all(axis=1))
     if not len(fine):
         raise InputError("no stretch of the recordings is measured well enough for forces.")
@@ -481,10 +474,3 @@ def missing_force(
     u = spans.driven[:, :steps].mean(axis=1)
     sound = np.isfinite(force).all(axis=1)
     return MissingForce(q[sound], v[sound], u[sound], force[sound])
-
-
-def _at(
-    known: Sequence[Float[np.ndarray, "T X"]], spans: Windows, samples: Int[np.ndarray, " W"]
-) -> Float[np.ndarray, "W X"]:
-    """States of the recordings at a sample of each span."""
-    return np.stack([known[n][k] for n, k in zip(spans.recording, samples, strict=True)])

@@ -13,10 +13,11 @@ from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expect
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
+from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PlantModel, Theta
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import linearise, residual, run
-from mcpilco.gap.thresholds import CHOICE, DATA, VERDICT
+from mcpilco.gap.thresholds import DATA, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant, name_of
 
 
@@ -51,13 +52,8 @@ class Weighed:
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
     """The fits on all windows, without effects that are not worth it on these.
 
-    A search looks at some windows, and may follow what is in these alone.
-
-    Args:
-        result: the search.
-        best: its best model, fitted to all windows.
-        null: the model of no effect, likewise.
-        windows: these.
+    A search looks at some windows, and may follow what is in these alone; its best model and that
+    of no effect are fitted to all.
     """
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
@@ -92,19 +88,31 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
     Where a simulation stands for a machine, an integrator of first order acts like drag, inertia
     and lags of sensors of that size.
     """
+    if not best.model.effects:
+        return []
     lin = linearise(best.model, windows, best.theta, best.x0)
     priors = np.array([*null.model.priors.values()])
     told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
     wrong = lin.cleaned(lin.Jp[..., : len(told)]) * told
-    least = CHOICE.slight * np.linalg.norm(wrong, axis=(0, 1)).max(initial=0.0)
-    slight = []
-    for instance in best.model.effects:
+    least = VERDICT.slight * np.linalg.norm(wrong, axis=(0, 1)).max(initial=0.0)
+
+    def moved(instance: EffectInstance) -> float:
         model, theta = _taken_out(best, instance, null)
         y = run(model, windows, theta[None], best.x0[None], rough=True)[0]
-        moved = residual(windows, y) - lin.rough
-        if np.linalg.norm(lin.cleaned(moved[..., None])) < least:
-            slight.append(instance)
-    return slight
+        return float(np.linalg.norm(lin.cleaned((residual(windows, y) - lin.rough)[..., None])))
+
+    return [instance for instance in best.model.effects if moved(instance) < least]
+
+
+def leaves_something(judged: Weighed) -> bool:
+    """Whether more is left over than any machine has, or less that state and command predict.
+
+    A force that acts in few places is small on the whole, and yet tells windows from others.
+    """
+    evidence, windows = judged.evidence, judged.windows.plain
+    if evidence.deficient or not (evidence.std > SEARCH.least_force).any():
+        return evidence.deficient
+    return best_force(unweighed(judged.best, windows), windows) is not None
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
@@ -265,18 +273,13 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
         theirs = set(fitted.model.effects)
         behind, other = b - result.ranked[0][1], theirs - ours
         one = instance not in theirs and len(theirs) == len(ours) and len(other) == 1
-        if one and behind < CHOICE.tied:
+        if one and behind < VERDICT.tied:
             listed.append(Rival(next(iter(other)), fitted, behind))
     return listed
 
 
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
-    """The effects of the best model with their intervals, probabilities, shares and families.
-
-    Args:
-        result: the search.
-        judged: its best model on all windows.
-    """
+    """The effects of the best model with their intervals, probabilities, shares and families."""
     best, windows = judged.best, judged.windows
     layout = best.model.plant.layout
     low, high = (best.model.effect_values(end[None]) for end in intervals(best, windows))
@@ -365,10 +368,7 @@ def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:
     """The joint posterior of parameters and effects: of the final model, and of models as likely.
 
-    Args:
-        result: the search.
-        judged: its best model and the nominal one on all windows.
-        final: the one of these that the plant gets, with a learned force where there is one.
+    The final model is the one that the plant gets, with a learned force where there is one.
     """
     windows, chosen = judged.windows, judged.best
     if final.model.effects != chosen.model.effects:

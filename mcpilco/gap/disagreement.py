@@ -287,7 +287,10 @@ def _far(fit: Fit, short: Windows) -> Bool[np.ndarray, " W"]:
     size = force / np.maximum(np.median(force, axis=0), 1e-12)
     least = np.maximum(EVENT.sure * std, EVENT.of_acting * _acting(fit, short))
     strong = ((size > EVENT.strong) & (force > least)).any(axis=1)
-    return _grown(strong, (size > EVENT.weak).any(axis=1), runs(short))
+    weak, far = (size > EVENT.weak).any(axis=1), strong.copy()
+    for run in runs(short):  # and weak ones that are joined to them by weak ones
+        far[run] = binary_propagation(strong[run], mask=weak[run])
+    return far
 
 
 def _acting(fit: Fit, windows: Windows) -> Float[np.ndarray, "W J"]:
@@ -307,16 +310,6 @@ def runs(short: Windows) -> list[slice]:
     broken = (np.diff(short.recording) != 0) | (np.diff(short.start_s) > longest)
     ends = [0, *(np.flatnonzero(broken) + 1), len(short)]
     return [slice(a, b) for a, b in pairwise(ends)]
-
-
-def _grown(
-    strong: Bool[np.ndarray, " W"], weak: Bool[np.ndarray, " W"], runs: Sequence[slice]
-) -> Bool[np.ndarray, " W"]:
-    """Strong windows, and the weak ones that are joined to them by weak ones."""
-    far = strong.copy()
-    for run in runs:
-        far[run] = binary_propagation(strong[run], mask=weak[run])
-    return far
 
 
 def without_bursts(problem: GapProblem, best: Fit) -> tuple[GapProblem, tuple[Event, ...]]:

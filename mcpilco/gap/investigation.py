@@ -14,6 +14,7 @@ from mcpilco.gap.decide import (
     Closest,
     Weighed,
     closes_most,
+    leaves_something,
     left_forces,
     mispredicts,
     named_effects,
@@ -124,14 +125,9 @@ def investigate(
     events, final = (*pushes, *missed), best
     decisive, reported = _held_out(problem)
     clear = _clear(decisive, problem, events, best)
-    unknown = (
-        place is not None
-        or judged.evidence.deficient
-        or foreseen(missed, problem, best)
-        or mispredicts(judged, clear)
-    )
-    foreign = judged.evidence.foreign
-    helps = bool(named) and not foreign and closes_most(judged, clear)
+    unknown = place is not None or leaves_something(judged) or mispredicts(judged, clear)
+    unknown = unknown or foreseen(missed, problem, best)
+    helps = bool(named) and not judged.evidence.foreign and closes_most(judged, clear)
     where = (*([place] if place else []), *located_misfit(best if unknown else null, windows))
     if unknown:
         _tell("learning of a force without a name", best)
@@ -171,7 +167,7 @@ def investigate(
         search=result,
         models=models,
         recordings=tuple(recordings),
-        suspicions=(*doubts, *far_from_noise(compared, unknown and not foreign)),
+        suspicions=(*doubts, *far_from_noise(compared, unknown and not judged.evidence.foreign)),
         remarks=remarks,
         left=left_forces(judged),
         shifted=shifted_parameters(final),
@@ -210,13 +206,6 @@ def _too_poor(
         suspicions=doubts,
         remarks=remarks,
     )
-
-
-def _spread(windows: Windows, most: int) -> Windows:
-    """Windows for the search, from all recordings alike."""
-    if len(windows) <= most:
-        return windows
-    return windows[np.linspace(0, len(windows) - 1, most).round().astype(int)]
 
 
 def _held_out(problem: GapProblem) -> tuple[Windows, Windows]:
@@ -267,18 +256,14 @@ def _explain(
 ) -> _Explanation:
     """The search for effects, and its best model on all windows that it can explain.
 
-    Args:
-        problem: plant and recordings.
-        everything: windows without events, of all recordings.
-        masked: windows that seem to hold an event.
-        hints: as `search` takes them.
+    `everything` are windows of all recordings, `masked` those of them that seem to hold an event.
     """
     windows = everything[everything.of(problem.train)]
+    searched = min(len(windows), problem.searched)
+    some = windows[np.linspace(0, len(windows) - 1, searched).round().astype(int)]
     candidates = problem.candidates(windows)
     _tell("search for effects")
-    result = search(
-        problem.model(everything), _spread(windows, problem.searched), candidates, hints
-    )
+    result = search(problem.model(everything), some, candidates, hints)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 

@@ -21,7 +21,7 @@ from mcpilco.gap.disagreement import Disagreement
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import run
-from mcpilco.gap.thresholds import CHOICE, VERDICT
+from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import Correction, EffectInstance, Member, Plant, correction_of
 from mcpilco.recordings import PARTS, Part, Recording, doubts
 
@@ -233,7 +233,7 @@ def _left(gap: Gap) -> list[str]:
         f"  Left over at {force.joint}: a force of {force.std:.2g} {force.unit} rms, "
         f"{100 * force.usual:.0f} % of the usual one; in the nominal plant {force.nominal:.2g}."
         for force in gap.left
-        if force.usual > VERDICT.force
+        if force.usual > SEARCH.least_force
     ]
 
 
@@ -392,7 +392,7 @@ def _unexcited(result: SearchResult) -> list[str]:
     sensitivity: dict[EffectInstance, float] = {}
     for score in result.scores:
         sensitivity[score.instance] = max(score.sensitivity, sensitivity.get(score.instance, 0.0))
-    unseen = [str(effect) for effect, most in sensitivity.items() if most < CHOICE.unseen]
+    unseen = [str(effect) for effect, most in sensitivity.items() if most < VERDICT.unseen]
     if not unseen:
         return []
     more = f" and {len(unseen) - LISTED} more" if len(unseen) > LISTED else ""
@@ -406,7 +406,7 @@ def _told_apart(effect: EffectInstance, rival: Rival, best: Fit, windows: Window
     """The kind of motion in which two models differ most, and how much in simulation."""
     by_kind = {part.__name__: separation(best, rival.fit, part, windows) for part in PARTS}
     kind = max(by_kind, key=lambda name: by_kind[name])
-    if by_kind[kind] < CHOICE.tied:
+    if by_kind[kind] < VERDICT.tied:
         return (
             f"{effect} and {rival.instance} cannot be distinguished by any kind of input that was "
             "simulated: measure another quantity."

@@ -12,6 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -64,8 +66,8 @@ class Tried:
     fits: dict[Effects, Fit] = field(default_factory=dict)
     evidence: dict[Effects, Evidence] = field(default_factory=dict)
     """for the fits, as far as they were judged"""
-    grown: set[tuple[Effects, bool]] = field(default_factory=set)
-    """those whose neighbours were fitted, and whether effects were exchanged for them too"""
+    grown: set[tuple[Any, ...]] = field(default_factory=set)
+    """those whose neighbours were fitted, whether effects were exchanged too, and which of them"""
 
     @classmethod
     def begun(cls, null: Fit, windows: Windows, candidates: Sequence[EffectInstance]) -> Tried:
@@ -188,11 +190,13 @@ class Tried:
     def simplify(self) -> None:
         """Fits the best model in plainer forms, from where its own values are.
 
-        With special cases of its effects, with one effect in the place of those that make it, to
-        which no single change leads, and with effects of masses that it takes from their priors.
+        Without what its other effects made needless, with special cases, with one effect in place
+        of those that make it, and with effects of masses that it takes from their priors.
         """
         best = self.best()
         self._relieve(best)
+        for instance in best.model.effects if not best.model.plant.costly else ():
+            self.keep(without(best, instance, self.windows, self.null))
         values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
         for plain in self.candidates:
             for own in [own for own in values if own.holds(plain)]:
@@ -223,31 +227,37 @@ class Tried:
             model, theta = fit.model.grown(fit.theta, new, values)
             self.keep(fit_model(model, self.windows, theta, fit.x0, iterations=8))
 
-    def neighbours(self, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
+    def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
 
         Args:
             fit: from which they differ.
             share: of the steps that they may take.
-            exchange: whether effects may be dropped and exchanged too.
+            part: of what an effect explains that one in its place must promise [-]; 0: none may.
         """
         ours, scores = frozenset(fit.model.effects), []
         if (ours, False) not in self.grown:
             scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
-        self.grown |= {(ours, False), (ours, exchange)}
-        for instance in fit.model.effects if exchange else ():
-            if share.used_up:
-                break
-            known, costly = frozenset(fit.model.effects) - {instance}, fit.model.plant.costly
-            done = costly and (known, False) in self.grown
-            there = self.fits.get(known) if done else None
-            rest = there or self.keep(without(fit, instance, self.windows, self.null))
-            others = [c for c in self.candidates if c != instance]
-            related = [c for c in others if c.holds(instance) or instance.holds(c)]
-            least = max(SEARCH.promising, SEARCH.part_of_exchanged * (rest.chi2 - fit.chi2))
-            self._add(rest, related, len(related), share, least)
-            if not done:  # of those its best were fitted
-                self._add(rest, others, SEARCH.exchanges, share, least)
+        self.grown |= {(ours, False), (ours, part > 0.0)}
+        costly, before = fit.model.plant.costly, self.best()
+        rests: dict[EffectInstance, Fit] = {}
+        for instance in fit.model.effects if part and not share.used_up else ():
+            near = (ours - {instance}, False) in self.grown if costly else fit is before
+            there = self.fits.get(ours - {instance}) if near else None
+            rests[instance] = there or self.keep(without(fit, instance, self.windows, self.null))
+        order = sorted(rests.items(), key=lambda pair: pair[1].chi2)
+        for related, (instance, rest) in product((True, False), order):  # first what explains least
+            known = costly and (ours - {instance}, False) in self.grown  # its best were fitted
+            done = self.best() is not before or (known and not related)
+            if share.used_up or done or (ours, instance, related) in self.grown:
+                continue
+            self.grown.add((ours, instance, related))
+            some = [c for c in self.candidates if c != instance]
+            if related:
+                some = [c for c in some if c.holds(instance) or instance.holds(c)]
+            least = (SEARCH.part_of_exchanged if related else part) * (rest.chi2 - fit.chi2)
+            most = len(some) if related else SEARCH.exchanges
+            self._add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
     def _add(
@@ -317,8 +327,6 @@ def search(
     another way than these. If the best model does, parts of the windows are searched too: short
     motions stay close. What fits them is tried on the windows.
 
-    A search whose share of the steps is used up ends with what it has seen.
-
     Args:
         model: without effects.
         windows: of the recordings.
@@ -330,11 +338,28 @@ def search(
     if tried.judged(tried.best()).deficient and not share.used_up:
         short, _ = _search(model, windows.split(SEARCH.parts), candidates, share)
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
+    if share.used_up:
+        scores = _reconsider(tried, model.budget.share(BUDGET.search)) or scores
     best = tried.best()
     ranked = [(fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit))]
     ranked.sort(key=lambda pair: pair[0] is not best)
     told = tuple(ranked), tuple(scores), tried.windows, tried.judged(best)
     return SearchResult(best, tried.null, *told)
+
+
+def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
+    """Exchanges effects of the best model for what does as much, where a search ended too soon.
+
+    What came first may be an image of the right effect, as others were missing then. It goes on
+    from what is better; the scores of further effects.
+    """
+    best = tried.best()
+    for fit in (tried.ranked[0], best):  # the likeliest may have a needless effect
+        tried.grown.add((frozenset(fit.model.effects), False))  # nothing is added any more
+        tried.neighbours(fit, share, SEARCH.part_at_last)
+        if tried.best() is not best:
+            return _improve(tried, share)
+    return []
 
 
 def _search(
@@ -357,10 +382,11 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     scores: list[Score] = []
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
-        scores = tried.neighbours(best, share, exchange=False) or scores
+        scores = tried.neighbours(best, share) or scores
         if tried.best() is best:  # there is nothing to add
             for fit in _next(tried, best):
-                told = tried.neighbours(fit, share, exchange=tried.bic(fit) <= tried.bic(best))
+                likelier = tried.bic(fit) <= tried.bic(best)
+                told = tried.neighbours(fit, share, likelier * SEARCH.part_of_exchanged)
                 scores = told if fit is best and told else scores
         best = tried.best()
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:

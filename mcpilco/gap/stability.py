@@ -9,7 +9,7 @@ from typing import Any
 
 from mcpilco.gap.investigation import investigate
 from mcpilco.gap.report import Gap
-from mcpilco.gap.thresholds import STABILITY
+from mcpilco.gap.thresholds import DATA
 from mcpilco.recordings import Recording
 
 Name = tuple[str, str]
@@ -80,7 +80,7 @@ def parts(
     for gone in fitted if len(fitted) > 1 else ():
         yield gone.name, [each for each in recordings if each is not gone]
     yield "every second sample", [each.every_nth(2) for each in recordings]
-    late = STABILITY.later_s
+    late = DATA.later_s
     yield f"the first {late:g} s", [each.from_sample(round(late / each.dt)) for each in recordings]
 
 

@@ -56,9 +56,7 @@ def require_plausible(suspicions: Sequence[str]) -> None:
 def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
     """A sentence where the corrected plant is far from explaining the recordings.
 
-    Args:
-        compared: the errors.
-        more: whether something acts on this machine that no effect explains.
+    There may be `more` that acts on this machine than effects explain.
     """
     most = SUSPICION.unlearned if more else SUSPICION.unexplained
     if compared.corrected <= most * compared.noise_floor:

@@ -44,6 +44,8 @@ class DataThresholds:
     """recordings below which none is held out"""
     held_out_every_s: float = 0.3
     """between the starts of two held-out windows, which overlap [s]"""
+    later_s: float = 0.5
+    """by which recordings begin later for `--stability` [s]: all windows are then others"""
     uncertainty: float = 0.01
     """prior std of masses, lengths, base friction and gains, relative to their values [-]: what a
     data sheet or a scale gives; a user's option"""
@@ -77,7 +79,7 @@ class BudgetThresholds:
     fit: float = 0.2
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7
-    """part of the steps left for the search [-]"""
+    """part of the steps left for the search, and once more where it ends too soon [-]"""
     bursts: float = 0.5
     """part of the steps left to find bursts of force [-]"""
     learning: float = 0.6
@@ -187,6 +189,8 @@ class SearchThresholds:
     """of these that are fitted to all windows, for the cost"""
     part_of_exchanged: float = 0.1
     """least part of what an effect explains that one must promise to be tried in its place [-]"""
+    part_at_last: float = 0.5
+    """the same where the steps of a search are used up [-]: what does as much, not what might"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
@@ -299,23 +303,6 @@ class ForceThresholds:
 
 
 @dataclass(frozen=True)
-class ChoiceThresholds:
-    """Which effects cannot be distinguished, and which are not seen."""
-
-    tied: float = 20.0
-    """difference in BIC below which sets of effects cannot be distinguished; somewhat above
-    `SearchThresholds.bic_gain`"""
-    slight: float = 0.5
-    """change of the motions by an effect below which it is not told, in that by the parameter that
-    changes them most, if this is as wrong as `uncertainty` says or by 1 % [-]. MuJoCo's default
-    integrator in steps of 2 ms acts like drag, armature and lags of velocities of 0.1 to 0.4;
-    effects of `runs/hidden_effects` begin at 0.55"""
-    unseen: float = 1.0
-    """sensitivity to an effect of usual size below which recordings have little power to detect one
-    five times as large [noise std]"""
-
-
-@dataclass(frozen=True)
 class ComparisonThresholds:
     """Errors of free runs on held-out windows, with their intervals."""
 
@@ -337,7 +324,7 @@ class ComparisonThresholds:
 
 @dataclass(frozen=True)
 class VerdictThresholds:
-    """Between `named`, `none`, `partly` and `unknown`."""
+    """Between `named`, `none`, `partly` and `unknown`, and which effects are not distinguished."""
 
     force: float = 0.02
     """random force in a joint beyond which something is missing [usual forces]: masses that are
@@ -356,6 +343,15 @@ class VerdictThresholds:
     missing too [-]: less, and they may but imitate it"""
     far: float = 2.0
     """times the misfit of the fitted windows that held-out ones must reach for that to count [-]"""
+    tied: float = 20.0
+    """difference in BIC below which sets of effects cannot be distinguished; above `bic_gain`"""
+    slight: float = 0.5
+    """change of the motions by an effect below which it is not told, in that by the parameter that
+    changes them most, were it as wrong as is told or by 1 % [-]: MuJoCo's default integrator in
+    steps of 2 ms makes 0.1 to 0.4 out of lags and drag, `runs/hidden_effects` hides from 0.55 on"""
+    unseen: float = 1.0
+    """sensitivity to an effect of usual size below which recordings have little power to detect one
+    five times as large [noise std]"""
 
 
 @dataclass(frozen=True)
@@ -407,14 +403,6 @@ class SuspicionThresholds:
     joint's random force is larger than its usual one (`VERDICT.whole`)"""
 
 
-@dataclass(frozen=True)
-class StabilityThresholds:
-    """How an investigation is repeated."""
-
-    later_s: float = 0.5
-    """by which recordings begin later [s]: half a window, so that all windows are others"""
-
-
 DATA = DataThresholds()
 BUDGET = BudgetThresholds()
 FIT = FitThresholds()
@@ -423,8 +411,6 @@ SCREEN = ScreenThresholds()
 SEARCH = SearchThresholds()
 EVENT = EventThresholds()
 FORCE = ForceThresholds()
-CHOICE = ChoiceThresholds()
 COMPARISON = ComparisonThresholds()
 VERDICT = VerdictThresholds()
 SUSPICION = SuspicionThresholds()
-STABILITY = StabilityThresholds()

@@ -14,6 +14,7 @@ from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.decide import (
     EstimatedParameter,
     Weighed,
+    leaves_something,
     left_forces,
     named_effects,
     on_bounds,
@@ -22,13 +23,13 @@ from mcpilco.gap.decide import (
     spread_of,
     weighed,
 )
-from mcpilco.gap.disturbance import Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_model
+from mcpilco.gap.disturbance import Disturbance, Evidence
+from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.search import SearchResult
-from mcpilco.gap.thresholds import VERDICT
+from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import CATALOGUE, Axis, EffectInstance
-from tests.mcpilco.gap.pendulum import dry_friction, record
+from tests.mcpilco.gap.pendulum import Force, Outside, dry_friction, record
 
 FRICTION = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
 SPRING = EffectInstance(CATALOGUE["spring"], "pendulum")
@@ -100,6 +101,34 @@ def test_a_force_is_left_beyond_what_small_errors_of_masses_make(
         Evidence(0.0, np.array([0.0, std]), np.array([1.0, noise]), 100, np.zeros(2)).deficient
         == left
     )
+
+
+def detent(q: float, v: float) -> float:
+    """A torque that pulls towards 0.4 rad, within some 0.1 rad of it."""
+    return -1.5 * (q - 0.4) * float(np.exp(-(((q - 0.4) / 0.1) ** 2)))
+
+
+def gusts(time: float) -> float:
+    """A torque that no state tells."""
+    return 0.025 * float(np.random.default_rng(int(time / 0.06)).standard_normal())
+
+
+@pytest.mark.parametrize(
+    ("force", "outside", "left"),
+    [(detent, lambda _: 0.0, True), (lambda q, v: 0.0, gusts, False)],
+    ids=["detent", "gusts"],
+)
+def test_a_small_force_is_left_where_state_and_command_predict_it(
+    force: Force, outside: Outside, left: bool
+) -> None:
+    rng = np.random.default_rng(8)
+    recordings = [record(rng, force, number, outside=outside) for number in range(3)]
+    known = GapProblem.of(envs.PLANTS["mcpilco/Pendulum-v0"](), recordings, 0.01, (), {})
+    fit, windows = fit_nominal(known.model(known.windows()), known.windows())
+    evidence = Disturbance.of(fit, windows).evidence(fit)
+    assert SEARCH.least_force < evidence.std[0] < VERDICT.force
+    judged = Weighed(fit, fit, windows, evidence, evidence)
+    assert leaves_something(judged) == left
 
 
 @pytest.mark.parametrize(

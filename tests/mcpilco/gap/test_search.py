@@ -15,7 +15,8 @@ from mcpilco.gap.disturbance import Evidence
 from mcpilco.gap.fit import Fit, fit_nominal
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score
-from mcpilco.gap.search import Tried, _next, search, without
+from mcpilco.gap.search import Tried, _next, _reconsider, search, without
+from mcpilco.gap.thresholds import SEARCH
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -42,9 +43,9 @@ def test_an_effect_that_stands_for_another_is_exchanged(
     model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
     wrong = tried.keep(fitted(model, tried.windows, theta))
     share = known.budget.share(1.0)
-    tried.neighbours(wrong, share, exchange=False)
+    tried.neighbours(wrong, share)
     assert frozenset({LAG, FRICTION}) not in tried.fits
-    tried.neighbours(wrong, share, exchange=True)
+    tried.neighbours(wrong, share, SEARCH.part_of_exchanged)
     right = tried.fits[frozenset({LAG, FRICTION})]
     assert tried.bic(right) < tried.bic(wrong) - 15.0
 
@@ -55,9 +56,9 @@ def test_effects_are_exchanged_where_none_can_be_added(
     known, _, _ = lagging
     tried, neighbours = [], Tried.neighbours
 
-    def spied(self: Tried, fit: Fit, share: BudgetShare, exchange: bool) -> list[Score]:
-        tried.append(({*fit.model.effects}, exchange))
-        return neighbours(self, fit, share, exchange)
+    def spied(self: Tried, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
+        tried.append(({*fit.model.effects}, part > 0.0))
+        return neighbours(self, fit, share, part)
 
     monkeypatch.setattr(Tried, "neighbours", spied)
     best = found(known, [FRICTION, LAG])
@@ -284,6 +285,48 @@ def test_a_search_whose_budget_is_used_up_has_what_was_found_before(
     assert {*search(spent, windows, [LAG], (before,)).best.model.effects} == {LAG}
 
 
+def test_an_effect_that_the_others_made_needless_is_dropped(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    """Even where the steps of the search are used up: none of its neighbours is tried."""
+    known, windows, null = lagging
+    model, theta = null.model, null.theta
+    for effect, values in ((OFFSET, [0.01]), (LAG, [0.08]), (FRICTION, [0.1, 2e-3])):
+        model, theta = model.grown(theta, effect, values)
+    before = fitted(model, windows, theta)
+    spent = replace(
+        known.model(windows), budget=ComputeBudget(most=1.0, used=np.ones(1, dtype=int))
+    )
+    result = search(spent, windows, [LAG, FRICTION, OFFSET], (before,))
+    assert {*result.best.model.effects} == {LAG, FRICTION}
+
+
+def test_an_effect_that_came_first_is_exchanged_for_one_that_promises_as_much_in_its_place(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    known, windows, null = lagging
+    tried = Tried.begun(null, windows, [DELAY, LAG, FRICTION, OFFSET])
+    model, theta = null.model.grown(null.theta, DELAY, [0.05])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    wrong = tried.keep(fitted(model, tried.windows, theta))
+    tried.weigh_by(wrong)
+    assert tried.best() is wrong
+    _reconsider(tried, known.budget.share(1.0))
+    assert {*tried.best().model.effects} == {LAG, FRICTION}
+
+
+@pytest.mark.parametrize("most", [1.0, 1e9])
+def test_effects_are_exchanged_at_last_where_the_steps_of_a_search_are_used_up(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch, most: float
+) -> None:
+    known, windows, _ = lagging
+    budget, seen = ComputeBudget(most=most, used=np.ones(1, dtype=int)), []
+    module = importlib.import_module("mcpilco.gap.search")
+    monkeypatch.setattr(module, "_reconsider", lambda tried, share: seen.append(tried.best()))
+    search(replace(known.model(windows), budget=budget), windows, [LAG])
+    assert bool(seen) == (most == 1.0)
+
+
 def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_nothing(
     lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,7 +358,7 @@ def test_where_a_simulation_is_dear_only_what_promises_much_is_fitted(
     for costly in (False, True):
         monkeypatch.setattr(type(known.plant), "costly", costly)
         tried = Tried.begun(null, windows, [LAG, DELAY, FRICTION, heavier])
-        tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+        tried.neighbours(tried.null, known.budget.share(1.0))
         fits.append({*tried.fits} - {frozenset()})
     much = {frozenset({LAG}), frozenset({DELAY})}
     assert fits == [much | {frozenset({heavier})}, much]
@@ -337,5 +380,5 @@ def test_where_a_simulation_is_dear_initial_states_are_sought_anew_with_an_effec
     monkeypatch.setattr(module, "recovered", seeking)
     monkeypatch.setattr(type(known.plant), "costly", True)
     tried = Tried.begun(null, windows, [LAG])
-    tried.neighbours(tried.null, known.budget.share(1.0), exchange=False)
+    tried.neighbours(tried.null, known.budget.share(1.0))
     assert sought == [(LAG,)]
