@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -66,7 +65,7 @@ class Tried:
     fits: dict[Effects, Fit] = field(default_factory=dict)
     evidence: dict[Effects, Evidence] = field(default_factory=dict)
     """for the fits, as far as they were judged"""
-    grown: set[tuple[Any, ...]] = field(default_factory=set)
+    grown: set[tuple[Effects, bool, *tuple[EffectInstance, ...]]] = field(default_factory=set)
     """those whose neighbours were fitted, whether effects were exchanged too, and which of them"""
 
     @classmethod
@@ -249,9 +248,9 @@ class Tried:
         for related, (instance, rest) in product((True, False), order):  # first what explains least
             known = costly and (ours - {instance}, False) in self.grown  # its best were fitted
             done = self.best() is not before or (known and not related)
-            if share.used_up or done or (ours, instance, related) in self.grown:
+            if share.used_up or done or (ours, related, instance) in self.grown:
                 continue
-            self.grown.add((ours, instance, related))
+            self.grown.add((ours, related, instance))
             some = [c for c in self.candidates if c != instance]
             if related:
                 some = [c for c in some if c.holds(instance) or instance.holds(c)]
@@ -385,8 +384,8 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
         scores = tried.neighbours(best, share) or scores
         if tried.best() is best:  # there is nothing to add
             for fit in _next(tried, best):
-                likelier = tried.bic(fit) <= tried.bic(best)
-                told = tried.neighbours(fit, share, likelier * SEARCH.part_of_exchanged)
+                part = SEARCH.part_of_exchanged if tried.bic(fit) <= tried.bic(best) else 0.0
+                told = tried.neighbours(fit, share, part)
                 scores = told if fit is best and told else scores
         best = tried.best()
         if best is not before or known - tried.bic(best) > SEARCH.bic_gain:
