@@ -138,7 +138,7 @@ def test_a_regulator_is_trained_evaluated_reported_and_exported(
     assert main(["export", str(run), str(policy), "--c", str(tmp_path / "policy.h")]) == 0
     near = np.array([0.0, 0.0, 3.1, 0.0])
     np.testing.assert_allclose(NumpyPolicy(policy)(near), agent.predict(near)[0], atol=1e-6)
-    assert "_regulator(x, inputs)" in (tmp_path / "policy.h").read_text()
+    assert "_regulator(x, u)" in (tmp_path / "policy.h").read_text()
     capsys.readouterr()
     assert main(["train", "--regulator", "--algo", "pilco", "--out", str(tmp_path / "no")]) == 2
     assert "--regulator is an option of the algorithm mcpilco" in capsys.readouterr().err
