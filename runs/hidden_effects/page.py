@@ -81,10 +81,23 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     )
 
 
+def recorded(
+    found: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> dict[str, Sequence[Mapping[str, Any]]]:
+    """The tiers, and after each its cases that say by which code, where others do not."""
+    parts: dict[str, Sequence[Mapping[str, Any]]] = {}
+    for tier, cases in found.items():
+        parts[tier] = cases
+        known = [case for case in cases if case.get("made", {}).get("digest")]
+        if 0 < len(known) < len(cases):
+            parts[f"{tier}: recorded code"] = known
+    return parts
+
+
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right, beside the peers'."""
     rows = []
-    for tier, cases in found.items():
+    for tier, cases in recorded(found).items():
         names = dict.fromkeys(name for case in cases for name in case.get("peers", ()))
         by_method = {tier: cases}
         by_method |= {
@@ -143,7 +156,7 @@ def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Errors and intervals of the parameters, the gap closed, and the time it takes."""
     rows = []
-    for tier, cases in {**found, **together(found)}.items():
+    for tier, cases in {**recorded(found), **together(found)}.items():
         errors, covered = accuracy([case for case in cases if right(case)])
         closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]

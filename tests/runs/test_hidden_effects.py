@@ -378,3 +378,11 @@ def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
     recording = Recording("r", time, states, torque, layout.states, layout.inputs)
     named = identified.identified(plant, [recording])
     assert ("coulomb_friction", "pendulum") in named.terms[identified.FROZEN]
+
+
+def test_cases_of_recorded_code_have_a_row_of_their_own_where_others_have_none(
+    modules: dict[str, ModuleType],
+) -> None:
+    old, new = {"seed": 1}, {"seed": 2, "made": {"digest": "abc"}}
+    parts = modules["page"].recorded({"one": [old, new], "none": [new], "two": [old]})
+    assert parts == {"one": [old, new], "one: recorded code": [new], "none": [new], "two": [old]}
