@@ -107,7 +107,7 @@ def main() -> int:
 
 
 def investigated(seed: int, quick: bool = False) -> dict[str, Any]:
-    """What was found in each kind of recordings of a seed's arm, as JSON."""
+    """The names found in each kind of recordings of a seed's arm, beside the truth, as JSON."""
     rng = np.random.default_rng(seed)
     plant = envs.PLANTS[PLANT]()
     arm, hidden = drawn(plant, rng)

@@ -1,4 +1,4 @@
-"""What a seed of `runs/touched_arm` hides in MuJoCo's arm is what the workflow must name."""
+"""The arm of `runs/touched_arm`: its plant with the hidden effect moves as MuJoCo's arm does."""
 
 from __future__ import annotations
 
