@@ -19,7 +19,7 @@ import sys
 import termios
 import time
 import tty
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
@@ -46,6 +46,9 @@ GRACE = 0.25
 """share of a period for which a step waits for a measurement of its own"""
 DRIFT = 2e-4
 """rate at which the two clocks may drift apart [-]"""
+SEEN, CONFIRMING = 5, 3
+"""measurements before one that can confirm it, and how many must: two false ones in a row agree by
+chance now and then, and an episode that begins with a false one refuses all true ones"""
 
 
 class Loop:
@@ -68,8 +71,8 @@ class Loop:
         self.sample: list[float] | None = None
         """the newest measurement that is credible, and its `stamp` by the machine's clock [s]"""
         self.stamp, self.answered = 0.0, 0
-        self.seen: tuple[list[float], float] | None = None
-        """the measurement before, credible or not, and its time by the machine's clock [s]"""
+        self.seen: deque[tuple[list[float], float]] = deque(maxlen=SEEN)
+        """the measurements before, credible or not, and their times by the machine's clock [s]"""
         self.status = int(Status.SAFE)
         self.episode: float | None = None
         """when the episode began; `step` of it began at `due` [s]"""
@@ -114,7 +117,8 @@ class Loop:
         self.inbox.open(frame.session)
         self.counter, self.offset = 0, time.monotonic() - 1e-6 * frame.time_us
         self.heard = self.trusted = time.monotonic()
-        self.sample = self.seen = None
+        self.sample = None
+        self.seen.clear()
 
     def _packets(self, until: float) -> list[bytes]:
         """Those of the link, once there are some; learner and keys are served too."""
@@ -170,21 +174,23 @@ class Loop:
         """Whether each position has moved as its velocity says.
 
         Moved from the newest credible measurement; while there is none, and while the machine is
-        brought to its start, from the measurement before this one.
+        brought to its start, from `CONFIRMING` of the measurements before.
         """
-        before = self.seen
         if self.sample is not None and self.mode is not Mode.HOME:
-            before = self.sample, self.stamp
-        self.seen = values, stamp
-        if before is None:
-            return False
-        sample, span = before[0], stamp - before[1]
-        jumped = any(
-            abs(values[q] - sample[q] - 0.5 * (values[v] + sample[v]) * span) > self.told["jump"]
+            credible = self._follows(values, stamp, self.sample, self.stamp)
+        else:
+            confirming = sum(self._follows(values, stamp, *before) for before in self.seen)
+            credible = confirming >= CONFIRMING
+            self.seen.append((values, stamp))
+        self.counts["jumps"] += not credible and self.sample is not None
+        return credible
+
+    def _follows(self, values: list[float], stamp: float, sample: list[float], then: float) -> bool:
+        return all(
+            abs(values[q] - sample[q] - 0.5 * (values[v] + sample[v]) * (stamp - then))
+            <= self.told["jump"]
             for q, v in self.told["pairs"]
         )
-        self.counts["jumps"] += jumped
-        return not jumped
 
     def _beyond(self, values: list[float]) -> str | None:
         for name, (low, high) in self.told["limits"].items():
@@ -218,7 +224,8 @@ class Loop:
         self.ticks, self.wanted = ticks, log
         self.homing = time.monotonic() + self.told["homing"]
         self.mode, self.command = Mode.HOME, list(self.told["safe"])
-        self.sample = self.seen = None
+        self.sample = None
+        self.seen.clear()
         self.status = Status.SAFE
 
     def _on_act(self, step: int, inputs: list[float]) -> None:

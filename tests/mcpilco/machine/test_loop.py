@@ -48,32 +48,41 @@ def believed(loop: Loop, angles: list[float], first: int = 1) -> list[float | No
     return found
 
 
+STILL = [0.0, 0.0, 0.0, 0.0]
+"""believed from the fourth on, which three confirm"""
+
+
 def test_a_false_angle_is_not_believed(loop: Loop) -> None:
-    assert believed(loop, [0.0, 0.0, 3.0, 0.1]) == [None, 0.0, 0.0, pytest.approx(0.1)]
+    assert believed(loop, [*STILL, 3.0, 0.1])[3:] == [0.0, 0.0, pytest.approx(0.1)]
     assert loop.counts["jumps"] == 1
 
 
-def test_a_first_angle_is_believed_when_another_one_confirms_it(loop: Loop) -> None:
-    assert believed(loop, [3.0, 0.0, 0.0]) == [None, None, 0.0]
+def test_a_first_angle_is_believed_when_others_confirm_it(loop: Loop) -> None:
+    assert believed(loop, [3.0, *STILL]) == [None, None, None, None, 0.0]
 
 
 def test_false_angles_are_not_believed_on_the_way_home(loop: Loop) -> None:
     loop._on_begin(1, None)
-    assert believed(loop, [0.0, 3.0, 0.0, 0.0]) == [None, None, None, 0.0]
-    assert believed(loop, [0.0, -2.0, 0.0], first=5) == [0.0, 0.0, 0.0]
+    assert believed(loop, [0.0, 3.0, 0.0, 0.0, 0.0]) == [None, None, None, None, 0.0]
+    assert believed(loop, [0.0, -2.0, 0.0], first=6) == [0.0, 0.0, 0.0]
+
+
+def test_two_false_angles_that_agree_are_not_believed(loop: Loop) -> None:
+    loop._on_begin(1, None)
+    assert believed(loop, [*STILL, 2.6, 2.7, 0.0])[3:] == [0.0, 0.0, 0.0, 0.0]
 
 
 def test_a_machine_that_is_moved_by_hand_on_the_way_home_is_followed(loop: Loop) -> None:
     loop._on_begin(1, None)
-    assert believed(loop, [0.0, 0.0, 2.0, 2.0]) == [None, 0.0, 0.0, 2.0]
+    assert believed(loop, [*STILL, 2.0, 2.0, 2.0, 2.0])[3:] == [0.0, 0.0, 0.0, 0.0, 2.0]
 
 
 def test_the_start_is_told_by_a_measurement_that_is_believed(loop: Loop, monkeypatch) -> None:
     told = []
     monkeypatch.setattr(loop, "_tell", lambda what, **about: told.append((what, about["values"])))
     loop._on_begin(1, None)
-    for k, angle in enumerate([2.0, 2.0, 0.0, 0.0], 1):
-        status = Status.READY if k > 2 else Status.HOMING
+    for k, angle in enumerate([2.0] * 4 + STILL, 1):
+        status = Status.READY if k > 4 else Status.HOMING
         frame = Frame(Kind.MEASUREMENT, SESSION, k, 0, 10_000 * k, status, (angle, 0.0, 0.0))
         loop._measured(encode(frame, b""))
         loop._home(loop.heard)
