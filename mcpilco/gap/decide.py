@@ -346,23 +346,23 @@ def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
 
 
 def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:
-    """Of the errors of theta, as windows differ from one another.
+    """Of the errors of theta, as they differ with one window left out or another: the jackknife.
 
-    Reference: White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982),
-        with windows as clusters.
+    Of few windows, some with far more influence than others, White's sandwich is too narrow.
+
+    Reference: MacKinnon & White, Some heteroskedasticity-consistent covariance matrix estimators,
+        Journal of Econometrics 29 (1985), HC3, with windows as clusters.
     """
     model = best.model
     lin = linearise(model, windows, best.theta, best.x0)
     P = lin.cleaned(lin.Jp)
-    H = np.einsum("wni,wnj->ij", P, P) + np.diag(model.precision)
-    g = np.einsum("wni,wn->wi", P, lin.r)
-    dead = np.diag(H) <= 0.0
-    H[dead, dead] = 1.0
-    inverse = np.linalg.pinv(H)
-    independent = len(windows) / windows.overlap
-    spread = windows.overlap * g.T @ g * independent / max(independent - 1.0, 1.0)
-    spread += np.diag(model.precision)
-    return inverse @ spread @ inverse
+    by_window = np.einsum("wni,wnj->wij", P, P)
+    H = by_window.sum(axis=0) + np.diag(model.precision)
+    without = np.linalg.pinv(H - by_window, hermitian=True)
+    moved = np.einsum("wij,wnj,wn->wi", without, P, lin.r)
+    independent, inverse = len(windows) / windows.overlap, np.linalg.pinv(H)
+    spread = windows.overlap * moved.T @ moved * max(independent - 1.0, 1.0) / independent
+    return spread + inverse @ np.diag(model.precision) @ inverse
 
 
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 import envs
 from mcpilco.gap import decide
@@ -14,6 +18,7 @@ from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.decide import (
     EstimatedParameter,
     Weighed,
+    covariance,
     leaves_something,
     left_forces,
     named_effects,
@@ -68,6 +73,50 @@ def judging(nominal: PlantModel, windows: Windows, effects: list[EffectInstance]
     """These effects and none, as they are."""
     null, best = (with_effects(nominal, windows, each) for each in ([], effects))
     return Weighed(best, null, windows, NOTHING, NOTHING)
+
+
+@pytest.fixture
+def linear(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """The estimate and its covariance, of windows whose residuals are linear in two numbers."""
+
+    def solved(P: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta = np.linalg.lstsq(P.reshape(-1, 2), r.reshape(-1))[0]
+        lin = SimpleNamespace(Jp=P, cleaned=lambda columns: columns, r=r - P @ theta)
+        monkeypatch.setattr(decide, "linearise", lambda *_: lin)
+        model = SimpleNamespace(precision=np.zeros(2))
+        fit: Any = SimpleNamespace(model=model, theta=theta, x0=None)
+        windows: Any = Many(len(r))
+        return theta, covariance(fit, windows)
+
+    return solved
+
+
+class Many(list):
+    """So many windows, side by side."""
+
+    overlap = 1.0
+
+    def __init__(self, number: int) -> None:
+        super().__init__(range(number))
+
+
+def test_the_covariance_is_that_of_fits_that_leave_out_a_window_each(linear: Callable) -> None:
+    rng = np.random.default_rng(0)
+    P, r = rng.normal(size=(6, 5, 2)), rng.normal(size=(6, 5))
+    theta, found = linear(P, r)
+    left = [linear(np.delete(P, w, axis=0), np.delete(r, w, axis=0))[0] - theta for w in range(6)]
+    np.testing.assert_allclose(found, np.transpose(left) @ left * 5 / 6, rtol=1e-9)
+
+
+def test_intervals_hold_the_truth_where_few_windows_lead(linear: Callable) -> None:
+    """Twelve windows, one of which tells as much as the others, errors that a window shares."""
+    rng, held = np.random.default_rng(1), 0
+    for _ in range(400):
+        P = rng.normal(size=(12, 5, 2)) * np.where(np.arange(12) == 0, 3.0, 1.0)[:, None, None]
+        r = rng.normal(size=(12, 5)) + rng.normal(size=(12, 1))
+        theta, found = linear(P, r)
+        held += abs(theta[0]) < stats.t.ppf(0.975, 11) * np.sqrt(found[0, 0])
+    assert 0.93 < held / 400 < 0.99
 
 
 def test_what_moves_less_than_told_errors_of_parameters_is_slight(
