@@ -15,6 +15,7 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PlantModel, Theta
+from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import linearise, residual, run
 from mcpilco.gap.thresholds import DATA, SEARCH, VERDICT
@@ -93,13 +94,15 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
     lin = linearise(best.model, windows, best.theta, best.x0)
     priors = np.array([*null.model.priors.values()])
     told = np.where(np.isfinite(priors), np.minimum(priors, DATA.uncertainty), 0.0)
-    wrong = lin.cleaned(lin.Jp[..., : len(told)]) * told
-    least = VERDICT.slight * np.linalg.norm(wrong, axis=(0, 1)).max(initial=0.0)
+    wrong = np.square(lin.cleaned(lin.Jp[..., : len(told)]) * told).sum(axis=1)
+    weight = bounded(wrong.max(axis=1, initial=0.0))
+    least = VERDICT.slight**2 * (weight @ wrong).max(initial=0.0)
 
     def moved(instance: EffectInstance) -> float:
         model, theta = _taken_out(best, instance, null)
         y = run(model, windows, theta[None], best.x0[None], rough=True)[0]
-        return float(np.linalg.norm(lin.cleaned((residual(windows, y) - lin.rough)[..., None])))
+        change = lin.cleaned((residual(windows, y) - lin.rough)[..., None])
+        return float(weight @ np.square(change).sum(axis=(1, 2)))
 
     return [instance for instance in best.model.effects if moved(instance) < least]
 

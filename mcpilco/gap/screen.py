@@ -93,8 +93,9 @@ def _scores(
         view = thinned if pulses is not None or many else whole
         columns = signatures(view, instance, probes)
     repeated, scores = len(whole.windows) / len(view.windows), []
+    first = effect.symbols[0]
     for probe, own in zip(probes, columns, strict=True):
-        one_sided = _one_sided(instance, probe)
+        one_sided = first.low >= first.neutral or not probe.proportional
         S, b = view.normal_equations(own)
         mixes = [_best_mix(S, b, one_sided)]
         mixes.append(_best_mix(*view.bounding(own).normal_equations(own), one_sided))
@@ -164,15 +165,8 @@ class _Projection:
         return cls(fit, lin, windows, weight, P, H, g, precision)
 
     def bounding(self, columns: Float[np.ndarray, "W n k"]) -> _Projection:
-        """This view, no window of which has far more influence on a signature than the others.
-
-        Reference: Hampel, Ronchetti, Rousseeuw & Stahel, Robust Statistics (1986), section 6.3:
-            Mallows's estimator, with windows for samples.
-        """
-        Q = self.lin.cleaned(columns)
-        influence = np.einsum("wnk,wnk->w", Q, Q)
-        most = SCREEN.influence * np.percentile(influence, 75.0)
-        weight = self.weight * np.minimum(1.0, most / np.maximum(influence, 1e-12))
+        """This view, no window of which has far more influence on a signature than the others."""
+        weight = self.weight * bounded(np.square(self.lin.cleaned(columns)).sum(axis=(1, 2)))
         _, H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
         return replace(self, weight=weight, H=H, g=g)
 
@@ -189,6 +183,16 @@ class _Projection:
         same = np.diag(S) < SCREEN.separable * np.diag(whole)
         S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b
+
+
+def bounded(influence: PerWindow) -> PerWindow:
+    """Weights of windows, none of which then has far more influence than the others [-].
+
+    Reference: Hampel, Ronchetti, Rousseeuw & Stahel, Robust Statistics (1986), section 6.3:
+        Mallows's estimator, with windows for samples.
+    """
+    most = SCREEN.influence * np.percentile(influence, 75.0)
+    return np.minimum(1.0, most / np.maximum(influence, 1e-12))
 
 
 def signatures(
@@ -236,11 +240,6 @@ def _straight(probe: Probe, change: Float[np.ndarray, "n W N"]) -> Float[np.ndar
         return change
     whole, half = np.split(change, 2)
     return 4.0 * half - whole
-
-
-def _one_sided(instance: EffectInstance, probe: Probe) -> bool:
-    symbol = instance.effect.symbols[0]
-    return symbol.low >= symbol.neutral or not probe.proportional
 
 
 def _best_mix(S: np.ndarray, b: np.ndarray, one_sided: bool) -> tuple[np.ndarray, float]:

@@ -147,9 +147,8 @@ class ScreenThresholds:
     checked: int = 24
     """effects that are simulated on all windows where that is dear, of those that promise most"""
     influence: float = 10.0
-    """times the influence at three quarters of the windows that a signature may have in one [-]:
-    near an unstable rest a small effect leads a motion anywhere (Hampel et al., Robust Statistics,
-    1986, section 6.3)"""
+    """times the influence at three quarters of the windows that a change may have in one [-]: near
+    an unstable rest a small one leads a motion anywhere"""
     farthest: float = 500.0
     """change by an effect beyond which a simulation ran away, or the range of all motions where
     that is more [noise std]"""

@@ -32,6 +32,7 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
 from mcpilco.gap.search import SearchResult
+from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import CATALOGUE, Axis, EffectInstance
 from tests.mcpilco.gap.pendulum import Force, Outside, dry_friction, record
@@ -117,6 +118,18 @@ def test_intervals_hold_the_truth_where_few_windows_lead(linear: Callable) -> No
         theta, found = linear(P, r)
         held += abs(theta[0]) < stats.t.ppf(0.975, 11) * np.sqrt(found[0, 0])
     assert 0.93 < held / 400 < 0.99
+
+
+def test_a_window_that_runs_away_makes_no_effect_slight(
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near an unstable rest a hundredth of a mass leads a motion anywhere."""
+    nominal, windows = rubbing
+    null, best = (with_effects(nominal, windows, each) for each in ([], [FRICTION]))
+    lin = linearise(best.model, windows, best.theta, best.x0)
+    lin.Jp[0] *= 1e4
+    monkeypatch.setattr(decide, "linearise", lambda *_: lin)
+    assert slight_effects(best, null, windows) == []
 
 
 def test_what_moves_less_than_told_errors_of_parameters_is_slight(
