@@ -84,7 +84,7 @@ class Gap(options.Command):
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
         options.use_one_thread()
-        options.register("" if self._is_file else self.plant)
+        options.register("" if options.is_model(self.plant) else self.plant)
         stages = Stages()
         try:
             with stages.shown(self.quiet):
@@ -94,14 +94,15 @@ class Gap(options.Command):
             return 130
 
     def _investigate(self, stages: Stages) -> int:
+        from envs import plant_named
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.gap import investigate, repetitions, require_plausible, suspicions, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
-        nominal = self._plant()
+        nominal = plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
         plant = nominal.where(**options.named_numbers("--set", self.set))
-        if self._is_file:
+        if options.is_model(self.plant):
             print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
         if not self.overwrite:
             options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
@@ -139,7 +140,7 @@ class Gap(options.Command):
             for name, correction in corrections.items():
                 write_correction(self.out / name, correction)
             written += corrections
-            if self._is_file:
+            if options.is_model(self.plant):
                 written += self._write_mjcf(gap, nominal)
         if self.stability:
             stages.begin("repetitions")
@@ -192,17 +193,6 @@ class Gap(options.Command):
             actions: Any = env.action_space
             return [float(high) for high in actions.high]
 
-    @property
-    def _is_file(self) -> bool:
-        from envs import MODELS
-
-        return self.plant.endswith(MODELS)
-
-    def _plant(self) -> Plant:
-        from envs import plant_named
-
-        return plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
-
 
 def show_gap(
     gap: Investigated,
@@ -227,7 +217,7 @@ def show_gap(
         try:
             written.append(write(gap, out / name).name)
         except McPilcoError as error:
-            print(f"mcpilco: without {name}: {error}", file=sys.stderr)
+            options.warn(f"without {name}: {error}")
             code = max(code, int(isinstance(error, RunFolderError)))  # not where an extra lacks
     begin("")
     print(f"In {out}: {', '.join(written)}.")
