@@ -104,18 +104,14 @@ def _sharpened(xml: str, spec: mujoco.MjSpec) -> bytes:
     root = ElementTree.fromstring(xml)
     world = root.find("worldbody")
     for tag, elements, names in (
-        ("body", spec.bodies, {"pos": "pos"}),
-        ("geom", spec.geoms, {name: name for name in ("pos", "friction", "solref")}),
-        (
-            "joint",
-            spec.joints,
-            {name: name for name in ("damping", "stiffness", "armature", "frictionloss")},
-        ),
+        ("body", spec.bodies, ("pos",)),
+        ("geom", spec.geoms, ("pos", "friction", "solref")),
+        ("joint", spec.joints, ("damping", "stiffness", "armature", "frictionloss")),
     ):
         nodes = [] if world is None else [n for n in world.iter() if n.tag in (tag, f"free{tag}")]
         ordered = sorted(elements, key=lambda element: element.id)[tag == "body" :]
         for node, element in zip(nodes, ordered, strict=True) if len(nodes) == len(ordered) else ():
-            _sharpen(node, element, names)
+            _sharpen(node, element, dict(zip(names, names, strict=True)))
             inertial = node.find("inertial")
             if tag == "body" and inertial is not None:
                 own = {"mass": "mass", "pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}
