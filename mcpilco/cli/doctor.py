@@ -83,21 +83,22 @@ class Doctor(options.Command):
 
 def examine() -> Iterator[Finding]:
     """Everything that is looked at, in the order in which it fails most often."""
-    yield _python()
+    fix = "" if sys.version_info >= (3, 11) else "install Python 3.11 or later"
+    yield Finding("Python", f"{python_version()} on {platform(terse=True)}, {machine()}", fix)
     yield from _packages()
-    yield _threads()
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity else os.cpu_count()
+    about = f"{cores} cores; each command computes on one, run seeds side by side"
+    yield Finding("processor", about)
     yield _environment()
     yield _compiler()
     yield _gl()
     yield _viewer()
     yield _window()
-    yield _disk()
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    fix = "" if free >= _LEAST_FREE_GB else f"free at least {_LEAST_FREE_GB:g} GB"
+    yield Finding("disk", f"{free:.1f} GB free in {Path.cwd()}", fix)
     yield _writes()
-
-
-def _python() -> Finding:
-    fix = "" if sys.version_info >= (3, 11) else "install Python 3.11 or later"
-    return Finding("Python", f"{python_version()} on {platform(terse=True)}, {machine()}", fix)
 
 
 def _packages() -> Iterator[Finding]:
@@ -115,14 +116,6 @@ def _version(package: str) -> str | None:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return None
-
-
-def _threads() -> Finding:
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count()
-    return Finding(
-        "processor", f"{cores} cores; each command computes on one, run seeds side by side"
-    )
 
 
 def _environment() -> Finding:
@@ -168,12 +161,6 @@ def _window() -> Finding:
     if display or sys.platform in ("win32", "darwin"):
         return Finding("display", display or "the desktop", needed=False)
     return Finding("display", "none", "use mcpilco view --web or --screenshot", needed=False)
-
-
-def _disk() -> Finding:
-    free = shutil.disk_usage(Path.cwd()).free / 1e9
-    fix = "" if free >= _LEAST_FREE_GB else f"free at least {_LEAST_FREE_GB:g} GB"
-    return Finding("disk", f"{free:.1f} GB free in {Path.cwd()}", fix)
 
 
 def _writes() -> Finding:
