@@ -124,13 +124,14 @@ def _environment() -> Finding:
         "import envs, gymnasium as gym; e = gym.make('mcpilco/CartPoleSwingUp-v0');"
         "e.reset(seed=0); e.step(e.action_space.sample()); print(e.spec.id)"
     )
-    ok, said = _python_says(code)
+    ok, said = _says([sys.executable, "-c", code])
     return Finding("env", said, "" if ok else "install mcpilco again: pip install .")
 
 
 def _compiler() -> Finding:
     """Does numba compile a loop here?"""
-    ok, said = _python_says("import numba; print(numba.njit(lambda x: x + 1)(1) == 2)")
+    code = "import numba; print(numba.njit(lambda x: x + 1)(1) == 2)"
+    ok, said = _says([sys.executable, "-c", code])
     fix = "" if ok and said == "True" else "pip install --force-reinstall numba"
     return Finding("numba compiles", "yes" if not fix else said, fix)
 
@@ -141,7 +142,7 @@ def _gl() -> Finding:
         "import envs, gymnasium as gym; e = gym.make('mcpilco/MujocoCartPoleSwingUp-v0',"
         "render_mode='rgb_array'); e.reset(seed=0); e.render(); print('works')"
     )
-    ok, said = _python_says(code)
+    ok, said = _says([sys.executable, "-c", code])
     fix = "for pictures of MuJoCo envs: apt-get install libegl1 libgl1-mesa-dri"
     return Finding("MuJoCo draws", said, "" if ok else fix, needed=False)
 
@@ -171,10 +172,6 @@ def _writes() -> Finding:
     except OSError as error:
         fix = "change to a folder that you may write to, or pass --out"
         return Finding("run folders", error.strerror or str(error), fix)
-
-
-def _python_says(code: str) -> tuple[bool, str]:
-    return _says([sys.executable, "-c", code])
 
 
 def _says(command: list[str]) -> tuple[bool, str]:

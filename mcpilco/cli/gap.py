@@ -236,21 +236,25 @@ class Stages(logging.Handler):
         self.stage = ""
         """the present one"""
         self._since = 0.0
-        self._show: Callable[[str, float | None], None] = lambda name, seconds: None
+        self._bar: Any = None
 
     def emit(self, record: logging.LogRecord) -> None:
         self.begin(record.getMessage(), getattr(record, "found", ()))
 
     def begin(self, name: str, found: Sequence[str] = ()) -> None:
         """End the present stage, and begin another; the empty name begins none."""
-        now = time.monotonic()
+        now, bar = time.monotonic(), self._bar
+        for task in bar.task_ids if bar else ():
+            bar.remove_task(task)
         if self.stage:
             seconds = round(now - self._since, 1)
             self.done.append({"stage": self.stage, "seconds": seconds, "effects": list(found)})
-            self._show(self.stage, seconds)
+            if bar:
+                line = f"{self.stage}: {seconds:.1f} s"
+                bar.console.print(line, highlight=False, soft_wrap=True)
         self.stage, self._since = name, now
-        if name:
-            self._show(name, None)
+        if name and bar:
+            bar.add_task(name)
 
     @contextlib.contextmanager
     def shown(self, quiet: bool) -> Iterator[None]:
@@ -263,17 +267,7 @@ class Stages(logging.Handler):
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         log = logging.getLogger("mcpilco.gap")
         level = log.level
-        with Progress(*columns, console=console, disable=not moving, transient=True) as bar:
-
-            def show(name: str, seconds: float | None) -> None:
-                for task in bar.task_ids:
-                    bar.remove_task(task)
-                if seconds is None:
-                    bar.add_task(name)
-                else:
-                    console.print(f"{name}: {seconds:.1f} s", highlight=False, soft_wrap=True)
-
-            self._show = show
+        with Progress(*columns, console=console, disable=not moving, transient=True) as self._bar:
             log.addHandler(self)
             log.setLevel(logging.INFO)
             try:

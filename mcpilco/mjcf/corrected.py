@@ -59,21 +59,19 @@ def write_corrected_mjcf(
     plant = plant or read_plant(source)
     whole = corrected(plant, correction)
     spec = mujoco.MjSpec.from_file(str(source))
-    simulated = isinstance(whole, MujocoPlant)
-    model = _FilteredModel(spec, plant.layout) if simulated else CorrectedModel(spec, plant.layout)
+    filtered = whole if isinstance(whole, MujocoPlant) else None
+    model = (CorrectedModel if filtered is None else _FilteredModel)(spec, plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
-    said = [
-        effect
-        for effect in correction.effects
-        if not isinstance(whole, MujocoPlant)
-        or whole.says(EffectInstance(effect.effect, effect.target))
-    ]
-    left = [sentence for effect in said if (sentence := model.add(effect))]
+    left = []
+    for effect in correction.effects:
+        said = filtered is None or filtered.says(EffectInstance(effect.effect, effect.target))
+        if said and (sentence := model.add(effect)):
+            left.append(sentence)
     model.finish()
     save_mjcf(model.spec, source, path)
-    if isinstance(whole, MujocoPlant):
-        return [*left, *write_callbacks(path.with_suffix(".py"), whole)]
+    if filtered is not None:
+        return [*left, *write_callbacks(path.with_suffix(".py"), filtered)]
     return [*left, *(f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned)]
 
 
