@@ -24,14 +24,6 @@ _LEAST_MOTION = 0.02
 """a joint that spans less is reported as hardly moved [rad or m]"""
 
 
-def check_recording(recording: MarkerRecording) -> list[str]:
-    """Sentences on what looks wrong."""
-    _require_samples(recording)
-    _require_distinct(recording)
-    _require_sight(recording)
-    return _require_motion(recording)
-
-
 def fewest(joints: int) -> int:
     """Two samples a joint, the fewest that distinguish all triplets (thesis definition 2.3.4)."""
     return 2 * joints
@@ -89,6 +81,7 @@ def _require_sight(recording: MarkerRecording) -> None:
 
 
 def _require_motion(recording: MarkerRecording) -> list[str]:
+    """Sentences on what looks wrong in motions that are large enough."""
     sentences = []
     for name, q in zip(recording.joint_names, recording.q.T, strict=True):
         span = float(np.ptp(q))
@@ -181,7 +174,10 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
     thesis takes the first marker and joint that pass.
     """
     tolerance = tolerance or Tolerance()
-    warnings = check_recording(recording)
+    _require_samples(recording)
+    _require_distinct(recording)
+    _require_sight(recording)
+    warnings = _require_motion(recording)
     step = -(-len(recording) // LARGEST)
     recording = recording[::step]
     base = _base(recording, tolerance)
