@@ -68,14 +68,14 @@ class Simulate(options.Command):
         from mcpilco.files import csv_bytes, write_bytes
         from mcpilco.recordings import FORCE, columns_of
 
-        names = ["time", *columns_of(log.joints)]
-        table = [log.time]
-        for name_ in names[1:]:
-            joint = next(j for j in log.joints if name_.startswith(f"{j}_"))
-            column = getattr(log, name_.removeprefix(f"{joint}_"))
-            table.append(column[:, log.joints.index(joint)])
+        names, table = ["time"], [log.time]
+        for j, joint in enumerate(log.joints):
+            own = columns_of([joint])
+            names += own
+            table += [getattr(log, column.removeprefix(f"{joint}_"))[:, j] for column in own]
         if log.pushes:
-            names, table = [*names, *FORCE], [*table, *log.force.T]
+            names += FORCE
+            table += list(log.force.T)
         rows = np.round(np.column_stack(table), 7).tolist()
         write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
 
