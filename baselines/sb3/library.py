@@ -54,15 +54,11 @@ def vector_of(env: gym.Env, count: int, viewed: Callable[[gym.Env], gym.Env]) ->
             f"n_envs = {count} needs copies of the env, and it does not say how it is made; "
             "register it with Gymnasium and pass its id, or set n_envs to 1."
         )
-    all_envs = [env, *(_copy(env) for _ in range(count - 1))]
+    all_envs = [env]
+    for _ in range(count - 1):
+        assert env.spec is not None
+        all_envs.append(copy.copy(env) if isinstance(env, AbsentEnv) else gym.make(env.spec))
     return DummyVecEnv([functools.partial(viewed, one) for one in all_envs])
-
-
-def _copy(env: gym.Env) -> gym.Env:
-    if isinstance(env, AbsentEnv):
-        return copy.copy(env)
-    assert env.spec is not None, "vector_of has checked it"
-    return gym.make(env.spec)
 
 
 def quiet_logger() -> Logger:
@@ -274,20 +270,16 @@ class ViewedEnv(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        try:
+        with _blamed():
             observation, info = self.env.reset(seed=seed, options=options)
-        except Exception as error:
-            raise _blamed(error) from error
         return self._seen(observation), info
 
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, SupportsFloat, bool, bool, dict[str, Any]]:
         held = self.view.inputs(action).astype(self.env.action_space.dtype)
-        try:
+        with _blamed():
             observation, reward, terminated, truncated, info = self.env.step(held)
-        except Exception as error:
-            raise _blamed(error) from error
         if not np.isfinite(float(reward)):
             raise EnvError(f"The env must return finite rewards, got {reward}; check its cost.")
         return self._seen(observation), float(reward), terminated, truncated, info
@@ -302,8 +294,12 @@ class ViewedEnv(gym.Wrapper[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
         return features
 
 
-def _blamed(error: Exception) -> McPilcoError:
+@contextlib.contextmanager
+def _blamed() -> Iterator[None]:
     """The env is foreign code: whatever it raises is its own."""
-    if isinstance(error, McPilcoError):
-        return error
-    return EnvError(f"The env raised {type(error).__name__}: {error}; mend the env.")
+    try:
+        yield
+    except McPilcoError:
+        raise
+    except Exception as error:
+        raise EnvError(f"The env raised {type(error).__name__}: {error}; mend the env.") from error

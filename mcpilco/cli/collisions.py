@@ -45,11 +45,8 @@ class Simulate(options.Command):
         from envs.arms.sticky_arm import MODEL, StickyArm
         from mcpilco.files import make_folder, write_bytes
 
-        if self.moves < 1 or self.seed < 0:
-            raise InputError(
-                f"--moves must be at least 1 and --seed not negative, got {self.moves} and "
-                f"{self.seed}."
-            )
+        options.require_at_least(1, moves=self.moves)
+        options.require_at_least(0, seed=self.seed)
         names = ("arm.xml", "free.csv", "check.csv", "pushed.csv")
         make_folder(self.out, *names)
         options.require_new(*(self.out / name for name in names), remedy="name another folder")
@@ -61,7 +58,7 @@ class Simulate(options.Command):
         pushes = _pushes(targets, float(arm.model.dof_frictionloss[0]), rng)
         self._write("pushed", arm.follow(targets, rng, pushes))
         write_bytes(self.out / "arm.xml", MODEL.read_bytes())
-        print(f"In {self.out}: arm.xml, free.csv, check.csv, pushed.csv.")
+        print(f"In {self.out}: {', '.join(names)}.")
         return 0
 
     def _write(self, name: str, log: Any) -> None:
@@ -71,14 +68,14 @@ class Simulate(options.Command):
         from mcpilco.files import csv_bytes, write_bytes
         from mcpilco.recordings import FORCE, columns_of
 
-        names = ["time", *columns_of(log.joints)]
-        table = [log.time]
-        for name_ in names[1:]:
-            joint = next(j for j in log.joints if name_.startswith(f"{j}_"))
-            column = getattr(log, name_.removeprefix(f"{joint}_"))
-            table.append(column[:, log.joints.index(joint)])
+        names, table = ["time"], [log.time]
+        for j, joint in enumerate(log.joints):
+            own = columns_of([joint])
+            names += own
+            table += [getattr(log, column.removeprefix(f"{joint}_"))[:, j] for column in own]
         if log.pushes:
-            names, table = [*names, *FORCE], [*table, *log.force.T]
+            names += FORCE
+            table += list(log.force.T)
         rows = np.round(np.column_stack(table), 7).tolist()
         write_bytes(self.out / f"{name}.csv", csv_bytes(names, rows))
 
@@ -109,12 +106,14 @@ class Learn(options.Command):
 
     def __call__(self) -> int:
         options.use_one_thread()
-        from mcpilco.identification import collision
+        from mcpilco.identification import RigidBody, collision
+        from mcpilco.mjcf import load_mjcf
         from mcpilco.recordings import sampling_time
 
         if self.points < 100:
             raise InputError(f"--points must be at least 100, got {self.points}; try 1500.")
-        body = _robot(self.robot)
+        robot = load_mjcf(self.robot, "--robot must be an MJCF file")
+        body = RigidBody.of(robot, collision.CURRENT_TERMS)
         joints, named = body.chain.joints, options.column_names(self.columns)
         free = _read(self.recordings, joints, named, self.dt)
         dt = sampling_time(free[0].time) if self.dt is None else self.dt
@@ -126,8 +125,7 @@ class Learn(options.Command):
         limits = collision.thresholds(model, held, self.limits)
         collision.save_collision_model(self.out, model, limits)
         print(f"Learned from {len(train)} samples, thresholds from {len(held)}.")
-        _print_errors(model, held)
-        _print_thresholds(model, limits)
+        _print_fit(model, held, limits)
         options.warn(*report.warnings)
         if not report.converged:
             options.warn("the fit was stopped before it converged.")
@@ -156,8 +154,7 @@ class Threshold(options.Command):
         held, _ = _samples(read, model.config.window)
         limits = collision.thresholds(model, held, self.limits)
         collision.save_collision_model(self.model, model, limits)
-        _print_errors(model, held)
-        _print_thresholds(model, limits)
+        _print_fit(model, held, limits)
         return 0
 
 
@@ -176,6 +173,8 @@ class Detect(options.Command):
 
     def __call__(self) -> int:
         options.use_one_thread()
+        import numpy as np
+
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.identification.collision import detect, events, load_collision_model
         from mcpilco.recordings import arm_samples
@@ -190,7 +189,9 @@ class Detect(options.Command):
             samples = arm_samples(recording, model.config.window)
             found = detect(model, limits, samples)
             alarms = events(found, model.joints)
-            push = _force(recording, samples)
+            push = None
+            if recording.force is not None:
+                push = recording.force[np.searchsorted(recording.time, samples.time)]
             film = self.out / f"{recording.name}.rrd"
             chain = model.features.body.chain
             write_collision_film(film, recording.name, chain, samples, found, alarms, push)
@@ -218,14 +219,6 @@ class Collisions(options.Command):
 
 
 # Reading ------------------------------------------------------------------------------------------
-
-
-def _robot(path: Path) -> Any:
-    from mcpilco.identification import RigidBody
-    from mcpilco.identification.collision import CURRENT_TERMS
-    from mcpilco.mjcf import load_mjcf
-
-    return RigidBody.of(load_mjcf(path, "--robot must be an MJCF file"), terms=CURRENT_TERMS)
 
 
 def _read(
@@ -259,35 +252,27 @@ def _samples(
     return ArmSamples.joined(begun), ArmSamples.joined(ended)
 
 
-def _force(recording: ArmRecording, samples: ArmSamples) -> np.ndarray | None:
-    """The true force at each sample, where the file tells it."""
-    import numpy as np
-
-    if recording.force is None:
-        return None
-    return recording.force[np.searchsorted(recording.time, samples.time)]
-
-
 # Printing and tables ------------------------------------------------------------------------------
 
 
-def _print_errors(model: CurrentModel, held: ArmSamples) -> None:
+def _print_fit(model: CurrentModel, held: ArmSamples, limits: Thresholds) -> None:
+    """The errors on the samples that thresholds were set by, and these."""
     import numpy as np
 
     residual, still = held.i - model.mean(held), model.quiet(held)
+    told = {}
     for name, rows in (("in motion", ~still), ("at rest", still)):
         count = np.maximum(rows.sum(axis=0), 1)
-        error = np.sqrt((residual**2 * rows).sum(axis=0) / count)
-        shown = ", ".join(f"{j} {e:.3g}" for j, e in zip(model.joints, error, strict=True))
-        print(f"Error {name} [A]: {shown}")
-
-
-def _print_thresholds(model: CurrentModel, limits: Thresholds) -> None:
+        told[f"Error {name} [A]"] = np.sqrt((residual**2 * rows).sum(axis=0) / count)
     unit = "A" if limits.config.rule == "current" else "std"
-    kinds = {"in motion": limits.moving, "at rest": limits.resting}
-    for name, values in kinds.items() if limits.config.by_phase else (("", limits.moving),):
-        shown = ", ".join(f"{j} {v:.3g}" for j, v in zip(model.joints, values, strict=True))
-        print(f"Thresholds {f'{name} ' if name else ''}[{unit}]: {shown}")
+    if limits.config.by_phase:
+        told[f"Thresholds in motion [{unit}]"] = limits.moving
+        told[f"Thresholds at rest [{unit}]"] = limits.resting
+    else:
+        told[f"Thresholds [{unit}]"] = limits.moving
+    for what, values in told.items():
+        shown = (f"{j} {value:.3g}" for j, value in zip(model.joints, values, strict=True))
+        print(f"{what}: {', '.join(shown)}")
 
 
 def _print_alarms(name: str, alarms: Sequence[Event]) -> None:

@@ -71,7 +71,6 @@ class Cross(options.OnMachine):
         options.register(self.env, self.sim, self.algo)
         options.use_one_thread()
         with self.met(self.out / "machine"):
-            self._check()
             return self._cross()
 
     def _cross(self) -> int:
@@ -162,13 +161,27 @@ class Cross(options.OnMachine):
 
     def _workflow(self) -> Workflow:
         from envs import plant_named
+        from mcpilco.agent import make_env
         from mcpilco.crossing import CrossingSettings, Place, Workflow
 
         plant = plant_named("--sim", self.sim, simulated=True)
+        options.require_at_least(
+            1,
+            trials=self.trials,
+            episodes=self.episodes,
+            rollouts=self.rollouts,
+            attempts=self.attempts,
+        )
         sim_kwargs = options.keywords("--sim-kwargs", self.sim_kwargs)
+        if "effects" in sim_kwargs:
+            raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
+        make_env(self.sim, **{**sim_kwargs, "effects": None}).close()
+        system, keywords = self._system()
+        if not (self.out / "cross.json").exists():
+            make_env(system, **keywords).close()
         nominal = [e for e in self.sim_kwargs if e.partition("=")[0] in plant.values]
         settings = CrossingSettings(
-            system=Place(*self._system()),
+            system=Place(system, keywords),
             simulation=Place(self.sim, sim_kwargs),
             seconds=self.seconds,
             rollouts=self.rollouts,
@@ -194,26 +207,6 @@ class Cross(options.OnMachine):
         settings["machine"] = self.machine is not None  # not where: that is typed each time
         settings["env_kwargs"] = options.keywords("--env-kwargs", self.env_kwargs)
         return settings
-
-    def _check(self) -> None:
-        from envs import plant_named
-        from mcpilco.agent import make_env
-
-        plant_named("--sim", self.sim, simulated=True)
-        options.require_at_least(
-            1,
-            trials=self.trials,
-            episodes=self.episodes,
-            rollouts=self.rollouts,
-            attempts=self.attempts,
-        )
-        given = options.keywords("--sim-kwargs", self.sim_kwargs)
-        if "effects" in given:
-            raise InputError("--sim-kwargs must leave out effects: they are what is looked for.")
-        make_env(self.sim, **{**given, "effects": None}).close()
-        if not (self.out / "cross.json").exists():
-            name, keywords = self._system()
-            make_env(name, **keywords).close()
 
     def _system(self) -> tuple[str, dict[str, Any]]:
         """Id and keywords of the system's env; a machine is of the kind that --sim simulates."""

@@ -83,21 +83,22 @@ class Doctor(options.Command):
 
 def examine() -> Iterator[Finding]:
     """Everything that is looked at, in the order in which it fails most often."""
-    yield _python()
+    fix = "" if sys.version_info >= (3, 11) else "install Python 3.11 or later"
+    yield Finding("Python", f"{python_version()} on {platform(terse=True)}, {machine()}", fix)
     yield from _packages()
-    yield _threads()
+    affinity = getattr(os, "sched_getaffinity", None)
+    cores = len(affinity(0)) if affinity else os.cpu_count()
+    about = f"{cores} cores; each command computes on one, run seeds side by side"
+    yield Finding("processor", about)
     yield _environment()
     yield _compiler()
     yield _gl()
     yield _viewer()
     yield _window()
-    yield _disk()
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    fix = "" if free >= _LEAST_FREE_GB else f"free at least {_LEAST_FREE_GB:g} GB"
+    yield Finding("disk", f"{free:.1f} GB free in {Path.cwd()}", fix)
     yield _writes()
-
-
-def _python() -> Finding:
-    fix = "" if sys.version_info >= (3, 11) else "install Python 3.11 or later"
-    return Finding("Python", f"{python_version()} on {platform(terse=True)}, {machine()}", fix)
 
 
 def _packages() -> Iterator[Finding]:
@@ -117,27 +118,20 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _threads() -> Finding:
-    affinity = getattr(os, "sched_getaffinity", None)
-    cores = len(affinity(0)) if affinity else os.cpu_count()
-    return Finding(
-        "processor", f"{cores} cores; each command computes on one, run seeds side by side"
-    )
-
-
 def _environment() -> Finding:
     """Can the cart-pole be made and stepped?"""
     code = (
         "import envs, gymnasium as gym; e = gym.make('mcpilco/CartPoleSwingUp-v0');"
         "e.reset(seed=0); e.step(e.action_space.sample()); print(e.spec.id)"
     )
-    ok, said = _python_says(code)
+    ok, said = _says([sys.executable, "-c", code])
     return Finding("env", said, "" if ok else "install mcpilco again: pip install .")
 
 
 def _compiler() -> Finding:
     """Does numba compile a loop here?"""
-    ok, said = _python_says("import numba; print(numba.njit(lambda x: x + 1)(1) == 2)")
+    code = "import numba; print(numba.njit(lambda x: x + 1)(1) == 2)"
+    ok, said = _says([sys.executable, "-c", code])
     fix = "" if ok and said == "True" else "pip install --force-reinstall numba"
     return Finding("numba compiles", "yes" if not fix else said, fix)
 
@@ -148,7 +142,7 @@ def _gl() -> Finding:
         "import envs, gymnasium as gym; e = gym.make('mcpilco/MujocoCartPoleSwingUp-v0',"
         "render_mode='rgb_array'); e.reset(seed=0); e.render(); print('works')"
     )
-    ok, said = _python_says(code)
+    ok, said = _says([sys.executable, "-c", code])
     fix = "for pictures of MuJoCo envs: apt-get install libegl1 libgl1-mesa-dri"
     return Finding("MuJoCo draws", said, "" if ok else fix, needed=False)
 
@@ -170,12 +164,6 @@ def _window() -> Finding:
     return Finding("display", "none", "use mcpilco view --web or --screenshot", needed=False)
 
 
-def _disk() -> Finding:
-    free = shutil.disk_usage(Path.cwd()).free / 1e9
-    fix = "" if free >= _LEAST_FREE_GB else f"free at least {_LEAST_FREE_GB:g} GB"
-    return Finding("disk", f"{free:.1f} GB free in {Path.cwd()}", fix)
-
-
 def _writes() -> Finding:
     """May a run folder be made in the present folder?"""
     try:
@@ -184,10 +172,6 @@ def _writes() -> Finding:
     except OSError as error:
         fix = "change to a folder that you may write to, or pass --out"
         return Finding("run folders", error.strerror or str(error), fix)
-
-
-def _python_says(code: str) -> tuple[bool, str]:
-    return _says([sys.executable, "-c", code])
 
 
 def _says(command: list[str]) -> tuple[bool, str]:

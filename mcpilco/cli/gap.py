@@ -84,7 +84,7 @@ class Gap(options.Command):
     def __call__(self) -> int:
         """Investigate, and return the exit code."""
         options.use_one_thread()
-        options.register("" if self._is_file else self.plant)
+        options.register("" if options.is_model(self.plant) else self.plant)
         stages = Stages()
         try:
             with stages.shown(self.quiet):
@@ -94,14 +94,15 @@ class Gap(options.Command):
             return 130
 
     def _investigate(self, stages: Stages) -> int:
+        from envs import plant_named
         from mcpilco.files import make_folder, write_bytes
         from mcpilco.gap import investigate, repetitions, require_plausible, suspicions, write_json
         from mcpilco.plant import correction_of, write_correction
         from mcpilco.recordings import read_for_plant
 
-        nominal = self._plant()
+        nominal = plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
         plant = nominal.where(**options.named_numbers("--set", self.set))
-        if self._is_file:
+        if options.is_model(self.plant):
             print(f"{plant.name} is simulated by {plant.simulated_by}.", file=sys.stderr)
         if not self.overwrite:
             options.require_new(*(self.out / name for name in FILES), remedy=REMEDY)
@@ -139,7 +140,7 @@ class Gap(options.Command):
             for name, correction in corrections.items():
                 write_correction(self.out / name, correction)
             written += corrections
-            if self._is_file:
+            if options.is_model(self.plant):
                 written += self._write_mjcf(gap, nominal)
         if self.stability:
             stages.begin("repetitions")
@@ -192,17 +193,6 @@ class Gap(options.Command):
             actions: Any = env.action_space
             return [float(high) for high in actions.high]
 
-    @property
-    def _is_file(self) -> bool:
-        from envs import MODELS
-
-        return self.plant.endswith(MODELS)
-
-    def _plant(self) -> Plant:
-        from envs import plant_named
-
-        return plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
-
 
 def show_gap(
     gap: Investigated,
@@ -227,7 +217,7 @@ def show_gap(
         try:
             written.append(write(gap, out / name).name)
         except McPilcoError as error:
-            print(f"mcpilco: without {name}: {error}", file=sys.stderr)
+            options.warn(f"without {name}: {error}")
             code = max(code, int(isinstance(error, RunFolderError)))  # not where an extra lacks
     begin("")
     print(f"In {out}: {', '.join(written)}.")
@@ -246,21 +236,25 @@ class Stages(logging.Handler):
         self.stage = ""
         """the present one"""
         self._since = 0.0
-        self._show: Callable[[str, float | None], None] = lambda name, seconds: None
+        self._bar: Any = None
 
     def emit(self, record: logging.LogRecord) -> None:
         self.begin(record.getMessage(), getattr(record, "found", ()))
 
     def begin(self, name: str, found: Sequence[str] = ()) -> None:
         """End the present stage, and begin another; the empty name begins none."""
-        now = time.monotonic()
+        now, bar = time.monotonic(), self._bar
+        for task in bar.task_ids if bar else ():
+            bar.remove_task(task)
         if self.stage:
             seconds = round(now - self._since, 1)
             self.done.append({"stage": self.stage, "seconds": seconds, "effects": list(found)})
-            self._show(self.stage, seconds)
+            if bar:
+                line = f"{self.stage}: {seconds:.1f} s"
+                bar.console.print(line, highlight=False, soft_wrap=True)
         self.stage, self._since = name, now
-        if name:
-            self._show(name, None)
+        if name and bar:
+            bar.add_task(name)
 
     @contextlib.contextmanager
     def shown(self, quiet: bool) -> Iterator[None]:
@@ -273,17 +267,7 @@ class Stages(logging.Handler):
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
         log = logging.getLogger("mcpilco.gap")
         level = log.level
-        with Progress(*columns, console=console, disable=not moving, transient=True) as bar:
-
-            def show(name: str, seconds: float | None) -> None:
-                for task in bar.task_ids:
-                    bar.remove_task(task)
-                if seconds is None:
-                    bar.add_task(name)
-                else:
-                    console.print(f"{name}: {seconds:.1f} s", highlight=False, soft_wrap=True)
-
-            self._show = show
+        with Progress(*columns, console=console, disable=not moving, transient=True) as self._bar:
             log.addHandler(self)
             log.setLevel(logging.INFO)
             try:

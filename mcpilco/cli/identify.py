@@ -32,8 +32,7 @@ Method = Literal[
     "VB-b_true",
 ]
 """names of methods on the command line, without spaces"""
-METHOD_NAMES = {name: name.replace("-", " ") for name in ("JFA-b_true", "VB-b_noise", "VB-b_true")}
-"""where they differ from those of the package"""
+
 Term = Literal["viscous", "coulomb", "armature", "stiffness", "offset"]
 """what a joint may have besides its body"""
 
@@ -73,8 +72,9 @@ class Identify(options.Command):
 
     def __call__(self) -> int:
         options.use_one_thread()
-        options.register("" if self._is_file else self.model)
+        options.register("" if options.is_model(self.model) else self.model)
         from mcpilco.files import make_folder, write_bytes
+        from mcpilco.identification import write_identified_mjcf
 
         with tempfile.TemporaryDirectory() as folder:
             source, plant, columns = self._source(Path(folder))
@@ -82,21 +82,19 @@ class Identify(options.Command):
             for line in lines(found):
                 print(line)
             make_folder(self.out, "identified.json", "identified.xml")
-            written = self._write_mjcf(source, found)
+            written = ["identified.json"]
+            with options.without("identified.xml"):
+                path = self.out / "identified.xml"
+                write_identified_mjcf(source, found.body, found.theta, path)
+                written.append(path.name)
         told = self._prior(plant, found) | {"about": as_json(found)}
         write_bytes(self.out / "identified.json", json.dumps(told, indent=1).encode())
-        print(f"In {self.out}: {', '.join(['identified.json', *written])}.")
+        print(f"In {self.out}: {', '.join(written)}.")
         return 0
-
-    @property
-    def _is_file(self) -> bool:
-        from envs import MODELS
-
-        return self.model.endswith(MODELS)
 
     def _source(self, folder: Path) -> tuple[Path, Any, dict[str, str]]:
         """The robot's MJCF, the plant where it is a registered one, and its names of columns."""
-        if self._is_file:
+        if options.is_model(self.model):
             return Path(self.model), None, {}
         from envs import plant_named
         from mcpilco.files import write_bytes
@@ -130,7 +128,8 @@ class Identify(options.Command):
         from mcpilco.recordings import load_robot, read_robot
 
         model = load_robot(source)
-        recipe = Recipe(METHOD_NAMES.get(self.method, self.method), self.projection, self.rows)
+        method = self.method.replace("-b_", " b_")  # as the package calls it
+        recipe = Recipe(method, self.projection, self.rows)
         segments, errors, remarks = read_robot(
             self.recordings, model, columns | options.column_names(self.columns), self.dt
         )
@@ -153,15 +152,6 @@ class Identify(options.Command):
             )
         options.warn(*{str(warning.message) for warning in told}, about=self.method)
         return found
-
-    def _write_mjcf(self, source: Path, found: Identified) -> list[str]:
-        from mcpilco.identification import write_identified_mjcf
-
-        path = self.out / "identified.xml"
-        with options.without("identified.xml"):
-            write_identified_mjcf(source, found.body, found.theta, path)
-            return [path.name]
-        return []
 
 
 def lines(found: Identified) -> Iterator[str]:

@@ -55,10 +55,11 @@ class InverseDynamics(options.Command):
             fit_inverse_dynamics,
             save_inverse_dynamics,
         )
+        from mcpilco.mjcf import chain_of, load_mjcf
 
         if not self.recordings:
             raise InputError("expected at least one recording, got none; name a CSV file.")
-        chain = self._chain()
+        chain = None if self.model is None else chain_of(load_mjcf(self.model))
         train, test = self._data(chain)
         model = fit_inverse_dynamics(
             train.thinned(self.samples),
@@ -80,13 +81,6 @@ class InverseDynamics(options.Command):
             print(warning, file=sys.stderr)
         print(f"In {self.out}: {', '.join(written)}.")
         return 0
-
-    def _chain(self) -> Chain | None:
-        if self.model is None:
-            return None
-        from mcpilco.mjcf import chain_of, load_mjcf
-
-        return chain_of(load_mjcf(self.model))
 
     def _data(self, chain: Chain | None) -> tuple[JointData, JointData]:
         from mcpilco.recordings import (

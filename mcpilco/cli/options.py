@@ -73,6 +73,13 @@ def require_at_least(least: int, **values: int | None) -> None:
             raise InputError(f"--{name} must {expected}, got {value}.")
 
 
+def is_model(plant: str) -> bool:
+    """Whether this names the file of a model, and no registered plant."""
+    from envs import MODELS
+
+    return plant.endswith(MODELS)
+
+
 def require_new(*paths: Path, remedy: str) -> None:
     """Raises RecordingError where a file is there already; `remedy` says what to do then."""
     for path in paths:

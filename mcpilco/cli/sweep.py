@@ -44,12 +44,14 @@ class Sweep(Learning):
         if self.engine == "ray" and self.workers is not None:
             raise InputError("--workers is for the engine local; Ray takes all cores it has.")
         from mcpilco import sweep
-        from mcpilco.agent import with_package
+        from mcpilco.agent import make_env, with_package
 
         seeds = sweep.parse_seeds(self.seeds)
         register(self.env, self.algo)
         config, env_kwargs = self.numbers()
-        self._check(config, env_kwargs)
+        use_one_thread()
+        with contextlib.closing(make_env(self.env, **env_kwargs)) as made:
+            self.agent(made, config)  # raises where every seed would fail the same way
 
         # `module:name` tells each process, on whatever machine, where something is registered
         env = self.env if ":" in self.env else f"envs:{self.env}"
@@ -75,14 +77,6 @@ class Sweep(Learning):
         print(f"Sweep folder: {shlex.quote(str(self.out))}")
         failed = summary["failed"].keys() & {str(seed) for seed in seeds}
         return 1 if failed else 0
-
-    def _check(self, config: Any, env_kwargs: dict[str, Any]) -> None:
-        """Raises McPilcoError where every seed would fail the same way."""
-        from mcpilco.agent import make_env
-
-        use_one_thread()
-        with contextlib.closing(make_env(self.env, **env_kwargs)) as env:
-            self.agent(env, config)
 
 
 def _print_table(summary: Any) -> None:

@@ -60,7 +60,11 @@ class View(Command):
 
         for film in (self.run, *(self.run / name for name in FILMS)):
             if film.suffix == ".rrd" and film.is_file():
-                self._show_film(film)
+                if self.other or self.video or self.live or self.trial is not None:
+                    raise InputError(
+                        f"{film} is no run: it takes no RUN_B, --trial, --video or --live."
+                    )
+                self._show(film, lambda: _FIRST_WINDOW_S)
                 return 0
         runs = [RunFolder.open(path) for path in (self.run, self.other) if path is not None]
         if self.video is not None:
@@ -90,12 +94,6 @@ class View(Command):
         else:
             at = end_s() if self.at is None else self.at
             print(screenshot(recording, self.screenshot, at))
-
-    def _show_film(self, film: Path) -> None:
-        """Show the film of another command; a picture is of the end of its first window."""
-        if self.other or self.video or self.live or self.trial is not None:
-            raise InputError(f"{film} is no run: it takes no RUN_B, --trial, --video or --live.")
-        self._show(film, lambda: _FIRST_WINDOW_S)
 
     def _follow(self, runs: list[Any]) -> None:
         """Show what a run learns, until the viewer is closed."""

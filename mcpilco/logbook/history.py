@@ -118,19 +118,15 @@ def read_history(run: RunFolder) -> History:
     except RunFolderError as error:
         problems.append(str(error))
         rows = {}
+    modelled = any(row["predicted_cost"] is not None for row in rows.values())
+    explored = modelled or not rows or run.arrays_path(0, "rollout").parent.exists()
     trials = []
-    for number in [*_explorations(run, rows), *rows]:
+    for number in [*([0] if explored else ()), *rows]:  # who learns no model begins without
         try:
             trials.append(read_trial(run, task, number, rows.get(number, {})))
         except RunFolderError as error:
             problems.append(str(error))
     return History(run, task, tuple(trials), tuple(problems))
-
-
-def _explorations(run: RunFolder, rows: Mapping[int, Mapping[str, Any]]) -> list[int]:
-    """The number of the exploration, where there was one: who learns no model begins without."""
-    modelled = any(row["predicted_cost"] is not None for row in rows.values())
-    return [0] if modelled or not rows or run.arrays_path(0, "rollout").parent.exists() else []
 
 
 def read_task(run: RunFolder) -> TaskSpec:
@@ -168,15 +164,10 @@ def read_trial(run: RunFolder, task: TaskSpec, number: int, row: Mapping[str, An
             prediction = _prediction(run.read_arrays(number, "particles"), rollout)
     except (KeyError, ValueError, TypeError) as error:
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error
-    return PastTrial(number, rollout, costs, prediction, {**row, **_spread(run, number)})
-
-
-def _spread(run: RunFolder, number: int) -> dict[str, float]:
-    """The standard deviation of a trial's predicted cost, which metrics.csv does not hold."""
-    with contextlib.suppress(RunFolderError):
+    with contextlib.suppress(RunFolderError):  # metrics.csv does not hold it
         std = run.result(number).get("predicted_cost_std")
-        return {"predicted_cost_std": std} if isinstance(std, float) else {}
-    return {}
+        row = {**row, "predicted_cost_std": std} if isinstance(std, float) else row
+    return PastTrial(number, rollout, costs, prediction, row)
 
 
 def read_transitions(run: RunFolder, number: int) -> Transitions:

@@ -272,9 +272,8 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
             )
         numbers = {name: value for name, value in asdict(settings).items() if name != "inputs"}
         safe = np.clip(np.zeros(len(task.input_names)), *input_bounds(self)).tolist()
-        return {**numbers, "states": states, "names": task.input_names, "pairs": pairs} | {
-            "safe": safe
-        }
+        names = {"states": states, "names": task.input_names, "pairs": pairs}
+        return {**numbers, **names, "safe": safe}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -294,13 +293,15 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
         self._step = 0
         if self._judge is not None:
             self._judge.restart()
-        self._last = self._observed(answer)
+        self._last = np.array(answer["values"])
         return self._last, self._info(answer)
 
     def _begun(self) -> dict[str, Any]:
         self._met.open(self._told)
         self._met.send({"do": "begin", "ticks": self._ticks, "log": self._met.new_log()})
-        _collect()  # on the machine's way to its start
+        gc.unfreeze()  # on the machine's way to its start memory is cleared: what is left then
+        gc.collect()
+        gc.freeze()  # costs the collections of an episode no time
         while True:
             answer = self._met.hear(self.settings.homing + 2 * PATIENCE_S)
             if answer["is"] in ("ready", "silent", "homing", "stopped"):
@@ -326,7 +327,7 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
             self._step = None
             raise self._fault(answer)
         self._step = None if limit else self._step + 1
-        observed = self._observed(answer)
+        observed = np.array(answer["values"])
         reward = self._judged(answer["path"] or [answer["values"]], inputs)
         self._last = observed
         info = self._info(answer)
@@ -341,9 +342,6 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
             with contextlib.suppress(EnvError):
                 self._met.send({"do": "end"})
         gc.unfreeze()
-
-    def _observed(self, answer: Mapping[str, Any]) -> Float[np.ndarray, " Y"]:
-        return np.array(answer["values"])
 
     def _judged(self, path: Sequence[Sequence[float]], inputs: Float[np.ndarray, " U"]) -> float:
         """The reward of a step, whose measurements the judge has seen."""
@@ -383,13 +381,6 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
             f"{told} Look at it, then give the same command again; what was measured before is "
             "kept."
         )
-
-
-def _collect() -> None:
-    """Clears memory before an episode; what is left costs its garbage collections no time."""
-    gc.unfreeze()
-    gc.collect()
-    gc.freeze()
 
 
 def register() -> None:

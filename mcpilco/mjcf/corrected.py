@@ -59,21 +59,19 @@ def write_corrected_mjcf(
     plant = plant or read_plant(source)
     whole = corrected(plant, correction)
     spec = mujoco.MjSpec.from_file(str(source))
-    simulated = isinstance(whole, MujocoPlant)
-    model = _FilteredModel(spec, plant.layout) if simulated else CorrectedModel(spec, plant.layout)
+    filtered = whole if isinstance(whole, MujocoPlant) else None
+    model = (CorrectedModel if filtered is None else _FilteredModel)(spec, plant.layout)
     for name, value in correction.parameters.items():
         model.set(name, value)
-    said = [
-        effect
-        for effect in correction.effects
-        if not isinstance(whole, MujocoPlant)
-        or whole.says(EffectInstance(effect.effect, effect.target))
-    ]
-    left = [sentence for effect in said if (sentence := model.add(effect))]
+    left = []
+    for effect in correction.effects:
+        said = filtered is None or filtered.says(EffectInstance(effect.effect, effect.target))
+        if said and (sentence := model.add(effect)):
+            left.append(sentence)
     model.finish()
     save_mjcf(model.spec, source, path)
-    if isinstance(whole, MujocoPlant):
-        return [*left, *write_callbacks(path.with_suffix(".py"), whole)]
+    if filtered is not None:
+        return [*left, *write_callbacks(path.with_suffix(".py"), filtered)]
     return [*left, *(f"MJCF cannot say the {force}; {LEARNED}." for force in correction.learned)]
 
 
@@ -104,18 +102,14 @@ def _sharpened(xml: str, spec: mujoco.MjSpec) -> bytes:
     root = ElementTree.fromstring(xml)
     world = root.find("worldbody")
     for tag, elements, names in (
-        ("body", spec.bodies, {"pos": "pos"}),
-        ("geom", spec.geoms, {name: name for name in ("pos", "friction", "solref")}),
-        (
-            "joint",
-            spec.joints,
-            {name: name for name in ("damping", "stiffness", "armature", "frictionloss")},
-        ),
+        ("body", spec.bodies, ("pos",)),
+        ("geom", spec.geoms, ("pos", "friction", "solref")),
+        ("joint", spec.joints, ("damping", "stiffness", "armature", "frictionloss")),
     ):
         nodes = [] if world is None else [n for n in world.iter() if n.tag in (tag, f"free{tag}")]
         ordered = sorted(elements, key=lambda element: element.id)[tag == "body" :]
         for node, element in zip(nodes, ordered, strict=True) if len(nodes) == len(ordered) else ():
-            _sharpen(node, element, names)
+            _sharpen(node, element, dict(zip(names, names, strict=True)))
             inertial = node.find("inertial")
             if tag == "body" and inertial is not None:
                 own = {"mass": "mass", "pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from mcpilco.typing import InputError, RecordingError
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """what the names of a marker's columns end in: position [m], unit quaternion, in the camera"""
 _MARKER = re.compile(rf"(.+)_({'|'.join(POSE)})")
+Columns = Mapping[str, Float[np.ndarray, " _"]]
 _UNIT = 0.05
 """how far from 1 the length of a quaternion may be; it is normalised [-]"""
 
@@ -73,22 +74,24 @@ def marker_recording(columns: Mapping[str, Float[np.ndarray, " N"]]) -> MarkerRe
         InputError: a column is missing, or holds what is no time, pose or joint position.
     """
     if "time" not in columns:
-        raise InputError(f"expected a column `time` [s], got {_listed(columns)}; add or rename it.")
+        raise InputError(
+            f"expected a column `time` [s], got {', '.join(columns)}; add or rename it."
+        )
     parts = {name: _MARKER.fullmatch(name) for name in columns}
     markers = tuple(dict.fromkeys(match[1] for match in parts.values() if match))
     joints = tuple(name for name, match in parts.items() if name != "time" and not match)
     for marker in markers:
-        missing = [end for end in POSE if f"{marker}_{end}" not in columns]
-        if missing:
+        names = [f"{marker}_{end}" for end in POSE]
+        if missing := [name for name in names if name not in columns]:
             raise InputError(
-                f"marker {marker} needs the columns {_listed(f'{marker}_{e}' for e in POSE)}; "
-                f"{_listed(f'{marker}_{end}' for end in missing)} missing."
+                f"marker {marker} needs the columns {', '.join(names)}; {', '.join(missing)} "
+                "missing."
             )
     if len(markers) < 2 or not joints:
         raise InputError(
             f"expected poses of two markers at least and a joint, got the markers "
-            f"{_listed(markers) or 'none'} and the joints {_listed(joints) or 'none'}; a marker's "
-            f"columns are NAME_x, NAME_y, NAME_z, NAME_qw, NAME_qx, NAME_qy, NAME_qz."
+            f"{', '.join(markers) or 'none'} and the joints {', '.join(joints) or 'none'}; a "
+            "marker's columns are NAME_x, NAME_y, NAME_z, NAME_qw, NAME_qx, NAME_qy, NAME_qz."
         )
     poses = np.stack(
         [np.stack([columns[f"{marker}_{end}"] for end in POSE], -1) for marker in markers], 1
@@ -129,13 +132,6 @@ def _require_finite(name: str, column: Float[np.ndarray, " N"]) -> None:
             f"{name}, sample {missing[0]}: expected a number, got {column[missing[0]]}; remove the "
             f"{len(missing)} samples without one (a marker that is not seen may be left empty)."
         )
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
-
-
-Columns = dict[str, Float[np.ndarray, " _"]]
 
 
 def read_markers(*paths: str | Path) -> tuple[MarkerRecording, tuple[str, ...]]:
@@ -183,11 +179,7 @@ def _columns(rows: LogRows) -> Columns:
     return {"time": rows.stamps} | dict(zip(names, rows.columns(names).T, strict=True))
 
 
-def _joined(
-    poses: Mapping[str, Float[np.ndarray, " _"]],
-    joints: Mapping[str, Float[np.ndarray, " _"]],
-    files: str,
-) -> tuple[Columns, tuple[str, ...]]:
+def _joined(poses: Columns, joints: Columns, files: str) -> tuple[Columns, tuple[str, ...]]:
     """Joints at the times of the poses, by linear interpolation."""
     mixed = [name for name in poses if name != "time" and not is_pose(name)]
     if mixed or any(map(is_pose, joints)):

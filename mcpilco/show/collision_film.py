@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,13 +37,13 @@ IN_WORDS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Timed(Track):
     """Entities along samples that need not be evenly spaced."""
 
-    times: np.ndarray = field(default_factory=lambda: np.empty(0))
+    times: np.ndarray
     """of the samples [s]"""
-    steps: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
+    steps: np.ndarray
     """their numbers"""
 
     def moving(self, path: str, first: int, rows: int, columns: rr.ComponentColumnList) -> None:
@@ -77,8 +77,10 @@ def write_collision_film(
     links = np.stack([poses[body.name].translation for body in chain.bodies], axis=1)
     extent = np.concatenate([links.reshape(-1, 3), scene.marker(states)])
     dt = float(np.median(np.diff(samples.time)))
+    kinds = {CURRENTS: "current", RESIDUALS: "residual"}
+    titles = {entity(k, j): f"{j}: {word} [A]" for j in chain.joints for k, word in kinds.items()}
     with new_recording(path, name, (samples.i, found.expected)) as rec:
-        rec.send_blueprint(build_watch(_titles(chain.joints), extent))
+        rec.send_blueprint(build_watch(titles, extent))
         rec.send_recording_name(name)
         track = _Timed(rec, dt, times=samples.time, steps=np.arange(len(samples)))
         track.still(ABOUT, rr.TextDocument(_notes(name, told), media_type="text/markdown"))
@@ -89,11 +91,6 @@ def write_collision_film(
         for j, joint in enumerate(chain.joints):
             _log_joint(track, joint, j, samples, found)
     return path
-
-
-def _titles(joints: Sequence[str]) -> dict[str, str]:
-    kinds = ((CURRENTS, "current"), (RESIDUALS, "residual"))
-    return {entity(kind, j): f"{j}: {word} [A]" for j in joints for kind, word in kinds}
 
 
 def _notes(name: str, told: Sequence[Event]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,8 +39,9 @@ def write_comparison(found: sweep.LineUp, out: Path) -> list[Path]:
     """Write tables and pictures; returns their paths, that of the page first.
 
     comparison.md      all tables
-    comparison.csv     statistics over seeds: a row a run, measure, statistic and amount
-    differences.csv    the same of differences between two runs, seed by seed
+    comparison.csv     statistics over seeds: a row a run, measure, statistic and amount; shares
+                       in percent
+    differences.csv    the same of differences between two runs, `run` minus `other`, seed by seed
     seeds.csv          what each seed reached
     curves.png         learning curves
     seeds.png          how the seeds are spread
@@ -55,8 +57,8 @@ def write_comparison(found: sweep.LineUp, out: Path) -> list[Path]:
     *tables, curves, seeds = (out / name for name in _FILES)
     contents = (
         page(found, rows, gains).encode(),
-        estimates_csv(rows),
-        differences_csv(gains),
+        _csv(_COLUMNS, ((row.run, *_cells(row)) for row in rows)),
+        _csv(("run", "other", *_COLUMNS[1:]), ((r.run, r.other, *_cells(r)) for r in gains)),
         seeds_csv(found.runs),
     )
     written = [write_bytes(path, content) for path, content in zip(tables, contents, strict=True)]
@@ -78,17 +80,6 @@ def seeds_csv(runs: Sequence[sweep.Run]) -> bytes:
             table = zip(course.experience_s, *columns, strict=True)
             rows += [(run.name, seed, k, *values) for k, values in enumerate(table, start=1)]
     return _csv(("run", "seed", "trial", "experience_s", *names), rows)
-
-
-def estimates_csv(rows: Iterable[sweep.Row]) -> bytes:
-    """Statistics over seeds; shares in percent."""
-    return _csv(_COLUMNS, ((row.run, *_cells(row)) for row in rows))
-
-
-def differences_csv(rows: Iterable[sweep.Row]) -> bytes:
-    """Paired differences, `run` minus `other`."""
-    header = ("run", "other", *_COLUMNS[1:])
-    return _csv(header, ((row.run, row.other, *_cells(row)) for row in rows))
 
 
 def page(found: sweep.LineUp, rows: Sequence[sweep.Row], gains: Sequence[sweep.Row]) -> str:
@@ -220,14 +211,17 @@ def write_curves(path: Path, runs: Sequence[sweep.Run], rows: Sequence[sweep.Row
     """Learning curves, a panel a measure, with the intervals over seeds as bands."""
     panels = []
     for measure in sweep.measures(runs):
-        curves = {
-            place: curve
-            for place, run in enumerate(runs)
-            if (curve := _curve(run.name, measure, rows)) is not None
-        }
+        curves = {}
+        for place, run in enumerate(runs):
+            wanted = run.name, measure, measure.statistics[0]
+            mine = [r for r in rows if (r.run, r.measure, r.statistic) == wanted]
+            found = [(r.experience_s, r.estimate) for r in mine]
+            told = [(after, e.value, e.low, e.high) for after, e in found]
+            if told:
+                curves[place] = Curve(run.name, *np.array(told, dtype=float).T)
         if curves:
             label = measure.title if measure.statistics[0] == "mean" else f"{measure.title}, IQM"
-            panels.append(lambda ax, c=curves, label=label: plot_curves(c, label, ax))
+            panels.append(partial(plot_curves, curves, label))
     return _write(path, panels, legend=True)
 
 
@@ -243,17 +237,8 @@ def write_seeds(path: Path, runs: Sequence[sweep.Run]) -> Path:
             if values:
                 reached[place] = f"{run.name}, {amount:g} s", values
         if reached:
-            panels.append(lambda ax, r=reached, m=measure: plot_seeds(r, m.title, ax))
+            panels.append(partial(plot_seeds, reached, measure.title))
     return _write(path, panels)
-
-
-def _curve(name: str, measure: sweep.Measure, rows: Sequence[sweep.Row]) -> Curve | None:
-    wanted = name, measure, measure.statistics[0]
-    mine = [row for row in rows if (row.run, row.measure, row.statistic) == wanted]
-    if not mine:
-        return None
-    told = [(r.experience_s, r.estimate.value, r.estimate.low, r.estimate.high) for r in mine]
-    return Curve(name, *np.array(told, dtype=float).T)
 
 
 def _write(path: Path, panels: Sequence[Callable[[Axes], object]], legend: bool = False) -> Path:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import rerun as rr
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from mcpilco.data import Prediction, Rollout
+from mcpilco.gp import evenly_spaced
 from mcpilco.show.blueprint import COST, INPUTS, STATES, TIMELINE, WORLD, entity
 from mcpilco.show.scene import Scene, Shape
 from mcpilco.task import TaskSpec
@@ -148,7 +150,7 @@ def log_particles(track: Track, scene: Scene, prediction: Prediction) -> None:
     )
     points = rr.Points3D.columns(positions=markers.reshape(-1, 3)).partition([particles] * rows)
     track.moving(path, 0, rows, points)
-    shown = markers[:, _some(particles, _TAILS)]
+    shown = markers[:, evenly_spaced(particles, _TAILS)]
     log_tails(track, track.under(WORLD, "particle_tails"), shown, track.colors.tails, 0.5)
 
 
@@ -175,23 +177,18 @@ def log_curves(
     """States between steps, inputs held through each step, costs at the end of each."""
     for i, name in enumerate(task.state_names):
         if prediction is not None:
-            particles = prediction.states[:, :, i]
-            _log_spread(
-                track, track.under(STATES, name), 0, particles, np.median(particles, axis=1)
-            )
+            _log_spread(track, track.under(STATES, name), prediction.states[:, :, i])
         if rollout.states is not None or track.colors.observed is None:
             log_line(track, track.under(STATES, name, "system"), 0, rollout.shown_states[:, i])
         _log_perceived(track, task, rollout, i)
     for i, name in enumerate(task.input_names):
         if prediction is not None:
             particles = prediction.inputs[:, :, i]
-            median = np.median(particles, axis=1)
-            _log_spread(track, track.under(INPUTS, name), 0, particles, median, "StepAfter")
-        log_line(
-            track, track.under(INPUTS, name, "system"), 0, rollout.inputs[:, i], hold="StepAfter"
-        )
+            _log_spread(track, track.under(INPUTS, name), particles, hold="StepAfter")
+        path = track.under(INPUTS, name, "system")
+        log_line(track, path, 0, rollout.inputs[:, i], hold="StepAfter")
     if prediction is not None:
-        _log_spread(track, track.under(COST), 1, prediction.costs, prediction.costs.mean(axis=1))
+        _log_spread(track, track.under(COST), prediction.costs, np.mean, first=1)
     if costs is not None:
         log_line(track, track.under(COST, "system"), 1, costs)
 
@@ -212,13 +209,13 @@ def _log_perceived(track: Track, task: TaskSpec, rollout: Rollout, i: int) -> No
 def _log_spread(
     track: Track,
     path: str,
-    first: int,
     particles: Float[np.ndarray, "T P"],
-    middle: Float[np.ndarray, " T"],
+    middle: Callable[..., np.ndarray] = np.median,
+    first: int = 0,
     hold: Hold = "Linear",
 ) -> None:
     """Some of the particles, as many series of one entity, and a line in their middle."""
-    shown = _ended(track, particles[:, _some(particles.shape[1], _LINES)])
+    shown = _ended(track, particles[:, evenly_spaced(particles.shape[1], _LINES)])
     rows, series = shown.shape
     style = rr.SeriesLines(
         colors=[track.colors.particles] * series,
@@ -229,7 +226,8 @@ def _log_spread(
     columns = rr.Scalars.columns(scalars=shown.reshape(-1)).partition([series] * rows)
     track.still(f"{path}/particles", style)
     track.moving(f"{path}/particles", first, rows, columns)
-    log_line(track, f"{path}/predicted", first, middle, track.colors.model, hold)
+    median = middle(particles, axis=1)
+    log_line(track, f"{path}/predicted", first, median, track.colors.model, hold)
 
 
 def log_line(
@@ -280,8 +278,3 @@ def _solid(shape: Shape, color: RGB) -> rr.AsComponents:
         colors=[color],
         fill_mode="solid",
     )
-
-
-def _some(count: int, at_most: int) -> Int[np.ndarray, " S"]:
-    """Indices of at most so many of the particles, evenly spread."""
-    return np.linspace(0, count - 1, min(count, at_most)).round().astype(int)

@@ -279,8 +279,8 @@ def line_up(paths: Sequence[Path]) -> LineUp:
         if differ:
             first = read[0][0]
             left_out.append(f"left out: {path} is judged otherwise than {first}: {differ}.")
-        elif twin := _twin(run, read):
-            place, (where, there) = twin
+        elif (place := _twin(run, read)) is not None:
+            where, there = read[place]
             both = sorted(run.courses.keys() & there.courses.keys())
             if both:
                 left_out.append(
@@ -295,15 +295,14 @@ def line_up(paths: Sequence[Path]) -> LineUp:
     return LineUp(_named(read), tuple(left_out))
 
 
-def _twin(run: Run, read: Sequence[tuple[Path, Run]]) -> tuple[int, tuple[Path, Run]] | None:
-    """A single training of the same setting, where this is one too."""
-    if run.fresh:
-        return None
-    setting = run.algo, run.preset, run.config, run.task
-    for place, (path, other) in enumerate(read):
-        if not other.fresh and (other.algo, other.preset, other.config, other.task) == setting:
-            return place, (path, other)
-    return None
+def _twin(run: Run, read: Sequence[tuple[Path, Run]]) -> int | None:
+    """The place of a single training of the same setting, where this is one too."""
+
+    def setting(one: Run) -> tuple[str | int | None, ...]:
+        return one.fresh, one.algo, one.preset, one.config, one.task
+
+    twins = (place for place, (_, other) in enumerate(read) if setting(other) == setting(run))
+    return None if run.fresh else next(twins, None)
 
 
 def _merged(run: Run, other: Run) -> Run:

@@ -187,7 +187,10 @@ class CollisionDetector:
         if not np.isfinite(ddq).all():
             unknown, no = np.full(len(dq), np.nan), np.zeros(len(dq), dtype=bool)
             return Detection(time, unknown, unknown, unknown, no, no)
-        row = _row(sample, dq, ddq)
+        s, q = sample, sample.position
+        errors = s.target_position - q, s.target_velocity - dq
+        columns = (time, q, dq, ddq, *errors, s.target_current, s.current)
+        row = ArmSamples(*(column[None] for column in columns))
         expected, threshold = self.model.mean(row)[0], self.limits(self.model, row)[0]
         residual = sample.current - expected
         self._over = np.where(np.abs(residual) >= threshold, self._over + 1, 0)
@@ -206,12 +209,6 @@ class CollisionDetector:
                     f"{', '.join(self.model.joints)}, got {np.asarray(value).tolist()}; stop the "
                     "robot, or leave the sample out."
                 )
-
-
-def _row(s: Sample, dq: np.ndarray, ddq: np.ndarray) -> ArmSamples:
-    errors = s.target_position - s.position, s.target_velocity - dq
-    columns = (s.position, dq, ddq, *errors, s.target_current, s.current)
-    return ArmSamples(np.array([s.time]), *(column[None] for column in columns))
 
 
 def detect(model: CurrentModel, limits: Thresholds, samples: ArmSamples) -> Detection:

@@ -133,23 +133,17 @@ def fit_network(
         if isinstance(layer, nn.Linear):  # Glorot's weights
             nn.init.xavier_normal_(layer.weight, generator=generator)
             nn.init.zeros_(layer.bias)
-    _descend(layers, inputs, targets, epochs, generator)
-    report = Report(converged=True, iterations=epochs * -(-len(X) // BATCH))
-    fitted = Fitted.to("nn", data, report, units=units, **built)
-    return NetworkInverseDynamics(fitted, layers.double(), scales)
-
-
-def _descend(
-    layers: nn.Sequential, X: Tensor, Y: Tensor, epochs: int, generator: torch.Generator
-) -> None:
     adam = torch.optim.Adam(layers.parameters(), lr=RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(adam, epochs)
     for _ in range(epochs):
         for rows in torch.randperm(len(X), generator=generator).split(BATCH):
             adam.zero_grad()
-            (layers(X[rows]) - Y[rows]).square().mean().backward()
+            (layers(inputs[rows]) - targets[rows]).square().mean().backward()
             adam.step()
         schedule.step()
+    report = Report(converged=True, iterations=epochs * -(-len(X) // BATCH))
+    fitted = Fitted.to("nn", data, report, units=units, **built)
+    return NetworkInverseDynamics(fitted, layers.double(), scales)
 
 
 Estimator = Literal["gip", "rbf", "pp", "sp", "fe", "nn"]

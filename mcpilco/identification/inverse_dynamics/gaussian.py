@@ -14,7 +14,7 @@ from torch import Tensor
 
 from mcpilco.bodies import INERTIAL, Chain, torch_regressor
 from mcpilco.dynamics import JointPolynomials, friction
-from mcpilco.gp import GP, Posterior
+from mcpilco.gp import GP, Posterior, evenly_spaced
 from mcpilco.identification.inverse_dynamics.model import Fitted, InverseDynamics
 from mcpilco.identification.report import Report, jitter_of
 from mcpilco.identification.rigid_body import RigidBody
@@ -206,7 +206,7 @@ def _best(gps: Sequence[GP], Z: Float[Tensor, "N D"], y: Float[Tensor, "N 1"]) -
     function of the prior explains is smooth in time, and the highest evidence interpolates it with
     polynomials that are wild elsewhere: only stretches left out tell.
     """
-    even = np.linspace(0, len(Z) - 1, min(JUDGED_ON, len(Z))).round().astype(int)
+    even = evenly_spaced(len(Z), JUDGED_ON)
     return min(gps, key=lambda gp: left_out_error(gp.condition(Z[even], y[even])))
 
 

@@ -24,14 +24,6 @@ _LEAST_MOTION = 0.02
 """a joint that spans less is reported as hardly moved [rad or m]"""
 
 
-def check_recording(recording: MarkerRecording) -> list[str]:
-    """Sentences on what looks wrong."""
-    _require_samples(recording)
-    _require_distinct(recording)
-    _require_sight(recording)
-    return _require_motion(recording)
-
-
 def fewest(joints: int) -> int:
     """Two samples a joint, the fewest that distinguish all triplets (thesis definition 2.3.4)."""
     return 2 * joints
@@ -89,6 +81,7 @@ def _require_sight(recording: MarkerRecording) -> None:
 
 
 def _require_motion(recording: MarkerRecording) -> list[str]:
+    """Sentences on what looks wrong in motions that are large enough."""
     sentences = []
     for name, q in zip(recording.joint_names, recording.q.T, strict=True):
         span = float(np.ptp(q))
@@ -181,13 +174,18 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
     thesis takes the first marker and joint that pass.
     """
     tolerance = tolerance or Tolerance()
-    warnings = check_recording(recording)
+    _require_samples(recording)
+    _require_distinct(recording)
+    _require_sight(recording)
+    warnings = _require_motion(recording)
     step = -(-len(recording) // LARGEST)
     recording = recording[::step]
     base = _base(recording, tolerance)
     tests = triplet_tests(recording, tolerance.outliers)
     slides, turns = scores(tests, tolerance)
-    both = _between(tests, np.minimum(slides, turns), len(recording.marker_names))
+    both: Scores = np.full((*[len(recording.marker_names)] * 2, slides.shape[1]), np.inf)
+    first, second = tests.pairs.T
+    both[first, second] = both[second, first] = np.minimum(slides, turns)
     paths = list(_paths(both, base, recording))
     best = min(paths, key=lambda path: sum(both[a, m, k] for (a, _), (m, k) in pairwise(path)))
     if len(paths) > 1:
@@ -195,16 +193,21 @@ def find_chain(recording: MarkerRecording, tolerance: Tolerance | None = None) -
             f"{len(paths)} chains pass the tests; this is the one of least residuals. Move each "
             "joint through more of its range, and all of them independently."
         )
-    joints = tuple(
-        _joint(recording, tests, slides, turns, first[0], second)
-        for first, second in pairwise(best)
-    )
+    joints = []
+    for (before, _), (marker, k) in pairwise(best):
+        pair = int(np.flatnonzero((tests.pairs == sorted((before, marker))).all(1))[0])
+        kind: Kind = "slide" if slides[pair, k] < turns[pair, k] else "hinge"
+        residuals = tests.hinge[pair], tests.turn[pair, k]
+        if kind == "slide":
+            residuals = tests.slide[pair, k], tests.rigid[pair]
+        name, behind = recording.joint_names[k], recording.marker_names[marker]
+        joints.append(ChainJoint(name, kind, behind, *map(float, residuals)))
     used = {joint.name for joint in joints}
     unused = tuple(name for name in recording.joint_names if name not in used)
     if unused:
         warnings.append(f"{', '.join(unused)} connect no two markers and are left out.")
     report = Report(True, 0, unidentified=unused, warnings=tuple(warnings))
-    return KinematicChain(recording.marker_names[base], joints, tests, report)
+    return KinematicChain(recording.marker_names[base], tuple(joints), tests, report)
 
 
 _Hop = tuple[int, int]
@@ -239,13 +242,6 @@ def scores(
     rigid, hinge = tests.rigid[:, None], tests.hinge[:, None]
     slides = np.maximum(tests.slide / tolerance.position, rigid / tolerance.orientation)
     return slides, np.maximum(hinge / tolerance.position, tests.turn / tolerance.orientation)
-
-
-def _between(tests: TripletTests, scores: Float[np.ndarray, "pairs J"], markers: int) -> Scores:
-    full = np.full((markers, markers, scores.shape[1]), np.inf)
-    first, second = tests.pairs.T
-    full[first, second] = full[second, first] = scores
-    return full
 
 
 def _paths(scores: Scores, base: int, recording: MarkerRecording) -> Iterator[list[_Hop]]:
@@ -284,21 +280,3 @@ def _dead_end(scores: Scores, path: list[_Hop], recording: MarkerRecording) -> s
         "the tolerance. Put a marker on every link, record every joint, check units (rad and m) "
         "and that camera and joints share a clock; then raise the tolerances, if noise is larger."
     )
-
-
-def _joint(
-    recording: MarkerRecording,
-    tests: TripletTests,
-    slides: Float[np.ndarray, "pairs J"],
-    turns: Float[np.ndarray, "pairs J"],
-    first: int,
-    step: _Hop,
-) -> ChainJoint:
-    """The joint between a marker and the next, by the better of its tests."""
-    marker, k = step
-    pair = int(np.flatnonzero((tests.pairs == sorted((first, marker))).all(1))[0])
-    name, behind = recording.joint_names[k], recording.marker_names[marker]
-    if slides[pair, k] < turns[pair, k]:
-        residuals = float(tests.slide[pair, k]), float(tests.rigid[pair])
-        return ChainJoint(name, "slide", behind, *residuals)
-    return ChainJoint(name, "hinge", behind, float(tests.hinge[pair]), float(tests.turn[pair, k]))

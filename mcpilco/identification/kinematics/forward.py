@@ -12,6 +12,7 @@ from typing import cast
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from mcpilco.files import damaged, read_groups, write_groups
@@ -148,8 +149,16 @@ def fit_forward(
     q, Y = (part[rows] for part in pose_samples(recording, joints, marker))
     kinds = tuple(joint.kind for joint in chain.joints)
     gp, kept = _fit_without_outliers(kernel, kinds, q, Y)
-    report = _report(gp, kinds, q[kept], Y[kept], int((~kept).sum()))
-    return ForwardKinematics(joints, kinds, marker, kernel, gp, q[kept], Y[kept], report)
+    left_out = int((~kept).sum())
+    q, Y = q[kept], Y[kept]
+    warnings = []
+    if not cast(FitReport, gp.report).converged:
+        warnings.append("the marginal likelihood was still rising when the fit was stopped.")
+    if left_out:
+        warnings.append(f"{left_out} samples contradict all others and are left out.")
+    jitter = jitter_of(gp.condition(regressors(q, kinds), Y))
+    report = Report.of_gps([gp], jitter=jitter, warnings=tuple(warnings))
+    return ForwardKinematics(joints, kinds, marker, kernel, gp, q, Y, report)
 
 
 def rows_for_fit(recording: MarkerRecording, marker: str, samples: int, seed: int) -> np.ndarray:
@@ -229,19 +238,6 @@ def _trusted(posterior: Posterior) -> Bool[np.ndarray, " N"]:
     return (z <= _FAR * unit).all(0).numpy()
 
 
-def _report(
-    gp: GP, kinds: Sequence[str], q: Float[Tensor, "N J"], Y: Float[Tensor, "N E"], left_out: int
-) -> Report:
-    fitted = cast(FitReport, gp.report)
-    warnings = []
-    if not fitted.converged:
-        warnings.append("the marginal likelihood was still rising when the fit was stopped.")
-    if left_out:
-        warnings.append(f"{left_out} samples contradict all others and are left out.")
-    jitter = jitter_of(gp.condition(regressors(q, kinds), Y))
-    return Report.of_gps([gp], jitter=jitter, warnings=tuple(warnings))
-
-
 @dataclass(frozen=True, eq=False)
 class PoseErrors:
     """Measured pose less predicted one; the noise of the measurement is part of it."""
@@ -286,7 +282,6 @@ def prediction_errors(model: ForwardKinematics, recording: MarkerRecording) -> P
         return None
     with torch.no_grad():
         p, R = (value.numpy() for value in model.pose(torch.as_tensor(q[rows])))
-    measured = rotation(recording.quaternions[rows, place]).as_matrix()
-    cosine = (np.einsum("nij,nij->n", measured, R) - 1.0) / 2.0
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return PoseErrors(recording.time[rows], recording.positions[rows, place] - p, angle)
+    off = rotation(recording.quaternions[rows, place]).inv() * Rotation.from_matrix(R)
+    position = recording.positions[rows, place] - p
+    return PoseErrors(recording.time[rows], position, off.magnitude())

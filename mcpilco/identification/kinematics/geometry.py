@@ -18,9 +18,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from mcpilco.bodies import SLIDE, Body, Chain, Matrix, Vector
+from mcpilco.gp import evenly_spaced
 from mcpilco.identification.kinematics.chain import ChainJoint, KinematicChain, Tolerance
 from mcpilco.identification.kinematics.triplets import relative
-from mcpilco.recordings import MarkerRecording
+from mcpilco.recordings import MarkerRecording, rotation
 
 MOST = 300
 """samples that a joint is fitted to"""
@@ -80,7 +81,7 @@ def chain_in_space(
 def _standing(recording: MarkerRecording, marker: int) -> tuple[Float[np.ndarray, " 3"], Rotation]:
     """The pose of the marker that stands still."""
     rows = recording.seen[:, marker]
-    turns = Rotation.from_quat(recording.quaternions[rows, marker], scalar_first=True)
+    turns = rotation(recording.quaternions[rows, marker])
     middle = turns[int(np.argmin((turns.mean().inv() * turns).magnitude()))]
     away = (middle.inv() * turns).magnitude()
     near = away <= 3.0 * np.median(away)
@@ -93,9 +94,9 @@ def _fit(
     """R_0, a, c and d of a joint, by least squares that wrong poses hardly move."""
     p, r, seen = (part[0] for part in relative(recording, np.array([pair])))
     rows = np.flatnonzero(seen)
-    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST)).round().astype(int)]
+    rows = rows[evenly_spaced(len(rows), MOST)]
     q = recording.q[rows, recording.joint_names.index(joint.name)]
-    p, R = p[rows], Rotation.from_quat(r[rows], scalar_first=True)
+    p, R = p[rows], rotation(r[rows])
     slides = joint.kind == SLIDE
 
     def posed(x: Float[np.ndarray, " 12"]) -> tuple[Rotation, np.ndarray]:

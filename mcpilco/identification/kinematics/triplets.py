@@ -27,7 +27,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from mcpilco.recordings import MarkerRecording
+from mcpilco.recordings import MarkerRecording, rotation
 
 Weights = Float[np.ndarray, "pairs J N"]
 """of the samples of each pair and joint; residuals likewise"""
@@ -55,9 +55,8 @@ def hinge(
     weights: Float[np.ndarray, "pairs N"], p: Places, r: Turns
 ) -> Float[np.ndarray, "pairs N"]:
     """P2: d of least norm from the normal equations, c the mean of the rest."""
-    R = np.stack([rotated(r, axis) for axis in np.eye(3)], -1)
-    flat = R.reshape(*R.shape[:2], 9)
-    R = (flat - weighted_mean(weights, flat)).reshape(R.shape)
+    flat = rotation(r.reshape(-1, 4)).as_matrix().reshape(*r.shape[:2], 9)
+    R = (flat - weighted_mean(weights, flat)).reshape(*r.shape[:2], 3, 3)
     p = p - weighted_mean(weights, p)
     A = np.einsum("bn,bnki,bnkj->bij", weights, R, R)
     b = np.einsum("bn,bnki,bnk->bi", weights, R, p)
@@ -127,24 +126,6 @@ def root_mean_square(residuals: Float[np.ndarray, "*b N 3"]) -> Float[np.ndarray
     return np.sqrt((residuals**2).mean(-1))
 
 
-def product(
-    a: Float[np.ndarray, "*#b 4"], b: Float[np.ndarray, "*#b 4"]
-) -> Float[np.ndarray, "*#b 4"]:
-    """The product of quaternions."""
-    u, v = a[..., 1:], b[..., 1:]
-    w = a[..., :1] * b[..., :1] - (u * v).sum(-1, keepdims=True)
-    return np.concatenate([w, a[..., :1] * v + b[..., :1] * u + np.cross(u, v)], -1)
-
-
-def rotated(
-    r: Float[np.ndarray, "*#b 4"], v: Float[np.ndarray, "*#b 3"]
-) -> Float[np.ndarray, "*#b 3"]:
-    """Vectors turned by quaternions."""
-    u = r[..., 1:]
-    t = 2 * np.cross(u, v)
-    return v + r[..., :1] * t + np.cross(u, t)
-
-
 _FLOOR = 1e-9
 """least residual that the weights of the first fits distinguish, in the unit of the residuals"""
 _ABSOLUTE_FITS, _TRIMMED_FITS = 4, 6
@@ -169,21 +150,16 @@ def trimmed(fit: Fit, seen: Float[np.ndarray, "*b N"], outliers: float) -> Float
         for _ in range(_ABSOLUTE_FITS):
             residuals = fit(seen / np.maximum(residuals, _FLOOR))
         for _ in range(_TRIMMED_FITS):
-            before, kept = kept, _smallest(residuals, seen, outliers)
+            # the smallest residuals, so many as are no outliers
+            order = np.where(seen > 0, residuals, np.inf).argsort(-1).argsort(-1)
+            most = np.ceil((1 - outliers) * seen.sum(-1, keepdims=True))
+            before, kept = kept, (order < most).astype(float)
             residuals = fit(kept)
             if np.array_equal(kept, before):
                 break
     squares = (kept * residuals**2).sum(-1)
     rms = np.sqrt(squares / np.maximum(kept.sum(-1), 1.0))
     return np.where(seen.sum(-1) < _FEWEST, np.inf, rms)
-
-
-def _smallest(
-    residuals: Float[np.ndarray, "*b N"], seen: Float[np.ndarray, "*b N"], outliers: float
-) -> Float[np.ndarray, "*b N"]:
-    """1 for the smallest residuals, so many as are no outliers."""
-    order = np.where(seen > 0, residuals, np.inf).argsort(-1).argsort(-1)
-    return (order < np.ceil((1 - outliers) * seen.sum(-1, keepdims=True))).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,5 +219,8 @@ def relative(
     seen = (recording.seen[:, first] & recording.seen[:, second]).T
     p = np.nan_to_num(recording.positions).swapaxes(0, 1)
     r = np.nan_to_num(recording.quaternions, nan=0.5).swapaxes(0, 1)
-    back = r[first] * np.array([1.0, -1.0, -1.0, -1.0])
-    return rotated(back, p[second] - p[first]), product(back, r[second]), seen.astype(float)
+    back = rotation(r[first].reshape(-1, 4)).inv()
+    turns = (back * rotation(r[second].reshape(-1, 4))).as_quat(scalar_first=True)
+    places = back.apply((p[second] - p[first]).reshape(-1, 3))
+    shape = seen.shape
+    return places.reshape(*shape, 3), turns.reshape(*shape, 4), seen.astype(float)

@@ -282,14 +282,13 @@ class _EM:
         length = float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-300)
         if length <= 1.0:
             return None
-        length = _LONGEST if length > _LONGEST else length
+        length = min(length, _LONGEST)
         with np.errstate(all="ignore"):  # a leap may go too far: then the bound says so
             found = self(self._point(p + 2.0 * length * step + length**2 * bend))
-        return found if found.bound >= second.bound and self._noisy(found.weights) else None
-
-    def _noisy(self, w: Weights) -> bool:
-        of_x = (w.psi_x > _LEAST * self._x**2).all()
-        return bool(of_x and (np.append(w.psi_z, w.psi_y) > _LEAST * self._y**2).all())
+        w = found.weights
+        good = found.bound >= second.bound and (w.psi_x > _LEAST * self._x**2).all()
+        good = good and (np.append(w.psi_z, w.psi_y) > _LEAST * self._y**2).all()
+        return found if good else None
 
     def _coordinates(self, point: Point) -> Float[np.ndarray, " C"]:
         """Weights in the units of the data; logarithms of what is positive."""

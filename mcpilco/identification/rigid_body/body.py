@@ -353,22 +353,16 @@ def check_links(body: RigidBody, theta: Float[np.ndarray, " D"]) -> tuple[LinkCh
     )
 
 
-def is_positive(J: Float[np.ndarray, "*b 4 4"]) -> bool:
-    """True where all J are positive semidefinite but for rounding."""
-    values = np.linalg.eigvalsh(J)
-    return bool((values[..., 0] >= -_ROUNDED * np.abs(values[..., -1])).all())
-
-
 def _check(name: str, block: Float[np.ndarray, " W"], terms: tuple[str, ...]) -> LinkCheck:
     theta = block[: len(INERTIAL)]
-    J = pseudo_inertia(theta)
-    faults = () if is_positive(J) else _inertial_faults(theta)
+    values = np.linalg.eigvalsh(pseudo_inertia(theta))
+    faults = () if values[0] >= -_ROUNDED * abs(values[-1]) else _inertial_faults(theta)
     faults += tuple(
         f"{term} {value:.4g} is negative"
         for term, value in zip(terms, block[len(INERTIAL) :], strict=True)
         if TERMS[term].positive and value < 0.0
     )
-    return LinkCheck(name, float(np.linalg.eigvalsh(J)[0]), faults)
+    return LinkCheck(name, float(values[0]), faults)
 
 
 def _inertial_faults(theta: Float[np.ndarray, " 10"]) -> tuple[str, ...]:

@@ -138,42 +138,30 @@ def solve(rows: Rows, method: str, seed: int = 0) -> Solution:
     Raises:
         InputError: the method needs what the rows do not have.
     """
-    X, y = rows.Y.reshape(-1, rows.Y.shape[-1]), rows.tau.reshape(-1)
-    length = np.linalg.norm(X, axis=0)
+    y, D = rows.tau.reshape(-1), rows.Y.shape[-1]
+    length = np.linalg.norm(rows.Y.reshape(-1, D), axis=0)
     used = length > NEGLIGIBLE * length.max(initial=0.0)
 
     def columns(Y: np.ndarray) -> np.ndarray:
-        return Y.reshape(X.shape)[:, used]
+        return Y.reshape(-1, D)[:, used]
 
     def theta(b: np.ndarray) -> np.ndarray:
         whole = np.zeros(len(used))
         whole[used] = b
         return whole
 
+    X = columns(rows.Y)
     if method in METHODS:
         size, of_y = np.ones(int(used.sum())), 1.0
         if method in ONE_LENGTH:
             size, of_y = length[used] / np.sqrt(len(y)), float(np.sqrt((y**2).mean())) or 1.0
-        found = METHODS[method](columns(rows.Y) / size, y / of_y, seed)
-        found = replace(found, b=found.b / size * of_y)
-    else:
-        found = _solve_with_more(rows, method, columns, theta)
-    return replace(found, b=theta(found.b))
-
-
-def _solve_with_more(
-    rows: Rows,
-    method: str,
-    columns: Callable[[np.ndarray], np.ndarray],
-    theta: Callable[[np.ndarray], np.ndarray],
-) -> Solution:
-    """By one of `NEEDS_MORE`, of the columns that forces depend on."""
-    X, y, simulate = columns(rows.Y), rows.tau.reshape(-1), rows.simulate
+        found = METHODS[method](X / size, y / of_y, seed)
+        return replace(found, b=theta(found.b / size * of_y))
     if method == "EIV":
         if rows.noisier is None:
             raise InputError("EIV needs the noise of the rows; give it to Rows.of.")
         noise = columns(rows.noisier) - X
-        return Solution(errors_in_variables(Moments.of(X, y), noise.T @ noise / len(X)))
+        return Solution(theta(errors_in_variables(Moments.of(X, y), noise.T @ noise / len(X))))
     if rows.reference is None:
         raise InputError(
             f"{method} needs the positions that were commanded; log a column <joint>_reference "
@@ -181,10 +169,11 @@ def _solve_with_more(
         )
     start = instrumental_variables(X, y, columns(rows.reference))
     if method == "IV":
-        return Solution(start)
-    if simulate is None:
+        return Solution(theta(start))
+    if (simulate := rows.simulate) is None:
         raise InputError("IDIM-IV needs a robot to simulate; give `simulate` to the rows.")
-    return refine(X, y, lambda b: columns(simulate(theta(b))), start)
+    found = refine(X, y, lambda b: columns(simulate(theta(b))), start)
+    return replace(found, b=theta(found.b))
 
 
 BLOCKS = 10
@@ -233,8 +222,6 @@ class Identified:
     """of the zero-phase filter [Hz]"""
     rows: tuple[int, int]
     """times that were fitted to, and that were held out"""
-    report: Report
-    """what to know of the fit"""
 
     @property
     def theta(self) -> Float[np.ndarray, " D"]:
@@ -245,6 +232,36 @@ class Identified:
     def half_width(self) -> Float[np.ndarray, " B"]:
         """Of the intervals of the base parameters."""
         return QUANTILE * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def report(self) -> Report:
+        """How the fit went, and what is vague."""
+        base, recipe = self.base, self.recipe
+        solution, projection = self.estimate.solution, self.estimate.projection
+        summed = base.independent[(np.abs(base.K) > 1e-9).any(axis=1)]
+        vague = int((self.half_width > np.abs(self.beta)).sum())
+        warnings = []
+        for what, search, count in (
+            (recipe.method, solution, solution.iterations),
+            (f"the projection {recipe.projection}", projection, projection.steps),
+        ):
+            if not search.converged:
+                warnings.append(
+                    f"{what} did not converge in {count} iterations: other parameters may be "
+                    "better; choose another, or record faster and longer motions of all joints."
+                )
+        if vague:
+            warnings.append(
+                f"{vague} of {len(self.beta)} base parameters may be 0, by their intervals; faster "
+                "and longer motions of all joints would determine them better."
+            )
+        alone = np.sort(np.concatenate([base.dependent, summed]))
+        return Report(
+            converged=solution.converged and projection.converged,
+            iterations=solution.iterations + projection.steps,
+            unidentified=tuple(np.array(self.body.names)[alone]),
+            warnings=tuple(warnings),
+        )
 
 
 def identify(
@@ -299,11 +316,10 @@ def identify(
     rows, held = Rows.joined(train), Rows.joined(test)
     _require_rows(rows, base, segments)
     found = estimate(body, rows, recipe, seed=seed, base=base)
-    scaled = rows.scaled(found.scale)
-    covariance = _covariance(body, base, *_with_last_instruments(scaled, recipe, found), seed)
+    covariance = _covariance(body, base, rows, recipe, found, seed)
     beta = base.of(found.theta)
     covariance += found.solution.common_std**2 * np.outer(beta, beta)
-    half = QUANTILE * np.sqrt(np.diag(covariance))
+
     judged = held if len(held) else rows
     return Identified(
         body=body,
@@ -319,20 +335,11 @@ def identify(
         nominal_error=_rms(np.concatenate(nominal)) if len(held) else found.scale * np.nan,
         cutoff=cutoff,
         rows=(len(rows), len(held)),
-        report=_report(body, base, beta, half, recipe, found),
     )
 
 
-def _with_last_instruments(scaled: Rows, recipe: Recipe, found: Estimate) -> tuple[Rows, Recipe]:
-    """Rows and recipe for the intervals: IDIM-IV keeps the instruments of its last simulation."""
-    if recipe.method != "IDIM-IV" or scaled.simulate is None:
-        return scaled, recipe
-    instruments = scaled.simulate(found.solution.b)
-    return replace(scaled, reference=instruments, simulate=None), replace(recipe, method="IV")
-
-
 def _covariance(
-    body: RigidBody, base: BaseParameters, scaled: Rows, recipe: Recipe, seed: int
+    body: RigidBody, base: BaseParameters, rows: Rows, recipe: Recipe, found: Estimate, seed: int
 ) -> Float[np.ndarray, "B B"]:
     """Of the base parameters: standard deviations by leaving out one block of rows after another.
 
@@ -341,6 +348,11 @@ def _covariance(
 
     Reference: Shao, Tu, The jackknife and bootstrap, 1995, section 2.3 (delete-d jackknife).
     """
+    scaled = rows.scaled(found.scale)
+    if recipe.method == "IDIM-IV" and scaled.simulate is not None:
+        # it keeps the instruments of its last simulation
+        scaled = replace(scaled, reference=scaled.simulate(found.solution.b), simulate=None)
+        recipe = replace(recipe, method="IV")
     block = np.arange(len(scaled)) * BLOCKS // len(scaled)
     parts = [scaled[block != left_out] for left_out in range(BLOCKS)]
     ones = np.ones(scaled.tau.shape[1])
@@ -352,41 +364,6 @@ def _covariance(
     inverse = np.linalg.pinv(X.T @ X, hermitian=True)
     size = np.sqrt(np.diag(inverse))
     return inverse / np.outer(size, size) * np.outer(spread, spread)
-
-
-def _report(
-    body: RigidBody,
-    base: BaseParameters,
-    beta: Float[np.ndarray, " B"],
-    half: Float[np.ndarray, " B"],
-    recipe: Recipe,
-    found: Estimate,
-) -> Report:
-    names = np.array(body.names)
-    summed = base.independent[(np.abs(base.K) > 1e-9).any(axis=1)]
-    vague = int((half > np.abs(beta)).sum())
-    warnings = []
-    solution, projection = found.solution, found.projection
-    for what, search, count in (
-        (recipe.method, solution, solution.iterations),
-        (f"the projection {recipe.projection}", projection, projection.steps),
-    ):
-        if not search.converged:
-            warnings.append(
-                f"{what} did not converge in {count} iterations: other parameters may be better; "
-                "choose another, or record faster and longer motions of all joints."
-            )
-    if vague:
-        warnings.append(
-            f"{vague} of {len(beta)} base parameters may be 0, by their intervals; faster and "
-            "longer motions of all joints would determine them better."
-        )
-    return Report(
-        converged=solution.converged and projection.converged,
-        iterations=solution.iterations + projection.steps,
-        unidentified=tuple(names[np.sort(np.concatenate([base.dependent, summed]))]),
-        warnings=tuple(warnings),
-    )
 
 
 def _require_motion(body: RigidBody, segments: Sequence[Segment]) -> None:

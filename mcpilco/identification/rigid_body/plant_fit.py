@@ -84,8 +84,11 @@ def correction_of_identified(plant: ChainPlant, found: Identified) -> Correction
     search = least_squares(residuals, np.zeros(len(names)), bounds=(-FARTHEST, FARTHEST))
     values = dict(zip(names, (start * np.exp(search.x)).tolist(), strict=True))
     covariance = np.linalg.inv(search.jac.T @ search.jac)
+    spread = np.sqrt(np.diag(covariance))
+    correlation = tuple(map(tuple, (covariance / np.outer(spread, spread)).tolist()))
+    sizes = {n: abs(v) * float(s) for (n, v), s in zip(values.items(), spread, strict=True)}
     correction = correction_of(moved(source, values), plant)
-    return replace(correction, spread=(_member(values, covariance),))
+    return replace(correction, spread=(Member(1.0, values, sizes, correlation),))
 
 
 def theta_of(plant: ChainPlant, body: RigidBody) -> Float[np.ndarray, " D"]:
@@ -161,11 +164,3 @@ def _frames(plant: ChainPlant) -> list[object]:
     """Where the joints of a plant are, and gravity."""
     joints = [(link.origin, link.rotation, link.axis) for link in plant.chain.bodies]
     return [*joints, plant.chain.gravity]
-
-
-def _member(values: Mapping[str, float], covariance: Float[np.ndarray, "K K"]) -> Member:
-    """The joint distribution of numbers whose logarithms have a covariance."""
-    std = np.sqrt(np.diag(covariance))
-    correlation = tuple(map(tuple, (covariance / np.outer(std, std)).tolist()))
-    sizes = {n: abs(v) * float(s) for (n, v), s in zip(values.items(), std, strict=True)}
-    return Member(1.0, dict(values), sizes, correlation)

@@ -194,16 +194,14 @@ def _minimise(cone: _Cone, H: Metric, target: Theta, gap: float) -> tuple[Theta,
     Reference: Boyd, Vandenberghe, Convex optimization, 2004, section 11.3.
     """
     theta = cone.start(target)
-    cost = 0.5 * float((theta - target) @ H @ (theta - target))
     floor = _LEAST * max(1.0, 0.5 * float(target @ H @ target))
-    weight, steps = max(cost, floor) / cone.degree, 0
+    weight, steps = max(cost_of(theta, target, H), floor) / cone.degree, 0
     for _ in range(_ROUNDS):
         theta, taken, central = _center(cone, H, target, theta, weight)
         steps += taken
-        cost = 0.5 * float((theta - target) @ H @ (theta - target))
         # a central point's gap is nu weight; one that is nearly central has at most twice that
         bound = 2.0 * cone.degree * weight
-        if bound <= max(gap * cost, floor):
+        if bound <= max(gap * cost_of(theta, target, H), floor):
             return theta, bound, steps, central
         weight *= _SHRINK
     return theta, bound, steps, False

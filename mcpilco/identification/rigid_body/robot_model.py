@@ -134,19 +134,14 @@ def with_parameters(
         terms = dict(zip(body.terms, block[len(INERTIAL) :], strict=True))
         for term in _TERMS.keys() & terms.keys():
             getattr(changed, _TERMS[term])[j] = terms[term]
-        _set_offset(changed, j, terms)
+        if "offset" in terms:  # a constant force, as where the joint's spring is at rest
+            k = changed.jnt_stiffness[j] or abs(terms["offset"]) / FAR
+            changed.jnt_stiffness[j] = k
+            changed.qpos_spring[j] = -terms["offset"] / k if k else 0.0
     spring = changed.qpos_spring.copy()
     mujoco.mj_setConst(changed, mujoco.MjData(changed))
     changed.qpos_spring[:] = spring  # which it sets to the model's
     return changed
-
-
-def _set_offset(model: mujoco.MjModel, joint: int, terms: dict[str, float]) -> None:
-    """A constant force, as where the joint's spring is at rest."""
-    if "offset" in terms:
-        k = model.jnt_stiffness[joint] or abs(terms["offset"]) / FAR
-        model.jnt_stiffness[joint] = k
-        model.qpos_spring[joint] = -terms["offset"] / k if k else 0.0
 
 
 def follow_reference(

@@ -70,8 +70,7 @@ def plot_growth(
         ylim=(0.7 * least, None),
         xlim=(0, None),
     )
-    low, high = ax.yaxis.get_view_interval()
-    plain_ticks(ax.yaxis, (1.0, 2.0, 5.0) if high < 30 * low else (1.0,))
+    plain_ticks(ax.yaxis)
     add_legend(ax)
     return ax
 
@@ -111,8 +110,7 @@ def plot_shrink(
         ylim=(len(names) - 0.6, -1.0),
         yticks=[],
     )
-    low, high = ax.xaxis.get_view_interval()
-    plain_ticks(ax.xaxis, (1.0, 2.0, 5.0) if high < 30 * low else (1.0,))
+    plain_ticks(ax.xaxis)
     return ax
 
 
@@ -147,7 +145,8 @@ def plot_time_map(
     for row, start, end in events:
         ax.plot([start, end], [row, row], color=SYSTEM, linewidth=2, marker="|", markersize=7)
     ax.set(xlabel="time [s]", yticks=range(len(names)), ylim=(len(names) - 0.5, -0.5))
-    ax.set_yticklabels([_short(name) for name in names], fontsize="small")
+    short = [name if len(name) <= 14 else f"{name[:6]}…{name[-7:]}" for name in names]
+    ax.set_yticklabels(short, fontsize="small")
     ax.set_title(f"{label} [noise std]", **_ABOVE)
     ax.set_facecolor("0.9")
     bar = ax.figure.colorbar(mesh, ax=ax, **_BAR)
@@ -183,16 +182,14 @@ def plot_force_map(
 ) -> Axes:
     """The force that a plant leaves over, as medians over position and velocity."""
     from matplotlib.ticker import MaxNLocator
+    from scipy.stats import binned_statistic_2d
 
     ax = new_axes()[0] if ax is None else ax
     edges = [np.linspace(*_range(values), _CELLS + 1) for values in (q, v)]
-    column, row = (np.digitize(values, e) - 1 for values, e in zip((q, v), edges, strict=True))
-    cells = np.full((_CELLS, _CELLS), np.nan)
-    for i in range(_CELLS):
-        for k in range(_CELLS):
-            inside = force[(row == i) & (column == k)]
-            if len(inside) >= 2:
-                cells[i, k] = np.median(inside)
+    cells, counts = (
+        binned_statistic_2d(q, v, force, kind, edges).statistic.T for kind in ("median", "count")
+    )
+    cells[counts < 2] = np.nan
     seen = np.abs(cells[np.isfinite(cells)])
     most = float(np.percentile(seen, 95)) if len(seen) else 1.0
     mesh = ax.pcolormesh(
@@ -233,7 +230,3 @@ def _range(values: Channel) -> tuple[float, float]:
     """Between what values lie, but for a few at both ends."""
     low, high = np.percentile(values, [_EDGE, 100.0 - _EDGE])
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 14 else f"{name[:6]}…{name[-7:]}"

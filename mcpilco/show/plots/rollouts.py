@@ -53,9 +53,7 @@ def plot_state(
     """
     ax = new_axes()[0] if ax is None else ax
     if prediction is not None:
-        particles = prediction.states[:, :, state]
-        times = _times(rollout.dt, 0, len(particles))
-        draw_particles(ax, times, particles, np.median(particles, axis=1), "median")
+        draw_particles(ax, rollout.dt, prediction.states[:, :, state], np.median)
     ax.plot(rollout.times, rollout.shown_states[:, state], color=SYSTEM, label="system")
     if state in task.measured_states and (
         rollout.states is not None or rollout.smoothed is not None
@@ -71,9 +69,10 @@ def plot_promise(
 ) -> Axes:
     """A state over time: as a simulation promised it, and as it was on the system."""
     ax = new_axes()[0] if ax is None else ax
-    times = _times(dt, 0, len(promised))
-    ax.plot(times, promised, color=MODEL, linewidth=3.5, label="promised")  # seen beneath the other
-    ax.plot(_times(dt, 0, len(happened)), happened, color=SYSTEM, label="on the system")
+    times = dt * np.arange(max(len(promised), len(happened)))
+    # the first is seen beneath the other
+    ax.plot(times[: len(promised)], promised, color=MODEL, linewidth=3.5, label="promised")
+    ax.plot(times[: len(happened)], happened, color=SYSTEM, label="on the system")
     ax.set(xlabel="time [s]", ylabel=label)
     add_legend(ax)
     return ax
@@ -89,9 +88,7 @@ def plot_input(
     """One input over time, held through each step, and those of the particles."""
     ax = new_axes()[0] if ax is None else ax
     if prediction is not None:
-        particles = prediction.inputs[:, :, index]
-        times = _times(rollout.dt, 0, len(particles))
-        draw_particles(ax, times, particles, np.median(particles, axis=1), "median", held=True)
+        draw_particles(ax, rollout.dt, prediction.inputs[:, :, index], np.median, held=True)
     inputs = rollout.inputs[:, index]
     ax.plot(rollout.times[:-1], inputs, color=SYSTEM, label="system", drawstyle="steps-post")
     ax.set(xlabel="time [s]", ylabel=f"{task.input_names[index]} [{task.input_units[index]}]")
@@ -104,15 +101,9 @@ def plot_costs(
     """The cost at the end of each step, on the system and as predicted."""
     ax = new_axes()[0] if ax is None else ax
     if prediction is not None:
-        times = _times(dt, 1, len(prediction.costs))
-        draw_particles(ax, times, prediction.costs, prediction.costs.mean(axis=1), "mean")
+        draw_particles(ax, dt, prediction.costs, np.mean, first=1)
     if costs is not None:
-        ax.plot(_times(dt, 1, len(costs)), costs, color=SYSTEM, label="system")
+        ax.plot(dt * np.arange(1, len(costs) + 1), costs, color=SYSTEM, label="system")
     ax.set(xlabel="time [s]", ylabel="cost [-]")
     add_legend(ax)
     return ax
-
-
-def _times(dt: float, first: int, rows: int) -> Line:
-    """Times of the steps first, first + 1, ... [s]."""
-    return dt * np.arange(first, first + rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.files import write_bytes
+from mcpilco.gp import evenly_spaced
 from mcpilco.typing import InputError
 
 if TYPE_CHECKING:
@@ -70,16 +71,18 @@ def write_picture(path: Path, ax: Axes) -> Path:
 
 def draw_particles(
     ax: Axes,
-    times: Line,
+    dt: float,
     particles: Float[np.ndarray, "T P"],
-    middle: Line,
-    name: str,
+    middle: Callable[..., np.ndarray],
+    first: int = 0,
     held: bool = False,
 ) -> None:
     """The band of the particles, some of them as lines, and a line in their middle.
 
-    The `middle` is their median or mean, as `name` says; `held` values last until the next one.
+    They are of the steps `first`, first + 1, ..., of dt [s]; `held` values last until the next
+    one. The `middle` is their `np.median` or `np.mean`.
     """
+    times = dt * np.arange(first, first + len(particles))
     low, high = np.percentile(particles, QUANTILES, axis=1)
     label = f"particles, {QUANTILES[0]} to {QUANTILES[1]} %"
     step: Literal["post"] | None = "post" if held else None
@@ -87,13 +90,13 @@ def draw_particles(
     ax.fill_between(
         times, low, high, color=PARTICLES, alpha=0.3, linewidth=0, label=label, step=step
     )
-    count = particles.shape[1]
-    shown = particles[:, np.linspace(0, count - 1, min(count, _LINES)).round().astype(int)]
+    shown = particles[:, evenly_spaced(particles.shape[1], _LINES)]
     # As pixels, for many lines would make a vector picture heavy.
     ax.plot(
         times, shown, color=PARTICLES, alpha=0.5, linewidth=0.4, drawstyle=style, rasterized=True
     )
-    ax.plot(times, middle, color=MODEL, label=name, drawstyle=style)
+    line = middle(particles, axis=1)
+    ax.plot(times, line, color=MODEL, label=middle.__name__, drawstyle=style)
 
 
 def trial_shades(count: int) -> list[Any]:
@@ -109,9 +112,15 @@ def add_legend(ax: Axes) -> None:
         ax.legend(frameon=False, fontsize="small")
 
 
-def plain_ticks(axis: Axis, subs: Sequence[float]) -> None:
-    """Numbers instead of powers along a logarithmic axis; a page does not set formulas."""
+def plain_ticks(axis: Axis, subs: Sequence[float] | None = None) -> None:
+    """Numbers instead of powers along a logarithmic axis; a page does not set formulas.
+
+    They stand at these parts of a decade, by default as many as there is room for.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    subs = subs or ((1.0, 2.0, 5.0) if high < 30 * low else (1.0,))
 
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from mcpilco.crossing import Crossing, Outcome
 from mcpilco.show.plots.rollouts import plot_promise
-from mcpilco.show.report.document import (
-    Document,
-    Picture,
-    Section,
-    Table,
-    draw,
-    made,
-    write_document,
-)
+from mcpilco.show.report.document import Document, Section, Table, draw, made, write_document
 
 
 def write_crossing_report(
@@ -34,13 +25,14 @@ def write_crossing_report(
 
 def page_of(legs: Mapping[str, Crossing], gap: Mapping[str, Any], about: str) -> Document:
     """The content of the page of a crossing."""
-    parts = {
-        "What the simulation lacked": partial(_lacked, gap),
-        "What was promised and what happened": partial(_outcomes, legs),
-        **{f"The {leg} simulation": partial(_episode, leg, legs[leg]) for leg in legs},
-    }
-    sections = (made(title, make) for title, make in parts.items())
-    return Document("From the simulation to the system", about, _tiles(legs, gap), sections)
+
+    def sections() -> Iterator[Section]:
+        yield made("What the simulation lacked", _lacked, gap)
+        yield made("What was promised and what happened", _outcomes, legs)
+        for leg, found in legs.items():
+            yield made(f"The {leg} simulation", _episode, leg, found)
+
+    return Document("From the simulation to the system", about, _tiles(legs, gap), sections())
 
 
 def _tiles(legs: Mapping[str, Crossing], gap: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -65,13 +57,12 @@ def _lacked(gap: Mapping[str, Any]) -> Section:
     ]
     if not rows:
         return Section(
-            "What the simulation lacked",
             f"No effect was named; the verdict is “{gap['verdict']}”. More is told in "
-            "gap/report.html.",
+            "gap/report.html."
         )
     header = ("effect", "at", "size (95 % interval)")
     text = "Found in the recordings of the system; see gap/report.html."
-    return Section("What the simulation lacked", text, (), [Table(header, rows)])
+    return Section(text, tables=[Table(header, rows)])
 
 
 def _interval(estimate: Mapping[str, Any]) -> str:
@@ -100,7 +91,7 @@ def _outcomes(legs: Mapping[str, Crossing]) -> Section:
         "its own simulation; the system had no say in it, and was met for the recordings and for "
         "this table alone."
     )
-    return Section("What was promised and what happened", text, (), [Table(header, rows)])
+    return Section(text, tables=[Table(header, rows)])
 
 
 def _short(outcome: Outcome) -> str:
@@ -111,12 +102,9 @@ def _short(outcome: Outcome) -> str:
 
 def _episode(leg: str, found: Crossing) -> Section:
     text = "One episode: as the simulation promised it, and as it was on the system."
-    pictures = [_picture(found, k) for k in range(len(found.states))]
-    return Section(f"Trained in the {leg} simulation", text, pictures, columns=2)
-
-
-def _picture(found: Crossing, k: int) -> Picture:
-    name, unit = found.states[k]
-    promised, happened = found.promised.states[:, k], found.happened.states[:, k]
-    plot = partial(plot_promise, promised, happened, found.dt, f"{name} [{unit}]")
-    return draw(f"{name} over time, promised and on the system", plot)
+    pictures = []
+    for k, (name, unit) in enumerate(found.states):
+        promised, happened = found.promised.states[:, k], found.happened.states[:, k]
+        of = promised, happened, found.dt, f"{name} [{unit}]"
+        pictures.append(draw(f"{name} over time, promised and on the system", plot_promise, *of))
+    return Section(text, pictures, title=f"Trained in the {leg} simulation", columns=2)

@@ -6,7 +6,7 @@ import base64
 import contextlib
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ from mcpilco.files import write_bytes
 from mcpilco.typing import InputError, McPilcoError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -49,10 +48,11 @@ class Table:
 class Section:
     """One part of a page."""
 
-    title: str
     text: str = ""
     pictures: Sequence[Picture] = ()
     tables: Sequence[Table] = ()
+    title: str = ""
+    """empty: that of the page's list of sections"""
     key: bool = False
     """explain the colours of a rollout"""
     columns: int = 0
@@ -74,11 +74,11 @@ def _keep_inside(figure: Figure) -> None:
         )
 
 
-def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture:
-    """The picture that a function draws on new axes; equal drawings make equal pictures.
+def draw(says: str, plot: Callable[..., object], *of: object, **margins: float) -> Picture:
+    """The picture that a function draws of something on new axes, which come last.
 
-    The margins are where left, right, bottom and top of the axes are, in parts of the picture,
-    where labels need more room than usual.
+    Equal drawings make equal pictures. The margins are where left, right, bottom and top of the
+    axes are, in parts of the picture, where labels need more room than usual.
 
     Raises:
         InputError: matplotlib cannot draw the values, which is so where they are beyond all scales.
@@ -99,7 +99,7 @@ def draw(says: str, plot: Callable[[Axes], object], **margins: float) -> Picture
         ax.spines[["top", "right"]].set_visible(False)
         content = io.BytesIO()
         try:
-            plot(ax)
+            plot(*of, ax)
             if len(figure.axes) > 1:
                 _keep_inside(figure)
             figure.savefig(content, format="svg", dpi=_DPI, metadata={"Date": None})
@@ -157,9 +157,10 @@ def write_document(path: Path, document: Document) -> Path:
     return write_bytes(path, page)
 
 
-def made(title: str, make: Callable[[], Section]) -> Section:
-    """A section; one that cannot be made says why."""
+def made(title: str, make: Callable[..., Section], *of: object) -> Section:
+    """A section, under this title where it names no other; one that cannot be made says why."""
     try:
-        return make()
+        section = make(*of)
     except McPilcoError as error:
-        return Section(title, f"This cannot be shown. {error}")
+        section = Section(f"This cannot be shown. {error}")
+    return section if section.title else replace(section, title=title)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,6 @@ from mcpilco.gap import (
     MissingForce,
     NamedEffect,
     SearchResult,
-    TimeMap,
     cautions,
     closed_share,
     missing_force,
@@ -34,14 +32,7 @@ from mcpilco.gap import (
 )
 from mcpilco.plant import Plant
 from mcpilco.recordings import Recording
-from mcpilco.show.plots.gap import (
-    plot_force_map,
-    plot_growth,
-    plot_profile,
-    plot_shrink,
-    plot_time_map,
-    plot_window,
-)
+from mcpilco.show.plots import gap as plots
 from mcpilco.show.report.document import (
     Document,
     Picture,
@@ -96,24 +87,24 @@ def _tiles(gap: Gap) -> list[tuple[str, str]]:
 def _sections(gap: Gap) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     if gap.named:
-        yield made("What is missing", partial(effects, gap))
+        yield made("What is missing", effects, gap)
     if gap.closest is not None:
-        yield made("What comes closest", partial(closest, gap, gap.closest))
+        yield made("What comes closest", closest, gap, gap.closest)
     if gap.corrected.learned:
-        yield made("What was learned", partial(learned, gap))
+        yield made("What was learned", learned, gap)
     if gap.comparison is not None:
-        yield made(f"Errors on {_kind(gap)} recordings", partial(worth, gap, gap.comparison))
+        yield made(f"Errors on {_kind(gap)} recordings", worth, gap, gap.comparison)
     if gap.models is not None:
-        yield made("The force that is left over", partial(force, gap, gap.models))
-        yield made("When they disagree", partial(when, gap, gap.models))
+        yield made("The force that is left over", force, gap, gap.models)
+        yield made("When they disagree", when, gap, gap.models)
     if gap.comparison is not None:
-        yield made(f"{_kind(gap).capitalize()} windows", partial(windows, gap, gap.comparison))
+        yield made(f"{_kind(gap).capitalize()} windows", windows, gap, gap.comparison)
     if gap.experiments:
-        yield made("What to record next", partial(experiments, gap))
+        yield made("What to record next", experiments, gap)
     if gap.search is not None:
-        yield made("What was compared", partial(candidates, gap, gap.search))
+        yield made("What was compared", candidates, gap, gap.search)
     if gap.recordings:
-        yield made("Recordings", partial(recordings, gap))
+        yield made("Recordings", recordings, gap)
 
 
 _JOINTS = 3
@@ -129,23 +120,19 @@ _HEADS = {"refit": "refitted", "noise_floor": "noise alone"}
 def effects(gap: Gap) -> Section:
     """The effects that are missing, with their sizes."""
     return Section(
-        "What is missing",
         "The smallest set of effects that explains the recordings. Those under “not "
         "distinguishable from” leave residuals of about the same size in these recordings.",
-        (),
-        [_sizes(gap.plant, gap.named)],
+        tables=[_sizes(gap.plant, gap.named)],
     )
 
 
 def closest(gap: Gap, closest: Closest) -> Section:
     """The effects that explain too little to be named."""
     return Section(
-        "What comes closest",
         f"With these effects {percent(closest.reduction)} of the refitted plant's error is gone: "
         "too little, or too unsure, to name them. They may but imitate what is missing. "
         "closest.json is the plant with them.",
-        (),
-        [_sizes(gap.plant, closest.effects)],
+        tables=[_sizes(gap.plant, closest.effects)],
     )
 
 
@@ -178,12 +165,10 @@ def learned(gap: Gap) -> Section:
         if part.joint
     ]
     return Section(
-        "What was learned",
         "No effect of the catalogue explains the residual. A force of state and command was "
         "learned in its place; it is in corrected.json, and 0 outside the recorded range. An MJCF "
         "file cannot contain it. The range given is the shortest that holds most of the force.",
-        (),
-        [Table(("joint", "missing there", "share of the force"), rows)],
+        tables=[Table(("joint", "missing there", "share of the force"), rows)],
     )
 
 
@@ -199,9 +184,8 @@ def worth(gap: Gap, found: Comparison) -> Section:
     steps = [step.error for step in found.steps]
     names = [name for name in found.over_time if gap.mended or name != "corrected"]
     errors_over_time = {name: found.over_time[name] for name in names}
-    growth = partial(plot_growth, times, errors_over_time, found.bands)
-    shrink = partial(
-        plot_shrink,
+    growth = times, errors_over_time, found.bands
+    shrink = (
         [step.added for step in found.steps],
         np.array([error.value for error in steps]),
         np.array([[error.low for error in steps], [error.high for error in steps]]),
@@ -217,7 +201,6 @@ def worth(gap: Gap, found: Comparison) -> Section:
     everywhere = [three_digits(whole[n]) if n in whole else "–" for n in names]
     rows.append((f"all{left_out} [noise std]", *everywhere))
     return Section(
-        "What adding it is worth" if gap.mended else f"Errors on {_kind(gap)} recordings",
         f"Free runs through {len(found.windows)} windows "
         + (
             "of recordings that no fit has seen. "
@@ -227,10 +210,11 @@ def worth(gap: Gap, found: Comparison) -> Section:
         + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
         "bands are 95 % intervals, by a jackknife over windows that may overlap.",
         [
-            draw("Error over the time since the start, by plant", growth),
-            draw("Error at the end of a window, by model", shrink, left=0.05),
+            draw("Error over the time since the start, by plant", plots.plot_growth, *growth),
+            draw("Error at the end of a window, by model", plots.plot_shrink, *shrink, left=0.05),
         ],
         [Table((f"error after {found.horizon_s:g} s", *(_HEADS.get(n, n) for n in names)), rows)],
+        "What adding it is worth" if gap.mended else "",
     )
 
 
@@ -242,13 +226,13 @@ def force(gap: Gap, models: ComparedModels) -> Section:
     }
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
-        "The force that is missing" if gap.mended else "The force that is left over",
         f"The force that the {models.shown[0]} plant would need at a joint to reproduce the "
         f"recorded motion, averaged over {COMPARISON.force_span_s:g} s. A curve over the velocity "
         "is friction, one over the position a spring or the weight, one over the command the "
         "actuator; the lines are medians, half of all values lie within the bands."
         + (" That of the corrected plant should be flat." if gap.mended else ""),
         pictures,
+        title="The force that is missing" if gap.mended else "",
         columns=2,
     )
 
@@ -282,15 +266,12 @@ def _force_at(j: int, plant: Plant, left: Mapping[str, MissingForce]) -> Iterato
             plant: (x, part.force[:, j])
             for x, (plant, part) in zip(values, left.items(), strict=True)
         }
-        yield draw(
-            f"Force {label} over {name}", partial(plot_profile, profiles, (name, label)), left=0.18
-        )
+        says = f"Force {label} over {name}"
+        yield draw(says, plots.plot_profile, profiles, (name, label), left=0.18)
     name, part = next(iter(left.items()))
-    title = f"{label}, {name}"
-    plot = partial(plot_force_map, part.q[:, j], part.v[:, j], part.force[:, j], (q, v, title))
-    yield draw(
-        f"Force {label} over {q} and {v}, {name} plant", plot, left=0.18, right=0.94, top=0.91
-    )
+    of = part.q[:, j], part.v[:, j], part.force[:, j], (q, v, f"{label}, {name}")
+    says = f"Force {label} over {q} and {v}, {name} plant"
+    yield draw(says, plots.plot_force_map, *of, left=0.18, right=0.94, top=0.91)
 
 
 def when(gap: Gap, models: ComparedModels) -> Section:
@@ -301,20 +282,21 @@ def when(gap: Gap, models: ComparedModels) -> Section:
     events = [(names.index(e.recording), e.start_s, e.end_s) for e in gap.events]
     pictures = []
     for x, channel in enumerate(gap.plant.layout.states):
-        most = _most(maps, x)
-        if most is None:
+        seen = [found.misfit[x][np.isfinite(found.misfit[x])] for found in maps.values()]
+        if not all(map(len, seen)):  # it was not measured
             continue
+        most = max(map(float, np.concatenate(seen)))
         for name, found in maps.items():
             label = f"{channel}, {name}"
-            plot = partial(plot_time_map, found.edges, names, found.misfit[x], label, events, most)
-            pictures.append(draw(f"Misfit of {label}", plot, left=0.2, right=0.94, top=0.91))
+            of = found.edges, names, found.misfit[x], label, events, most
+            room = {"left": 0.2, "right": 0.94, "top": 0.91}
+            pictures.append(draw(f"Misfit of {label}", plots.plot_time_map, *of, **room))
     rows = [
         (part.channel, f"{100 * part.share:.0f} %", part.condition)
         for part in gap.where
         if not part.joint
     ]
     return Section(
-        "When they disagree",
         "Root mean square residual of windows of one second, whose initial states are fitted, of "
         f"the {' and the '.join(models.shown)} plant. White is noise, grey was not measured."
         + (" The black bars are the spans that were left out." if events else ""),
@@ -324,19 +306,15 @@ def when(gap: Gap, models: ComparedModels) -> Section:
     )
 
 
-def _most(maps: Mapping[str, TimeMap], x: int) -> float | None:
-    """The largest misfit of a channel; None where it was not measured."""
-    seen = [found.misfit[x][np.isfinite(found.misfit[x])] for found in maps.values()]
-    return max(map(float, np.concatenate(seen))) if all(map(len, seen)) else None
-
-
 def windows(gap: Gap, found: Comparison) -> Section:
     """Some held-out windows: measured, nominal, corrected."""
     assert gap.models is not None
     names = gap.models.shown
     times = found.windows.dt * np.arange(found.windows.y.shape[2])
     units = _units(gap.plant)
-    shown = _shown(found, names[0])
+    squares = np.nanmean(squares_at_end(scaled_errors(found.windows, found.runs[names[0]])), axis=1)
+    order = np.argsort(squares)
+    shown = [int(order[round(part * (len(order) - 1))]) for part in _PARTS]
     pictures = []
     for x, state in list(enumerate(gap.plant.layout.states))[0::2]:
         label = f"{state} [{units[state]}]"
@@ -345,10 +323,9 @@ def windows(gap: Gap, found: Comparison) -> Section:
             title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
             runs = {name: found.runs[name][w, x] for name in names}
             measured = found.windows.y[w, x]
-            plot = partial(plot_window, times, measured, runs, label, title, COMPARISON.start_s)
-            pictures.append(draw(f"{state} in {title}", plot, top=0.91))
+            of = times, measured, runs, label, title, COMPARISON.start_s
+            pictures.append(draw(f"{state} in {title}", plots.plot_window, *of, top=0.91))
     return Section(
-        f"{_kind(gap).capitalize()} windows",
         f"Windows in which the {names[0]} plant is worse than in 90, 50 and 10 % of all. In the "
         "grey part the starts of the free runs were fitted.",
         pictures,
@@ -356,16 +333,9 @@ def windows(gap: Gap, found: Comparison) -> Section:
     )
 
 
-def _shown(found: Comparison, name: str) -> list[int]:
-    """Windows in which a plant is worse than in 90, 50 and 10 % of all."""
-    squares = np.nanmean(squares_at_end(scaled_errors(found.windows, found.runs[name])), axis=1)
-    order = np.argsort(squares)
-    return [int(order[round(part * (len(order) - 1))]) for part in _PARTS]
-
-
 def experiments(gap: Gap) -> Section:
     """Recordings that would settle what these cannot."""
-    return Section("What to record next", " ".join(gap.experiments))
+    return Section(" ".join(gap.experiments))
 
 
 def candidates(gap: Gap, found: SearchResult) -> Section:
@@ -376,11 +346,9 @@ def candidates(gap: Gap, found: SearchResult) -> Section:
         for known, bic in found.ranked[:_SETS]
     ]
     return Section(
-        "What was compared",
         f"{len(found.ranked)} sets of effects were fitted; these are the best, by their BIC less "
         f"that of the best one.",
-        (),
-        [Table(("effects", "BIC"), rows)],
+        tables=[Table(("effects", "BIC"), rows)],
         folded=True,
     )
 
@@ -410,7 +378,7 @@ def recordings(gap: Gap) -> Section:
             for x, name in enumerate(gap.plant.layout.states)
         ]
         tables.append(Table(("state", "noise std"), noise))
-    return Section("Recordings", "", (), tables, folded=True)
+    return Section(tables=tables, folded=True)
 
 
 def _std(gap: Gap) -> Float[np.ndarray, " X"]:

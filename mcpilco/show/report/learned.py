@@ -23,7 +23,6 @@ from mcpilco.logbook import History, PastTrial, read_transitions
 from mcpilco.plant import Plant
 from mcpilco.show.plots.training import PolicyMap
 from mcpilco.sweep import Direction, directions
-from mcpilco.task import TaskSpec
 from mcpilco.typing import InputError, McPilcoError, RunFolderError
 
 if TYPE_CHECKING:
@@ -145,12 +144,24 @@ def policy_maps(history: History, trial: PastTrial) -> list[PolicyMap]:
     The other states are held where the trial's rollout ended.
     """
     policy = read_policy(history, trial)
-    task, inputs = history.task, range(len(history.task.input_names))
-    pairs = task.velocities or combinations(range(len(task.state_names)), 2)
-    return [
-        _policy_map(task, trial.rollout.shown_states, policy, pair, index)
-        for pair, index in islice(product(pairs, inputs), _MOST)
-    ]
+    task, states = history.task, trial.rollout.shown_states
+    width, inputs = len(task.state_names), range(len(task.input_names))
+    past = policy.augmentation.state_dim - width  # inputs that it sees too: none before
+    pairs = task.velocities or combinations(range(width), 2)
+    maps = []
+    for pair, index in islice(product(pairs, inputs), _MOST):
+        x, y = (_values(states[:, state]) for state in pair)
+        grid = np.tile(states[-1], (len(y), len(x), 1))
+        grid[..., pair[0]], grid[..., pair[1]] = np.meshgrid(x, y)
+        grid = np.pad(grid, ((0, 0), (0, 0), (0, past)))
+        with torch.no_grad():
+            answers = policy(torch.from_numpy(grid))[..., index].numpy()
+            centre, half = policy.squash.centre[index], policy.squash.half_range[index]
+        first, second = (f"{task.state_names[i]} [{task.state_units[i]}]" for i in pair)
+        label = f"{task.input_names[index]} [{task.input_units[index]}]"
+        path, ends = states[:, list(pair)], (float(centre - half), float(centre + half))
+        maps.append(PolicyMap(x, y, answers, path, *ends, (first, second, label)))
+    return maps
 
 
 def read_policy(history: History, trial: PastTrial) -> Any:
@@ -166,34 +177,6 @@ def read_policy(history: History, trial: PastTrial) -> Any:
         path = history.run.arrays_path(trial.number, "policy")
         raise RunFolderError(f"{path} is damaged, or of another task ({error}).") from error
     return policy
-
-
-def _policy_map(
-    task: TaskSpec,
-    states: Float[np.ndarray, "T_plus_1 X"],
-    policy: Any,
-    pair: tuple[int, int],
-    index: int,
-) -> PolicyMap:
-    """Input `index` over a pair of states, the others as at the end of the rollout."""
-    x, y = (_values(states[:, state]) for state in pair)
-    grid = np.tile(states[-1], (len(y), len(x), 1))
-    grid[..., pair[0]], grid[..., pair[1]] = np.meshgrid(x, y)
-    past = policy.augmentation.state_dim - grid.shape[-1]  # inputs that it sees too: none before
-    grid = np.pad(grid, ((0, 0), (0, 0), (0, past)))
-    with torch.no_grad():
-        answers = policy(torch.from_numpy(grid))[..., index].numpy()
-        centre, half = policy.squash.centre[index], policy.squash.half_range[index]
-    first, second = (f"{task.state_names[i]} [{task.state_units[i]}]" for i in pair)
-    return PolicyMap(
-        x=x,
-        y=y,
-        values=answers,
-        path=states[:, list(pair)],
-        low=float(centre - half),
-        high=float(centre + half),
-        labels=(first, second, f"{task.input_names[index]} [{task.input_units[index]}]"),
-    )
 
 
 def _values(visited: np.ndarray) -> np.ndarray:

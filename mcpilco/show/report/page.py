@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial, reduce
+from functools import reduce
 from operator import add
 from pathlib import Path
 from typing import Any
@@ -61,22 +61,22 @@ def _sections(history: History) -> Iterator[Section]:
     """All sections; one that cannot be made says why."""
     learned = history.learned
     if learned:
-        yield made("Learning", partial(learning, history))
+        yield made("Learning", learning, history)
         last = learned[-1]
-        yield made("Last trial", partial(rollout, history, last, False))
+        yield made("Last trial", rollout, history, last, False)
         if history.foreseen:
-            yield made("How far the predictions hold", partial(errors, history))
-            yield made("Calibration", partial(calibration, history))
-            yield made("Policy", partial(policy, history))
+            yield made("How far the predictions hold", errors, history)
+            yield made("Calibration", calibration, history)
+            yield made("Policy", policy, history)
         if found := models.held_directions(history):
-            yield made("Where the policy holds", partial(held, history, found))
-        yield made("Policy search", partial(search, history))
-        yield made("Timings", partial(timings, history))
+            yield made("Where the policy holds", held, history, found)
+        yield made("Policy search", search, history)
+        yield made("Timings", timings, history)
     for trial in history.trials:
         if not learned or trial is not learned[-1]:
             title, fold = f"Trial {trial.number}", bool(learned)
-            yield made(title, partial(rollout, history, trial, fold))
-    yield made("Configuration", partial(configuration, history))
+            yield made(title, rollout, history, trial, fold)
+    yield made("Configuration", configuration, history)
 
 
 def _tiles(history: History) -> list[tuple[str, str]]:
@@ -117,11 +117,10 @@ def learning(history: History) -> Section:
         for trial in history.learned
     ]
     return Section(
-        "Learning",
         "The cost of an episode after so much experience: what the models expected of each policy "
         "before it was tried, with the standard deviation over particles, and what came. "
         "A filled dot is a success.",
-        [draw("Cost of each trial over experience", partial(plots.plot_learning, history.learned))],
+        [draw("Cost of each trial over experience", plots.plot_learning, history.learned)],
         [Table((*header, *map(title_of, measured)), rows)],
     )
 
@@ -140,7 +139,7 @@ def search(history: History) -> Section:
         labels = {"xlabel": "episode of the trial", "ylabel": "its cost [-]"}
     pictures = [draw(says, lambda ax: plots.plot_search(costs, ax).set(**labels))] if costs else []
     rows = [(str(trial), str(len(values))) for trial, values in costs.items()]
-    return Section(title, text, pictures, [Table(("trial", kind), rows)])
+    return Section(text, pictures, [Table(("trial", kind), rows)], title)
 
 
 def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
@@ -150,18 +149,18 @@ def rollout(history: History, trial: PastTrial, folded: bool) -> Section:
     """
     task, real, expected = history.task, trial.rollout, trial.prediction
     pictures = [
-        draw(f"{name} over time", partial(plot, real, expected, task, i))
+        draw(f"{name} over time", plot, real, expected, task, i)
         for plot, names in ((plot_state, task.state_names), (plot_input, task.input_names))
         for i, name in enumerate(names)
     ]
     if trial.costs is not None or expected is not None:
-        pictures.append(draw("cost over time", partial(plot_costs, trial.costs, expected, real.dt)))
+        pictures.append(draw("cost over time", plot_costs, trial.costs, expected, real.dt))
     if not trial.number:
         title = "Exploration: the rollout before the first trial"
     else:
         verdict = {True: ": success", False: ": no success", None: ""}[trial.success]
         title = f"Trial {trial.number}, after {trial.experience_s:g} s{verdict}"
-    return Section(title, "", pictures, key=True, folded=folded)
+    return Section(pictures=pictures, title=title, key=True, folded=folded)
 
 
 def errors(history: History) -> Section:
@@ -178,10 +177,9 @@ def errors(history: History) -> Section:
     pictures = []
     for i, name in enumerate(task.state_names):
         along = {number: values[:, i] for number, values in found.items()}
-        plot = partial(plots.plot_errors, along, task.dt, name, task.state_units[i])
-        pictures.append(draw(f"Prediction error of {name} over time", plot))
+        of = along, task.dt, name, task.state_units[i]
+        pictures.append(draw(f"Prediction error of {name} over time", plots.plot_errors, *of))
     return Section(
-        "How far the predictions hold",
         "The distance between the system and the particles predicted for it, root mean square over "
         "the particles. The darker, the later the trial.",
         pictures,
@@ -204,13 +202,10 @@ def calibration(history: History) -> Section:
     rollouts = dict(zip(history.task.state_names, along.T, strict=True))
     count = len(steps.errors)
     pictures = [
-        draw("Coverage one step ahead", partial(plots.plot_coverage, models.LEVELS, shares, count)),
-        draw(
-            "Coverage along rollouts", partial(plots.plot_coverage, models.LEVELS, rollouts, None)
-        ),
+        draw("Coverage one step ahead", plots.plot_coverage, models.LEVELS, shares, count),
+        draw("Coverage along rollouts", plots.plot_coverage, models.LEVELS, rollouts, None),
     ]
     return Section(
-        "Calibration",
         "How often the truth lies in the interval that the models name, over the interval's level: "
         "below the diagonal they are too sure, above it too cautious. First, one step ahead: each "
         f"trial's {count // len(history.learned)} steps, which its models had not seen, all trials "
@@ -241,11 +236,10 @@ def policy(history: History) -> Section:
     """The inputs of the last policy over the states."""
     trial = history.learned[-1]
     pictures = [
-        draw(f"{found.labels[2]} over {found.labels[0]}", partial(plots.plot_policy, found))
+        draw(f"{found.labels[2]} over {found.labels[0]}", plots.plot_policy, found)
         for found in models.policy_maps(history, trial)
     ]
     return Section(
-        "Policy",
         f"What the policy of trial {trial.number} answers over two states, the others as at the "
         "end of its rollout. The line is the rollout's way, from the open dot to the filled one.",
         pictures,
@@ -259,10 +253,9 @@ def held(history: History, found: Sequence[Direction]) -> Section:
         for d in found
     ]
     return Section(
-        "Where the policy holds",
         f"Success of the policy of trial {history.learned[-1].number} in fresh rollouts, where the "
         "env simulates its plant with one number times a factor, and the others as they are.",
-        [draw("Success over the numbers of the plant", partial(plots.plot_directions, found))],
+        [draw("Success over the numbers of the plant", plots.plot_directions, found)],
         [Table(("number", *(f"x {factor:g}" for factor in FACTORS)), rows)],
     )
 
@@ -274,9 +267,8 @@ def timings(history: History) -> Section:
     times = zip((*numbers, "all"), (*wall, sum(wall)), (*cpu, sum(cpu)), strict=True)
     rows = [(str(number), f"{clock:.1f}", f"{used:.1f}") for number, clock, used in times]
     return Section(
-        "Timings",
         "The first trial also loads the compiled loops, or compiles them.",
-        [draw("Time of each trial", partial(plots.plot_times, numbers, wall, cpu))],
+        [draw("Time of each trial", plots.plot_times, numbers, wall, cpu)],
         [Table(("trial", "clock [s]", "processor [s]"), rows)],
     )
 
@@ -296,17 +288,12 @@ def configuration(history: History) -> Section:
     ]
     keys = ("env", "env_kwargs", "algo", "preset", "seed", "trials")
     about = [(key, _text(config[key])) for key in keys if key in config]
-    return Section(
-        "Configuration",
-        "",
-        (),
-        [
-            Table(("run", ""), about),
-            Table(("entry", "value", "the preset's, where it differs"), rows),
-            Table(("package", "version"), [(k, str(v)) for k, v in config["versions"].items()]),
-        ],
-        folded=True,
-    )
+    tables = [
+        Table(("run", ""), about),
+        Table(("entry", "value", "the preset's, where it differs"), rows),
+        Table(("package", "version"), [(k, str(v)) for k, v in config["versions"].items()]),
+    ]
+    return Section(tables=tables, folded=True)
 
 
 def _entries(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

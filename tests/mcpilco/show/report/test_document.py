@@ -70,7 +70,7 @@ def test_no_column_of_a_wide_table_is_cut_off(tmp_path: Path) -> None:
     sizes = "f_c = 0.1234 N m (0.1111 to 0.1357); d = 0.01234 N m s/rad (0.011 to 0.0135)"
     others = "viscous_friction, stribeck_friction, asymmetric_friction, load_friction"
     row = ("coulomb_friction", "shoulder", sizes, "99 %", others, WORDS)
-    section = Section("What is missing", WORDS, (), [Table(header, [row])])
+    section = Section(WORDS, tables=[Table(header, [row])], title="What is missing")
     write_document(tmp_path / "page.html", Document("a page", "about", (), [section]))
     with browser.page(tmp_path / "profile") as page:
         page.open((tmp_path / "page.html").as_uri(), width=1200)

@@ -24,7 +24,7 @@ _DOT = "data:image/svg+xml;base64,PHN2Zy8+"
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """One dot in place of each picture."""
-    monkeypatch.setattr(gap_page, "draw", lambda says, plot, **margins: Picture(_DOT, says))
+    monkeypatch.setattr(gap_page, "draw", lambda says, *_, **__: Picture(_DOT, says))
 
 
 def read(gap: Gap, folder: Path) -> Reader:

@@ -55,7 +55,7 @@ class Reader(HTMLParser):
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
     """One dot in place of each picture: drawing takes most of a page's time."""
-    monkeypatch.setattr(page, "draw", lambda says, plot: Picture(_DOT, says))
+    monkeypatch.setattr(page, "draw", lambda says, *_: Picture(_DOT, says))
 
 
 @pytest.fixture(scope="module")
