@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -41,10 +41,8 @@ from mcpilco.logbook import read_json, versions
 from mcpilco.sweep import FreshEpisodes, machine, markdown, rate, rate_cell, spread, spread_cell
 
 HERE = Path(__file__).parent
-DT = 0.025
-"""for which a torque is held [s]"""
-STEPS = 100
-"""of an episode: 2.5 s"""
+EPISODE = 2.5
+"""length of an episode [s]"""
 TRIALS = 24
 """of 2.5 s each; the last policy is learned from 60 s, 2.5 s of random inputs among them"""
 FRESH, SOLVED = 50, 0.9
@@ -52,13 +50,61 @@ FRESH, SOLVED = 50, 0.9
 WRONG = 0.2
 """a nominal mass is wrong by up to this part of it, in either direction"""
 MASSES = ("upper_mass", "lower_mass")
-WEIGHTS = {"near": 0.3, "energy": 0.4, "velocity": 0.0005}
-"""weights in the cost: of the way to that region, of the energy, and of squared velocities"""
-VARIANTS: Mapping[str, Mapping[str, Any]] = {
-    "full": {"room": REGULATOR_ROOM, "weights": WEIGHTS},
-    "without regulator": {"room": 0.0, "weights": WEIGHTS},
-    "without energy": {"room": REGULATOR_ROOM, "weights": {**WEIGHTS, "energy": 0.0}},
+
+
+@dataclass(frozen=True)
+class Setting:
+    """In what a robot's numbers differ from the other's; README.md tells why."""
+
+    dt: float
+    """for which a torque is held [s]"""
+    sight: float
+    """how far particles go [s]"""
+    room: float
+    """torque that the regulator may ask for in its region, to the limit [-]; 0: there is none"""
+    units: tuple[float, float] | None
+    """errors that cost a regulator as much as the largest torque [rad, rad/s]; None: 1, but 6 in
+    the cost's"""
+    near: float
+    """weight in the cost of the way to the region of a regulator [-]"""
+    energy: float
+    """weight in the cost of the energy [-]"""
+    model: Mapping[str, Any] = field(default_factory=dict)
+    """of the `ModelConfig`"""
+
+    @property
+    def steps(self) -> int:
+        """Of an episode."""
+        return round(EPISODE / self.dt)
+
+
+SETTINGS: Mapping[str, Setting] = {
+    "pendubot": Setting(
+        dt=0.025,
+        sight=EPISODE,
+        room=REGULATOR_ROOM,
+        units=None,
+        near=0.3,
+        energy=0.4,
+    ),
+    "acrobot": Setting(
+        dt=0.01,
+        sight=1.7,
+        room=6.0,
+        units=(0.3, 3.0),
+        near=0.4,
+        energy=0.3,
+        model={"noise_floor": 0.1, "inducing": 100},
+    ),
 }
+VELOCITY = 0.0005
+"""weight in the cost of squared velocities [s^2/rad^2]"""
+VARIANTS: Mapping[str, Mapping[str, float]] = {
+    "full": {},
+    "without regulator": {"room": 0.0},
+    "without energy": {"energy": 0.0},
+}
+"""what is left out of a robot's setting"""
 
 CONFIG = Config(
     policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0),
@@ -73,7 +119,6 @@ CONFIG = Config(
         widening=2.0,
         correlations=(0.0,),
     ),
-    horizon=STEPS,
     precision="float32",
 )
 """what differs from the preset `default`, and why, is told in README.md"""
@@ -110,9 +155,11 @@ def main() -> int:
                 path = out / "results" / f"{name}.json"
                 if path.exists() and read_json(path)["over"]:
                     continue
-                config = config_of(robot, seed, VARIANTS[variant]["room"])
+                setting = replace(SETTINGS[robot], **VARIANTS[variant])
+                config = config_of(robot, seed, setting)
                 config = hasty(config) if arguments.quick else config
-                for result in learned(robot, variant, config, seed, trials):
+                about = {"robot": robot, "variant": variant, "seed": seed}
+                for result in learned(about, setting, config, trials):
                     keep(path, result, HERE.name)
                     write_readme(out)
                 print(f"{name}: {verdict(result)}", flush=True)
@@ -120,12 +167,13 @@ def main() -> int:
     return 0
 
 
-def config_of(robot: Robot, seed: int, room: float) -> Config:
-    """The numbers of a seed; its nominal masses are wrong. `room` is that of the regulator."""
+def config_of(robot: Robot, seed: int, setting: Setting) -> Config:
+    """The numbers of a seed; its nominal masses are wrong."""
     plant = {"format": 1, "plant": ENVS[robot], "parameters": wrong_masses(robot, seed)}
-    model = ModelConfig(kernel="rbf", mean="physics", plant={**plant, "effects": []})
-    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight, regulator=room)
-    return replace(CONFIG, model=model, policy=policy)
+    plant |= {"effects": []}
+    model = ModelConfig(kernel="rbf", mean="physics", plant=plant, **setting.model)
+    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight, regulator=setting.room)
+    return replace(CONFIG, model=model, policy=policy, horizon=setting.steps)
 
 
 def wrong_masses(robot: Robot, seed: int) -> dict[str, float]:
@@ -134,16 +182,30 @@ def wrong_masses(robot: Robot, seed: int) -> dict[str, float]:
     return {m: true[m] * (1.0 + float(rng.uniform(-WRONG, WRONG))) for m in MASSES}
 
 
+def agent_of(robot: Robot, seed: int, setting: Setting, config: Config) -> Agent:
+    """An agent that has learned nothing yet."""
+    weights = {"near": setting.near, "energy": setting.energy, "velocity": VELOCITY}
+    sight = round(setting.sight / setting.dt)
+    return Agent(robot, weights, setting.units, sight, config=config, seed=seed, **env_of(setting))
+
+
+def env_of(setting: Setting) -> dict[str, Any]:
+    """Keywords of the env."""
+    return {"dt": setting.dt, "max_episode_steps": setting.steps}
+
+
 def learned(
-    robot: Robot, variant: str, config: Config, seed: int, trials: int
+    about: Mapping[str, Any], setting: Setting, config: Config, trials: int
 ) -> Iterator[dict[str, Any]]:
-    """What is known of a seed after each trial, as JSON; the last one is over."""
-    env = {"dt": DT, "max_episode_steps": STEPS}
-    agent = Agent(robot, VARIANTS[variant]["weights"], config=config, seed=seed, **env)
-    about = {"robot": robot, "variant": variant, "seed": seed}
-    about |= {"machine": machine(), "versions": versions()}
+    """What is known of a seed after each trial, as JSON; the last one is over.
+
+    `about` says robot, variant and seed.
+    """
+    robot, seed = about["robot"], about["seed"]
+    agent = agent_of(robot, seed, setting, config)
+    about = {**about, "machine": machine(), "versions": versions()}
     rows: list[dict[str, Any]] = []
-    with FreshEpisodes(ENVS[robot], env, FRESH, agent.horizon) as judge:
+    with FreshEpisodes(ENVS[robot], env_of(setting), FRESH, agent.horizon) as judge:
         for trial in range(1, trials + 1):
             agent.learn(agent.timesteps_of(1))
             fresh = judge.outcomes(agent.controller, seed, trial)

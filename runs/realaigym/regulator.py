@@ -28,14 +28,21 @@ Act = Callable[[State], float]
 class Regulator:
     """u = -K (x - x_up), and the region in which it may be trusted."""
 
-    def __init__(self, plant: Plant, dt: float, limit: float, room: float = ROOM) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        dt: float,
+        limit: float,
+        room: float = ROOM,
+        state_cost: tuple[float, ...] = STATE_COST,
+    ) -> None:
         """The regulator of a plant with one input, which is held for dt [s].
 
         Its region is x' P x < c: within, it asks for no more than `room` times the `limit` [N m].
         P is that of the Riccati equation, c the largest such level.
         """
         A, B = _linearised(plant, dt)
-        Q, R = np.diag(STATE_COST), np.array([[INPUT_COST]])
+        Q, R = np.diag(state_cost), np.array([[INPUT_COST]])
         self.P = solve_discrete_are(A, B, Q, R)
         self.K = np.linalg.solve(R + B.T @ self.P @ B, B.T @ self.P @ A)[0]
         self.level = (room * limit) ** 2 / float(self.K @ np.linalg.solve(self.P, self.K))
