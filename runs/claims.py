@@ -129,7 +129,7 @@ def compiling(found: Results) -> str:
     return _from_to([row["first"]["cpu_s"] for row in found[0]["calls"]])
 
 
-def pendubot(found: Results) -> str:
+def solved(found: Results) -> str:
     """How many seeds have a policy that succeeds in its test and in 90 % of its fresh rollouts."""
     good = [[row for row in seed["trials"] if row["success"] and row["p"] >= 0.9] for seed in found]
     seconds = [rows[0]["experience_s"] for rows in good if rows]
@@ -248,7 +248,13 @@ CLAIMS = (
         "pendubot with its equations and wrong masses: solved",
         "pendubot_swingup",
         "results/pendubot-full-*.json",
-        pendubot,
+        solved,
+    ),
+    Claim(
+        "acrobot, likewise: solved",
+        "pendubot_swingup",
+        "results/acrobot-full-*.json",
+        solved,
     ),
     Claim(
         "RealAIGym's board of the pendubot, whose equations are given: robustness, mean of seeds",

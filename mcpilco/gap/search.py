@@ -210,10 +210,9 @@ class Tried:
     def _relieve(self, fit: Fit) -> None:
         """Fits a model with effects of masses where it takes these far from their priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
-            ours, frees = frozenset(fit.model.effects), fit.model.frees
+            frees = fit.model.frees
             meant = [c for c in self.candidates if c.effect.place == "body" or frees(c) is not None]
-            new = [c for c in meant if ours | {c} not in self.fits]
-            self._add(fit, new, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
+            self._add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
     def _exchange(
         self, fit: Fit, gone: Sequence[EffectInstance], new: EffectInstance, values: list[float]
