@@ -2,7 +2,7 @@
 
 python runs/pendubot_swingup/run.py --quick                          # does it run at all?
 python runs/pendubot_swingup/run.py --seeds 100:130                  # the pendubot
-python runs/pendubot_swingup/run.py --seeds 100:110 --robots acrobot
+python runs/pendubot_swingup/run.py --seeds 100:130 --robots acrobot
 python runs/pendubot_swingup/run.py --seeds 100:105 --variants "without regulator"
 
 Results are kept in results/, a file for a robot, a variant and a seed, rewritten after each trial.
