@@ -248,7 +248,7 @@ TABLES = (
             "none": "0:1280",
             "outside": "0:1280,1281,1326,1330,1332,1334",
             "further": "0:1280",
-            "rough": "0:1280",
+            "rough": "0:1280,1422:1427",
             "laboratory-one": "0:1280",
             "laboratory-none": "0:1280",
         }.items()
