@@ -160,6 +160,7 @@ class Cross(options.OnMachine):
     # Settings -------------------------------------------------------------------------------------
 
     def _workflow(self) -> Workflow:
+        """The workflow of what was typed; an error where one of its envs cannot be made."""
         from envs import plant_named
         from mcpilco.agent import make_env
         from mcpilco.crossing import CrossingSettings, Place, Workflow

@@ -226,8 +226,8 @@ def _log_spread(
     columns = rr.Scalars.columns(scalars=shown.reshape(-1)).partition([series] * rows)
     track.still(f"{path}/particles", style)
     track.moving(f"{path}/particles", first, rows, columns)
-    median = middle(particles, axis=1)
-    log_line(track, f"{path}/predicted", first, median, track.colors.model, hold)
+    line = middle(particles, axis=1)
+    log_line(track, f"{path}/predicted", first, line, track.colors.model, hold)
 
 
 def log_line(

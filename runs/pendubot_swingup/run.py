@@ -197,7 +197,7 @@ def env_of(setting: Setting) -> dict[str, Any]:
 def learned(
     about: Mapping[str, Any], setting: Setting, config: Config, trials: int
 ) -> Iterator[dict[str, Any]]:
-    """What is known of a seed after each trial, as JSON; the last one is over.
+    """Yields the results of a seed after each trial, as JSON; the last one is over.
 
     `about` says robot, variant and seed.
     """

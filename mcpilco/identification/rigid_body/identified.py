@@ -319,7 +319,6 @@ def identify(
     covariance = _covariance(body, base, rows, recipe, found, seed)
     beta = base.of(found.theta)
     covariance += found.solution.common_std**2 * np.outer(beta, beta)
-
     judged = held if len(held) else rows
     return Identified(
         body=body,
