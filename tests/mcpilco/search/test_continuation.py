@@ -119,6 +119,7 @@ def starts_of(plant: dict) -> list[int]:
     return [result.starts for result in agent.results]
 
 
+@pytest.mark.slow
 def test_the_first_search_goes_the_way_of_a_plant_with_effects():
     drag = {"name": "quadratic_drag", "target": "cart", "parameters": {"c": 0.5}}
     plant = {"format": 1, "plant": "mcpilco/CartPoleSwingUp-v0", "parameters": {}}

@@ -128,9 +128,8 @@ def test_values_and_gradients_are_those_of_the_plain_rollout(task, name):
         torch.testing.assert_close(a, b, rtol=1e-6, atol=1e-7 * float(b.abs().max()))
 
 
-@pytest.mark.parametrize(
-    "name", ["physics with effects", pytest.param("all", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["physics with effects", "all"])
 def test_single_precision_errs_by_as_much_as_its_digits(task, name):
     dynamics, policy = drawn(task, COMPONENTS[name])
     width = policy.augmentation.state_dim
