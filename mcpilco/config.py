@@ -235,11 +235,21 @@ class PolicyConfig(Checked):
     regulator: float = 0.0
     """a linear regulator takes over near the task's goal, `mcpilco.policies.regulator`: in its
     region it may ask for so many times the largest input, at which it is cut off [-]; 0: none"""
+    regulator_units: tuple[float, ...] = ()
+    """error of each state that costs the regulator as much as the largest input, in the state's
+    unit; none: 1 each"""
+    regulator_trust: float = 0.9
+    """of the systems that the model leaves possible, the share that the regulator must hold to act
+    [-]"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._at_least(bases=1, regulator=0)
-        self._at_most(bases=100_000)
+        self._at_least(bases=1, regulator=0, regulator_trust=0)
+        self._at_most(bases=100_000, regulator_trust=1)
+        _require(
+            all(unit > 0 for unit in self.regulator_units),
+            f"regulator_units must be positive, got {self.regulator_units}.",
+        )
         self._positive("span", "lengthscale", "angle_lengthscale", "weight", "squash")
 
 

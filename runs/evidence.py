@@ -281,7 +281,12 @@ TABLES = (
     Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT_LAST),
     Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
     Table("partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE)),
-    Table("pendubot_swingup", "results/*.json", ("run:learned", *AGENT, PENDUBOT), "0:1,1000:1010"),
+    Table(
+        "pendubot_swingup",
+        "results/*.json",
+        ("run:learned", *AGENT, PENDUBOT),
+        "0:1,1000:1010,2000:2003",
+    ),
     Table("pendulum_swingup", "results/default/seeds/*.json", (*AGENT, PENDULUM)),
     Table("real_machines", "results/*/*.json", ("run:solve",), seeded=False),
     Table(

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 import baselines  # noqa: F401  registers its algorithms
 from mcpilco import sweep as many
 from mcpilco.agent import find, preset_numbers
-from mcpilco.config import Config, PolicyConfig
+from mcpilco.config import Config
 from mcpilco.data import title_of
 from mcpilco.files import write_bytes
 from mcpilco.logbook import read_json
@@ -93,7 +93,7 @@ def folder(here: Path, out: Path | None, quick: bool) -> Path:
 def hasty(config: Config) -> Config:
     """The configuration with a search that takes no time, and finds nothing."""
     search = replace(config.search, particles=8, steps=(5,), restarts=(0,), evaluation_particles=8)
-    policy = PolicyConfig(bases=10, regulator=config.policy.regulator)
+    policy = replace(config.policy, bases=10)
     return replace(config, policy=policy, search=search)
 
 

@@ -119,8 +119,8 @@ class MCPILCO(ModelBasedAgent):
     def make_policy(config: Config, task: TaskSpec, low: Bounds, high: Bounds) -> SumOfGaussians:
         seen, limits = task.after_inputs(config.model.memory), config.search.limits
         policy = blank_policy(config.policy, seen, low, high)
-        if room := config.policy.regulator:
-            policy.regulator = Regulator(room, task, low, high, config.model.memory)
+        if config.policy.regulator:
+            policy.regulator = Regulator(config.policy, task, low, high, config.model.memory)
         if limits:
             policy.brake = Brake(limits, task, low, high, len(seen.state_names))
         return policy

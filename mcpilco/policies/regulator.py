@@ -5,8 +5,8 @@ The model of the next state is linearised about the goal x* and the inputs u* th
     x' - x* = A e + B (u - u*),    e = x - x*,
 
 and the discrete Riccati equation gives the law u = u* - K e of least cost, the sum of e'Qe + u'Ru,
-and e'Se, the cost to come. Q is one per squared unit of each state, R such that a largest input
-costs as much as a unit of a state. So that full turns look alike, e of an angle is
+and e'Se, the cost to come. Q is one per squared error that counts as much as a largest input, of
+each state: one of its unit, unless another is told. So that full turns look alike, e of an angle is
 sin(e) (4 - cos(e)) / 3, which is e to the fifth order.
 
 The region is e'Se < c; c is the largest for which the law asks for at most `room` times the input
@@ -14,7 +14,7 @@ that there is, where it is cut off. To half of the way to its edge the regulator
 there on its share falls to 0; so it does between 60 and 90 degrees from an angle's goal.
 
 A model that has seen nothing near the goal has no regulator: of systems drawn from what it leaves
-possible, the law must bring `TRUSTED` to rest within the inner half of the region.
+possible, the law must bring a share, `trust`, to rest within the inner half of the region.
 
 Reference: Anderson & Moore, Optimal Control: Linear Quadratic Methods, 1990, chapters 2 and 3;
 Bryson & Ho, Applied Optimal Control, 1975, section 5.2 (weights); Spong, IEEE Control Systems 15
@@ -33,6 +33,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_discrete_are
 from torch import Tensor
 
+from mcpilco.config import PolicyConfig
 from mcpilco.dynamics import GPDynamics, Linearised, PathwisePosterior, PhysicsDynamics, linearised
 from mcpilco.plant import cos, larger, sin, smaller
 from mcpilco.policies.policies import Bounds
@@ -44,8 +45,6 @@ logger = logging.getLogger(__name__)
 
 DRAWS = 100
 """systems drawn from the model"""
-TRUSTED = 0.9
-"""of them, what the law must hold [-]"""
 INNER = 0.25
 """of c, to which the regulator acts alone: half of the way to the edge [-]"""
 PAST = 1e-3
@@ -76,19 +75,19 @@ class Regulator(Stage):
     """c [-]; 0: it does not act"""
 
     def __init__(
-        self, room: float, task: TaskSpec, low: Bounds, high: Bounds, memory: int = 0
+        self, config: PolicyConfig, task: TaskSpec, low: Bounds, high: Bounds, memory: int = 0
     ) -> None:
         """A regulator that does not act yet; `learn` or `hold` gives it a law.
 
         Args:
-            room: how many times the input that there is the law may ask for in its region [-].
+            config: the room that it has, the units of states, and the share of systems to hold.
             task: with a goal.
             low: least inputs, in their units.
             high: largest ones.
             memory: how many past inputs stand behind a state.
 
         Raises:
-            InputError: the task has no goal.
+            InputError: the task has no goal, or not as many states as there are units.
         """
         super().__init__()
         if task.goal is None:
@@ -96,7 +95,14 @@ class Regulator(Stage):
                 "A regulator needs the state to hold, got a task without a goal: set "
                 "TaskSpec.goal, with one number for each state, in the env or by --task."
             )
-        self.room, self.bounds = room, np.array([low, high], dtype=float)
+        units = config.regulator_units or (1.0,) * len(task.goal)
+        if len(units) != len(task.goal):
+            raise InputError(
+                "regulator_units must have one number for each of the states "
+                f"{', '.join(task.state_names)}, got {units}."
+            )
+        self.room, self.trust = config.regulator, config.regulator_trust
+        self.bounds = np.array([low, high], dtype=float)
         self.names, self.angles = task.after_inputs(memory).state_names, task.angles
         self.width, U = len(self.names), self.bounds.shape[1]
         # x* = goal + held u*: past inputs are those that hold it
@@ -104,6 +110,7 @@ class Regulator(Stage):
             [np.zeros((len(task.goal), U)), np.tile(np.eye(U), (memory, 1))]
         )
         self._goal = np.array([*task.goal, *[0.0] * (U * memory)])
+        self._costs = np.array([*units, *[1.0] * (U * memory)]) ** -2.0
         shapes = {"gain": (U, self.width), "value": (self.width,) * 2, "inputs": (U,)}
         for name, shape in (shapes | {"goal": (self.width,), "level": ()}).items():
             self.register_buffer(name, torch.zeros(shape, dtype=torch.float64))
@@ -137,7 +144,7 @@ class Regulator(Stage):
     ) -> float:
         """Become the regulator of a model; returns the share of its draws that the law holds [-].
 
-        It does not act where that is less than `TRUSTED`, or where there is no law.
+        It does not act where that is less than `trust`, or where there is no law.
         """
         self.level.zero_()
         try:
@@ -150,7 +157,7 @@ class Regulator(Stage):
             logger.info("No regulator: %s", error)
             return 0.0
         share = float(held[1:].mean())
-        if not held[0] or share < TRUSTED:
+        if not held[0] or share < self.trust:
             self.level.zero_()
             logger.info("No regulator: it holds %.0f %% of the model's draws.", 100 * share)
         return share
@@ -169,7 +176,7 @@ class Regulator(Stage):
                 f"which is not between {low.tolist()} and {high.tolist()}; choose another goal."
             )
         R, past = ((high - low) / 2) ** -2.0, self._held.sum(1) > 0
-        Q = np.where(past, PAST * self._held @ R, 1.0)
+        Q = np.where(past, PAST * self._held @ R, self._costs)
         K, S = riccati(A, B, np.diag(Q), np.diag(R), self.names)
         # the largest K_j e on e'Se = c is sqrt(c K_j S^-1 K_j')
         most = np.einsum("ui,iu->u", K, np.linalg.solve(S, K.T))

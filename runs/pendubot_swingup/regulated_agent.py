@@ -1,4 +1,4 @@
-"""MC-PILCO whose cost shows the way to the region of a linear regulator of the learned plant."""
+"""MC-PILCO of a double pendulum, with a linear regulator of what it has learned near the top."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import gymnasium
-import numpy as np
-import torch
-from jaxtyping import Float
 from realaigym.equations import JOINT, nominal_row
 from realaigym.recipes import RECIPES
 from realaigym.regulator import STATE_COST
@@ -21,7 +18,6 @@ from mcpilco import MCPILCO
 from mcpilco.config import Config
 from mcpilco.logbook import Callback
 from mcpilco.plant import Plant
-from mcpilco.policies import Regulator
 from mcpilco.search import Candidate, Problem, SearchResult
 from mcpilco.sensing import Perception
 
@@ -32,50 +28,40 @@ SEEN = 4.0
 """torque that the regulator may ask for in the region that the cost sees, to the limit [-]"""
 
 
-class CountedRegulator(Regulator):
-    """The package's regulator, in whose cost each state counts in a unit that is chosen.
+class Agent(MCPILCO):
+    """MC-PILCO of one of the double pendulums, with the cost of its env."""
 
-    An error of one such unit costs as much as the largest torque.
-    """
-
-    def __init__(self, units: Float[np.ndarray, " X"], *arguments: Any) -> None:
-        """One that does not act yet.
+    def __init__(self, robot: str, sight: int, *, config: Config, seed: int, **env: Any) -> None:
+        """An agent that has learned nothing yet.
 
         Args:
-            units: of each state, in its unit.
-            *arguments: those of `Regulator`.
+            robot: `pendubot` or `acrobot`.
+            sight: how far particles go [steps].
+            config: the numbers.
+            seed: of everything random.
+            **env: keywords of the env.
         """
-        super().__init__(*arguments)
-        self.units = units
+        self._sight = sight
+        made = gymnasium.make(ENVS[robot], torque_limit=LIMIT, **env)
+        super().__init__("SumOfGaussians", made, config=config, seed=seed)
 
-    def hold(
-        self,
-        A: Float[np.ndarray, "X X"],
-        B: Float[np.ndarray, "X U"],
-        inputs: Float[np.ndarray, " U"],
-    ) -> None:
-        """Become the regulator of a linear system about the goal, see `Regulator.hold`."""
-        # e = D z: z' = D^-1 A D z + D^-1 B u, and u = -K z = -(K D^-1) e
-        D = self.units
-        super().hold(A / D[:, None] * D, B / D[:, None], inputs)
-        self.gain.div_(torch.from_numpy(D))
-        self.value.div_(torch.from_numpy(np.outer(D, D)))
+    def _problem(self, trial: int, perception: Perception | None) -> Problem:
+        return replace(super()._problem(trial, perception), horizon=self._sight)
 
 
-class Agent(MCPILCO):
-    """MC-PILCO of one of the double pendulums, with its equations as the model's mean.
+class KnowingAgent(Agent):
+    """An agent whose model has the pendulum's equations as its mean.
 
-    After each fit the cost is that of the plant as it is known then, with a part for the region of
-    a regulator; the policy has a regulator of its own where `config.policy.regulator` says so.
+    After each fit the cost is that of the plant as it is known then, with a part for the energy and
+    one for the region of a regulator.
     """
 
     def __init__(
         self,
         robot: str,
-        weights: Mapping[str, float],
-        units: tuple[float, float] | None,
         sight: int,
         *,
+        weights: Mapping[str, float],
         config: Config,
         seed: int,
         **env: Any,
@@ -84,34 +70,27 @@ class Agent(MCPILCO):
 
         Args:
             robot: `pendubot` or `acrobot`.
-            weights: of the parts of the `SwingCost`.
-            units: in which regulators count angles and velocities [rad, rad/s]; None: in those
-                that the policy's and that of the cost have of their own.
             sight: how far particles go [steps].
+            weights: of the parts of the `SwingCost`.
             config: the numbers; `config.model.plant` is the nominal plant.
             seed: of everything random.
             **env: keywords of the env.
         """
         assert isinstance(config.model.plant, Mapping), "the numbers of the nominal plant"
-        self._robot, self._weights, self._units, self._sight = robot, weights, units, sight
+        self._robot, self._weights = robot, weights
+        self._units = config.policy.regulator_units
         nominal = envs.PLANTS[ENVS[robot]]().where(**config.model.plant["parameters"])
         self._cost_now = Replaceable(self._cost_of(nominal, env["dt"]))
-        made = gymnasium.make(ENVS[robot], cost=self._cost_now, torque_limit=LIMIT, **env)
-        super().__init__("SumOfGaussians", made, config=config, seed=seed)
-        if units is not None and (room := config.policy.regulator):
-            counted = CountedRegulator(np.tile(units, 2), room, self.task, self.low, self.high)
-            self.policy.regulator = counted
+        env["cost"] = self._cost_now
+        super().__init__(robot, sight, config=config, seed=seed, **env)
 
     def _cost_of(self, plant: Plant, dt: float) -> SwingCost:
         """The cost of a plant whose torques are held for dt [s]."""
         scales, costs = RECIPES[self._robot].lengthscales, STATE_COST
-        if self._units is not None:
-            costs = 2 * tuple((LIMIT / unit) ** 2 for unit in self._units)
+        if self._units:
+            costs = tuple((LIMIT / unit) ** 2 for unit in self._units)
         seen = SeenRegulator(plant, dt, LIMIT, SEEN, costs)
         return SwingCost(nominal_row(plant), seen, JOINT[self._robot], scales, **self._weights)
-
-    def _problem(self, trial: int, perception: Perception | None) -> Problem:
-        return replace(super()._problem(trial, perception), horizon=self._sight)
 
     def _search(
         self, trial: int, perception: Perception | None, events: Callback

@@ -4,6 +4,7 @@ python runs/pendubot_swingup/run.py --quick                          # does it r
 python runs/pendubot_swingup/run.py --seeds 100:130                  # the pendubot
 python runs/pendubot_swingup/run.py --seeds 100:130 --robots acrobot
 python runs/pendubot_swingup/run.py --seeds 100:105 --variants "without regulator"
+python runs/pendubot_swingup/run.py --seeds 200:210 --variants "without equations"
 
 Results are kept in results/, a file for a robot, a variant and a seed, rewritten after each trial.
 The same command goes on where it was stopped, and rewrites README.md between its marked lines from
@@ -25,7 +26,7 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from harness import fill, folder, hasty, keep, kept, parse_seeds, places, use_one_thread
-from pendubot_swingup.regulated_agent import ENVS, Agent
+from pendubot_swingup.regulated_agent import ENVS, Agent, KnowingAgent
 from realaigym.recipes import RECIPES
 
 import envs
@@ -62,13 +63,17 @@ class Setting:
     """how far particles go [s]"""
     room: float
     """torque that the regulator may ask for in its region, to the limit [-]; 0: there is none"""
-    units: tuple[float, float] | None
-    """errors that cost a regulator as much as the largest torque [rad, rad/s]; None: 1, but 6 in
-    the cost's"""
+    units: tuple[float, ...]
+    """errors of angle and velocity that cost a regulator as much as the largest torque [rad,
+    rad/s]; none: 1, but 6 in the cost's"""
     near: float
     """weight in the cost of the way to the region of a regulator [-]"""
     energy: float
     """weight in the cost of the energy [-]"""
+    equations: bool = True
+    """whether the model's mean is physics; else the cost is the env's, without near and energy"""
+    trust: float = 0.9
+    """share of the model's draws that the regulator must hold [-]"""
     model: Mapping[str, Any] = field(default_factory=dict)
     """of the `ModelConfig`"""
 
@@ -83,7 +88,7 @@ SETTINGS: Mapping[str, Setting] = {
         dt=0.025,
         sight=EPISODE,
         room=REGULATOR_ROOM,
-        units=None,
+        units=(),
         near=0.3,
         energy=0.4,
     ),
@@ -99,12 +104,20 @@ SETTINGS: Mapping[str, Setting] = {
 }
 VELOCITY = 0.0005
 """weight in the cost of squared velocities [s^2/rad^2]"""
-VARIANTS: Mapping[str, Mapping[str, float]] = {
+VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "full": {},
     "without regulator": {"room": 0.0},
     "without energy": {"energy": 0.0},
+    "without equations": {
+        "equations": False,
+        "sight": 2.0,
+        "room": 6.0,
+        "units": (0.3, 3.0),
+        "trust": 0.5,
+        "model": {"noise_floor": 0.03, "inducing": 200},
+    },
 }
-"""what is left out of a robot's setting"""
+"""in what a robot's setting differs"""
 
 CONFIG = Config(
     policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0),
@@ -169,10 +182,17 @@ def main() -> int:
 
 def config_of(robot: Robot, seed: int, setting: Setting) -> Config:
     """The numbers of a seed; its nominal masses are wrong."""
-    plant = {"format": 1, "plant": ENVS[robot], "parameters": wrong_masses(robot, seed)}
-    plant |= {"effects": []}
-    model = ModelConfig(kernel="rbf", mean="physics", plant=plant, **setting.model)
-    policy = replace(CONFIG.policy, weight=RECIPES[robot].weight, regulator=setting.room)
+    model = ModelConfig(kernel="rbf", **setting.model)
+    if setting.equations:
+        plant = {"format": 1, "plant": ENVS[robot], "parameters": wrong_masses(robot, seed)}
+        model = replace(model, mean="physics", plant={**plant, "effects": []})
+    policy = replace(
+        CONFIG.policy,
+        weight=RECIPES[robot].weight,
+        regulator=setting.room,
+        regulator_units=2 * setting.units,
+        regulator_trust=setting.trust,
+    )
     return replace(CONFIG, model=model, policy=policy, horizon=setting.steps)
 
 
@@ -184,9 +204,12 @@ def wrong_masses(robot: Robot, seed: int) -> dict[str, float]:
 
 def agent_of(robot: Robot, seed: int, setting: Setting, config: Config) -> Agent:
     """An agent that has learned nothing yet."""
+    sight, keywords = round(setting.sight / setting.dt), env_of(setting)
+    keywords |= {"config": config, "seed": seed}
+    if not setting.equations:
+        return Agent(robot, sight, **keywords)
     weights = {"near": setting.near, "energy": setting.energy, "velocity": VELOCITY}
-    sight = round(setting.sight / setting.dt)
-    return Agent(robot, weights, setting.units, sight, config=config, seed=seed, **env_of(setting))
+    return KnowingAgent(robot, sight, weights=weights, **keywords)
 
 
 def env_of(setting: Setting) -> dict[str, Any]:

@@ -92,6 +92,15 @@ def test_physics_know_masses_that_are_wrong_by_up_to_a_fifth(run, robot):
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
 
 
+def test_without_equations_the_agent_is_told_no_plant(run):
+    setting = replace(run.SETTINGS["pendubot"], **run.VARIANTS["without equations"])
+    config = hasty(run.config_of("pendubot", 0, setting))
+    agent = run.agent_of("pendubot", 0, setting, config)
+    assert (config.model.mean, config.model.plant) == ("zero", None)
+    assert agent.task.cost == PENDUBOT.cost
+    assert (agent.policy.regulator.room, agent.policy.regulator.trust) == (6.0, 0.5)
+
+
 @pytest.mark.slow
 def test_the_agent_learns_the_plant_of_its_regulator_and_its_cost(run):
     """After a search both are of the masses that were fitted, closer than the nominal ones."""

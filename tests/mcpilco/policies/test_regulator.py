@@ -42,8 +42,9 @@ def plant_slopes() -> tuple[np.ndarray, np.ndarray]:
     return slopes[:4].T, slopes[4:].T
 
 
-def regulator_of(spec: TaskSpec, room: float = 2.0, memory: int = 0) -> Regulator:
-    return Regulator(room, spec, [-FORCE], [FORCE], memory)
+def regulator_of(spec: TaskSpec, room: float = 2.0, memory: int = 0, **config) -> Regulator:
+    config = PolicyConfig(regulator=room, **config)
+    return Regulator(config, spec, [-FORCE], [FORCE], memory)
 
 
 @pytest.fixture
@@ -112,6 +113,29 @@ def test_what_one_input_cannot_move_apart_is_named() -> None:
 def test_a_goal_that_no_input_holds_is_refused(spec: TaskSpec) -> None:
     with pytest.raises(InputError, match=r"no equilibrium within the bounds: \[12.0\]"):
         regulator_of(spec).hold(*plant_slopes(), np.array([12.0]))
+
+
+def test_an_error_of_one_unit_costs_as_much_as_the_largest_input(spec: TaskSpec) -> None:
+    A, B = plant_slopes()
+    units = (0.5, 2.0, 0.3, 3.0)
+    regulator = regulator_of(spec, regulator_units=units)
+    regulator.hold(A, B, np.zeros(1))
+    # e = D z: the states in these units have the slopes D^-1 A D and D^-1 B, and unit costs
+    D = np.array(units)
+    gain, _ = riccati(A / D[:, None] * D, B / D[:, None], np.eye(4), np.array([[FORCE**-2.0]]))
+    np.testing.assert_allclose(regulator.gain.numpy() * D, gain, rtol=1e-6)
+
+
+def test_units_of_another_number_of_states_are_refused(spec: TaskSpec) -> None:
+    with pytest.raises(InputError, match="one number for each of the states cart_position"):
+        regulator_of(spec, regulator_units=(0.3, 3.0))
+
+
+def test_units_and_trust_are_checked() -> None:
+    with pytest.raises(InputError, match="regulator_units must be positive"):
+        PolicyConfig(regulator_units=(1.0, 0.0))
+    with pytest.raises(InputError, match="regulator_trust must be at most 1"):
+        PolicyConfig(regulator_trust=1.5)
 
 
 def test_without_a_goal_it_says_how_to_give_one(spec: TaskSpec) -> None:
@@ -208,6 +232,17 @@ def test_far_from_the_goal_a_gp_is_not_trusted(spec: TaskSpec) -> None:
     dynamics = modelled(spec, recorded(np.zeros(4), seed=0), kernel="rbf")
     assert regulator.learn(dynamics) < 0.9
     assert not regulator.acts
+
+
+def test_it_acts_from_the_share_on_that_is_asked_for(spec: TaskSpec) -> None:
+    aside = UPRIGHT - [0.0, 0.0, 1.0, 0.0]
+    dynamics = modelled(spec, recorded(aside, seed=0, samples=15), kernel="rbf")
+    share = regulator_of(spec).learn(dynamics)
+    assert 0.1 < share < 0.9
+    for trust, acts in ((share - 0.02, True), (share + 0.02, False)):
+        regulator = regulator_of(spec, regulator_trust=trust)
+        assert regulator.learn(dynamics) == share
+        assert regulator.acts is acts
 
 
 def test_of_a_plant_it_is_trusted_from_data_of_anywhere(spec: TaskSpec, upright: Regulator) -> None:

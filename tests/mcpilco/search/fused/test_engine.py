@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.config import Limit
+from mcpilco.config import Limit, PolicyConfig
 from mcpilco.dynamics import AngleAugmentation, Delay, full_state, speed_integration
 from mcpilco.kernels import MPK, RBF, ActiveDims, Kernel, Linear, Scaled
 from mcpilco.policies import (
@@ -266,7 +266,7 @@ def test_equals_plain_rollout_with_a_brake_of_two_inputs(task: TaskSpec) -> None
 def test_equals_plain_rollout_with_a_regulator(task: TaskSpec, limited: bool) -> None:
     policy = braked(task) if limited else make_policy(task)
     aimed = dataclasses.replace(task, goal=(0.1, 0.0, 0.2, 0.0))
-    policy.regulator = Regulator(100.0, aimed, [-10.0], [10.0])
+    policy.regulator = Regulator(PolicyConfig(regulator=100.0), aimed, [-10.0], [10.0])
     A = np.eye(4) + np.diag([0.1, 0.0, 0.1], 1) + np.diag([0.0, 0.0, 0.2], -1)
     policy.regulator.hold(A, np.array([[0.0], [0.2], [0.0], [-0.1]]), np.array([0.5]))
     assert_equal(make_dynamics(task), policy, task.cost, Dropout(0.25, seed=5))
