@@ -132,6 +132,15 @@ def write_bytes(path: Path, content: bytes) -> Path:
     return path
 
 
+def finite(content: Any) -> Any:
+    """What JSON can say of a content: numbers that are not finite become None."""
+    if isinstance(content, Mapping):
+        return {key: finite(entry) for key, entry in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite(entry) for entry in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
 def csv_bytes(names: Sequence[str], rows: Iterable[Iterable[object]]) -> bytes:
     """A CSV table with a header row, as the content of a file."""
     text = io.StringIO()

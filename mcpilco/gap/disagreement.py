@@ -100,8 +100,9 @@ def _condition(fit: Fit, windows: Windows, r: Float[np.ndarray, "W T"]) -> str:
         used = windows.driven[:, :, u]
         traits[f"|{name}|"] = np.abs(used).mean(axis=1)
         traits[f"the change of {name}"] = np.abs(np.diff(used, axis=1)).mean(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ranks = {name: _rank_correlation(missed, trait) for name, trait in traits.items()}
+    with warnings.catch_warnings(action="ignore"):  # of what is the same in all windows
+        found = {name: stats.spearmanr(missed, np.nan_to_num(t)) for name, t in traits.items()}
+    ranks = {name: np.nan_to_num(each.statistic) for name, each in found.items()}
     name = max(ranks, key=lambda n: abs(ranks[n]))
     if abs(ranks[name]) < 0.3:
         return "at all speeds and amplitudes"
@@ -113,13 +114,6 @@ def mean_of_known(y: Float[np.ndarray, "W T"]) -> PerWindow:
     known = np.isfinite(y)
     total = np.where(known, y, 0.0).sum(axis=1)
     return np.where(known.any(axis=1), total / np.maximum(known.sum(axis=1), 1), np.nan)
-
-
-def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Spearman's."""
-    ranks = [np.argsort(np.argsort(np.nan_to_num(x))) for x in (a, b)]
-    rank = np.corrcoef(ranks[0], ranks[1])[0, 1]
-    return float(rank) if np.isfinite(rank) else 0.0
 
 
 def without_spikes(fit: Fit, windows: Windows) -> Windows:

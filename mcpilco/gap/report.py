@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.data import html_table
-from mcpilco.files import write_bytes
+from mcpilco.files import finite, write_bytes
 from mcpilco.gap.comparison import ComparedModels, Comparison, Interval
 from mcpilco.gap.data import Event, Windows, cut
 from mcpilco.gap.decide import Closest, LeftForce, NamedEffect, Rival, ShiftedParameter, rivals
@@ -168,16 +168,8 @@ def _error(gap: Gap) -> dict[str, Any] | None:
 
 def write_json(gap: Gap, path: Path) -> None:
     """Writes `gap.json`, whole or not at all; what is not finite becomes null."""
-    text = json.dumps(_finite(to_json(gap)), indent=2, allow_nan=False)
+    text = json.dumps(finite(to_json(gap)), indent=2, allow_nan=False)
     write_bytes(path, text.encode())
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def summary(gap: Gap) -> list[str]:

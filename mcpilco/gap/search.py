@@ -207,6 +207,21 @@ class Tried:
         if self.best() is not best:
             self.simplify()
 
+    def confuse(self) -> None:
+        """Fits the best model with what does the same to its motions in the place of an effect.
+
+        In a horizontal plane an arm's mass and its center are an inertia: either may be named.
+        """
+        best, share = self.best(), self.null.model.budget.share(1.0)
+        lin = linearise(best.model, self.windows, best.theta, best.x0)
+        scores = screen(best, lin, self.windows, self._further(best, self.candidates))
+        told = {score.instance for score in scores if score.sensitivity > 0.0}
+        same = [score.instance for score in scores if score.instance not in told]
+        for instance in best.model.effects if same else ():
+            model, theta = shrunk(best, instance, self.null)
+            rest = replace(best, model=model, theta=theta)  # the others stay as they are
+            self._add(rest, same, len(same), share, SEARCH.same_bic)
+
     def _relieve(self, fit: Fit) -> None:
         """Fits a model with effects of masses where it takes these far from their priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
@@ -258,6 +273,11 @@ class Tried:
             self._add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
+    def _further(self, fit: Fit, candidates: Sequence[EffectInstance]) -> list[EffectInstance]:
+        """Those of candidates that a model does not have in some form."""
+        ours = fit.model.effects
+        return [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
+
     def _add(
         self,
         fit: Fit,
@@ -267,8 +287,7 @@ class Tried:
         least: float,
     ) -> list[Score]:
         """Fits the most promising models of one effect more, those that may gain the least."""
-        ours = fit.model.effects
-        new = [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
+        ours, new = fit.model.effects, self._further(fit, candidates)
         if not new or len(ours) == SEARCH.most_effects:
             return []
         lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
@@ -338,6 +357,8 @@ def search(
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
     if share.used_up:
         scores = _reconsider(tried, model.budget.share(BUDGET.search)) or scores
+    if not model.plant.costly:
+        tried.confuse()
     best = tried.best()
     ranked = [(fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit))]
     ranked.sort(key=lambda pair: pair[0] is not best)
@@ -461,10 +482,7 @@ def shrunk(fit: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, T
 
 
 def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
-    """The best fit of one of a fit's effects, the best of two with this one, ...; without itself.
-
-    They are fits of the search, on its windows.
-    """
+    """Fits of a search: the best of one of a fit's effects, the best of two with this one, ..."""
     ours, steps = set(best.model.effects), []
     chosen: set[EffectInstance] = set()
     for size in range(1, len(ours)):

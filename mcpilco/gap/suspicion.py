@@ -140,8 +140,8 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
         now, _, spans = alike[0]
     if questions and now < SUSPICION.explained:
         yield (
-            f"{' '.join(questions)} Read so, the plant misses {_percent(now)} of the motion over "
-            f"{SUSPICION.span_s:g} s; as recorded, {_percent(start)}."
+            f"{' '.join(questions)} Read so, the plant misses {three_digits(100 * now)} % of the "
+            f"motion over {SUSPICION.span_s:g} s; as recorded, {three_digits(100 * start)} %."
         )
         return
     yield from _inconsistent(plant, spans)
@@ -150,14 +150,10 @@ def _misread(plant: Plant, spans: Spans) -> Iterator[str]:
     foreign = start > min(SUSPICION.foreign, max(SUSPICION.missed, SUSPICION.idle * without))
     if foreign and missed(plant, spans, friction=True) > SUSPICION.explained:
         yield (
-            f"the plant misses {_percent(start)} of the motion over {SUSPICION.span_s:g} s, and "
-            f"without the commands {_percent(without)}: is it the log of another machine, or time "
-            "in another unit?"
+            f"the plant misses {three_digits(100 * start)} % of the motion over "
+            f"{SUSPICION.span_s:g} s, and without the commands {three_digits(100 * without)} %: is "
+            "it the log of another machine, or time in another unit?"
         )
-
-
-def _percent(part: float) -> str:
-    return f"{100.0 * part:.2g} %" if part < 1.0 else f"{100.0 * part:.0f} %"
 
 
 def _inconsistent(plant: Plant, spans: Spans) -> Iterator[str]:

@@ -19,6 +19,7 @@ from hypothesis.extra import numpy as hnp
 
 from mcpilco import files as archive
 from mcpilco.files import (
+    finite,
     leftovers,
     make_folder,
     read_arrays,
@@ -382,3 +383,8 @@ def test_a_folder_that_leads_outside_is_not_written_to(tmp_path: Path) -> None:
     os.mkfifo(folder / "inner" / "pipe")
     with pytest.raises(RunFolderError, match="it is a pipe"):
         require_own(folder)
+
+
+def test_what_is_not_finite_is_none_wherever_it_stands() -> None:
+    content = {"a": [1.0, np.nan, (np.inf, 2)], "b": {"c": -np.inf, "d": "nan"}, "e": True}
+    assert finite(content) == {"a": [1.0, None, [None, 2]], "b": {"c": None, "d": "nan"}, "e": True}

@@ -16,7 +16,7 @@ from mcpilco.gap.fit import Fit, fit_nominal
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score
 from mcpilco.gap.search import Tried, _next, _reconsider, search, without
-from mcpilco.gap.thresholds import SEARCH
+from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -26,6 +26,8 @@ DELAY = active("actuator_delay", "actuator")
 MOTOR = active("back_emf", "pendulum")
 UNEVEN = active("asymmetric_friction", "pendulum")
 OFFSET = active("sensor_offset", "angle")
+ARMATURE = active("armature", "pendulum")
+INERTIA = active("body_inertia", "pendulum")
 
 
 def found(known: GapProblem, candidates: list[EffectInstance]) -> set[EffectInstance]:
@@ -299,6 +301,26 @@ def test_an_effect_that_the_others_made_needless_is_dropped(
     )
     result = search(spent, windows, [LAG, FRICTION, OFFSET], (before,))
     assert {*result.best.model.effects} == {LAG, FRICTION}
+
+
+def test_what_does_the_same_to_every_motion_is_as_likely_as_what_was_found() -> None:
+    """No recording of a pendulum tells the inertia of its motor from that of its rod."""
+    plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
+    hidden = (ARMATURE, [0.1]), (FRICTION, [0.1, 2e-3])
+    known = problem(plant, hidden)
+    windows = known.windows()
+    null = fitted(known.model(windows), windows, np.zeros(known.model(windows).nuisances))
+    model, theta = null.model, null.theta
+    for effect, values in hidden:
+        model, theta = model.grown(theta, effect, values)
+    tried = Tried.begun(null, windows, [ARMATURE, INERTIA, FRICTION, LAG])
+    right = tried.keep(fitted(model, tried.windows, theta))
+    other = frozenset({INERTIA, FRICTION})
+    assert tried.best() is right
+    assert other not in tried.fits
+    tried.confuse()
+    assert abs(tried.bic(tried.fits[other]) - tried.bic(right)) < VERDICT.tied
+    assert frozenset({ARMATURE, LAG}) not in tried.fits
 
 
 def test_an_effect_that_came_first_is_exchanged_for_one_that_promises_as_much_in_its_place(
