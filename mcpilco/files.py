@@ -133,7 +133,7 @@ def write_bytes(path: Path, content: bytes) -> Path:
 
 
 def finite(content: Any) -> Any:
-    """What JSON can say of a content: numbers that are not finite become None."""
+    """A content with None in the place of numbers that are not finite, which JSON has not."""
     if isinstance(content, Mapping):
         return {key: finite(entry) for key, entry in content.items()}
     if isinstance(content, list | tuple):

@@ -215,8 +215,7 @@ class Tried:
         best, share = self.best(), self.null.model.budget.share(1.0)
         lin = linearise(best.model, self.windows, best.theta, best.x0)
         scores = screen(best, lin, self.windows, self._further(best, self.candidates))
-        told = {score.instance for score in scores if score.sensitivity > 0.0}
-        same = [score.instance for score in scores if score.instance not in told]
+        same = [score.instance for score in scores if score.sensitivity == 0.0]
         for instance in best.model.effects if same else ():
             model, theta = shrunk(best, instance, self.null)
             rest = replace(best, model=model, theta=theta)  # the others stay as they are
