@@ -34,6 +34,8 @@ class Weighed:
     """for the best model"""
     nominal: Evidence
     """for the model of no effect"""
+    whole: Weighed | None = None
+    """the same with effects that are too slight to be told, or not worth it"""
 
     def share(self, instance: EffectInstance) -> float:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
@@ -53,8 +55,7 @@ class Weighed:
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
     """The fits on all windows, without effects that are not worth it on these.
 
-    A search looks at some windows, and may follow what is in these alone; its best model and that
-    of no effect are fitted to all.
+    A search looks at some windows, and may follow what is in these alone.
     """
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
@@ -62,6 +63,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
         tried.keep(fit_model(fit.model, tried.windows, fit.theta, fit.x0, iterations=15))
         for fit in (best, null)
     )
+    told = whole = Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
     while True:
         slight = slight_effects(best, null, tried.windows)
         fewer = {
@@ -70,9 +72,9 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
         }
         enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
         if not enough:
-            break
+            return told
         best = min(enough, key=tried.bic)
-    return Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
+        told = replace(whole, best=best, evidence=tried.judged(best), whole=whole)
 
 
 def _taken_out(best: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, Theta]:
@@ -110,8 +112,10 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
 def leaves_something(judged: Weighed) -> bool:
     """Whether more is left over than any machine has, or less that state and command predict.
 
-    A force that acts in few places is small on the whole, and yet tells windows from others.
+    A force that acts in few places is small on the whole, and yet tells windows from others. What
+    is too slight to be told is nothing that is left.
     """
+    judged = judged.whole or judged
     evidence, windows = judged.evidence, judged.windows.plain
     if evidence.deficient or not (evidence.std > SEARCH.least_force).any():
         return evidence.deficient
@@ -342,10 +346,9 @@ def intervals(best: Fit, windows: Windows) -> tuple[np.ndarray, np.ndarray]:
     std = np.sqrt(np.maximum(np.diag(covariance(best, windows)), 0.0))
     independent = len(windows) / windows.overlap
     factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
-    low, high = best.model.bounds
     ends = np.stack([best.theta - factor * std, best.theta + factor * std])
-    ends = np.clip(ends, low, high)
-    return ends[0], ends[1]
+    low, high = np.clip(ends, *best.model.bounds)
+    return low, high
 
 
 def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:

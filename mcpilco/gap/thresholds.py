@@ -270,8 +270,7 @@ class ForceThresholds:
     folds: int = 4
     """of the cross-validation over windows"""
     most_unknown: int = 1600
-    """forces in the windows from which others are predicted, at most, for the cost: fewer windows
-    of a machine of many joints"""
+    """forces in the windows from which others are predicted, at most, for the cost"""
     parts: int = 4
     """of a learned force, at most"""
     worth: float = 0.15
@@ -291,8 +290,7 @@ class ForceThresholds:
     least_variance: float = 0.03
     """prior variance of a direction of a grid below which it is left out [-]"""
     informed: float = 0.1
-    """information of the data on a direction, over that of the prior, below which it is left out
-    [-]"""
+    """information of the data on a direction, over the prior's, below which it is left out [-]"""
     iterations_short: int = 6
     """of the fit of a learned force to short windows"""
     iterations: int = 8
@@ -329,8 +327,7 @@ class VerdictThresholds:
     """random force in a joint beyond which something is missing [usual forces]: masses that are
     wrong by 1 to 3 % leave half of that"""
     whole: float = 1.0
-    """random force in a joint beyond which no effect is named [usual forces]: the equations then
-    say nothing of its motion, and effects but imitate them"""
+    """random force beyond which no effect is named [usual forces]: they but imitate equations"""
     shifted: float = 5.0
     """prior std beyond which a fit takes a parameter elsewhere than its prior meant [-]"""
     noise: float = 3.0

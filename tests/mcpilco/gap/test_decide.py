@@ -152,6 +152,18 @@ def test_what_moves_less_than_told_errors_of_parameters_is_slight(
     assert slight(1e-5, 0.0) == slight(1e-5, np.inf) == []
 
 
+def test_what_is_too_slight_to_be_told_is_nothing_that_is_left(
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nominal, windows = rubbing
+    result, best = searched(nominal, windows, [FRICTION])
+    monkeypatch.setattr(decide, "slight_effects", lambda fit, *_: list(fit.model.effects))
+    judged = weighed(result, best, result.null, windows)
+    assert judged.best.model.effects == ()
+    assert leaves_something(replace(judged, whole=None))
+    assert not leaves_something(judged)
+
+
 @pytest.mark.parametrize(
     ("std", "noise", "left"),
     [(0.0, 1.0, False), (0.01, 1.5, False), (0.05, 1.0, True), (0.0, 5.0, True)],
