@@ -251,7 +251,13 @@ CLAIMS = (
         solved,
     ),
     Claim(
-        "acrobot, likewise: solved",
+        "pendubot without equations: solved",
+        "pendubot_swingup",
+        "results/pendubot-without-equations-*.json",
+        solved,
+    ),
+    Claim(
+        "acrobot with its equations and wrong masses: solved",
         "pendubot_swingup",
         "results/acrobot-full-*.json",
         solved,
