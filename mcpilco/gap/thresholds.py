@@ -327,7 +327,7 @@ class VerdictThresholds:
     """random force in a joint beyond which something is missing [usual forces]: masses that are
     wrong by 1 to 3 % leave half of that"""
     whole: float = 1.0
-    """random force beyond which no effect is named [usual forces]: they but imitate equations"""
+    """random force in a joint beyond which effects but imitate it; none is named [usual forces]"""
     shifted: float = 5.0
     """prior std beyond which a fit takes a parameter elsewhere than its prior meant [-]"""
     noise: float = 3.0
