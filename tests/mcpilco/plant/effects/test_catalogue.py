@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -282,6 +283,21 @@ def test_a_force_of_thirty_times_the_usual_one_is_the_largest_that_is_meant(name
     sizes = np.array([symbol.neutral == 0.0 for symbol in effect.symbols])
     np.testing.assert_allclose(largest[sizes] * at(scale), 30.0 * scale.force)
     assert np.isinf(largest[~sizes]).all()
+
+
+@pytest.mark.parametrize(
+    ("position", "least", "count"),
+    [(0.3, 150.0, 60), (3.0, 39.0, 72), (10.0, 38.0, 240), (40.0, 11.0, 240)],
+)
+def test_waves_of_a_ripple_are_sought_up_to_a_motors_slots_however_far_it_turned(
+    position, least, count
+):
+    probes = CATALOGUE["position_ripple"].probes(dataclasses.replace(usual(), position=position))
+    waves = np.array([probe.values[0, 2] for probe in probes])
+    assert (waves[0], len(waves)) == (2.0, count)
+    assert waves[-1] > least
+    # neighbours are half a period apart from one end of what was visited to the other
+    assert np.diff(waves) * 2.0 * max(position, 0.5) == pytest.approx(np.pi)
 
 
 def test_an_offset_of_a_carts_position_is_another_start():
