@@ -241,8 +241,8 @@ TABLES = (
     *(
         Table("hidden_effects", f"results/{tier}/*.json", ("run:solve",), chosen_on)
         for tier, chosen_on in {
-            "one": "0:1280",
-            "weak": "0:1280,1287",
+            "one": "0:1280,1708",
+            "weak": "0:1280,1287,1708",
             "two": "0:1280",
             "three": "0:1280",
             "none": "0:1280",
