@@ -214,7 +214,7 @@ class Tried:
         """
         best, share = self.best(), self.null.model.budget.share(1.0)
         lin = linearise(best.model, self.windows, best.theta, best.x0)
-        scores = screen(best, lin, self.windows, self._further(best, self.candidates))
+        scores = screen(best, lin, self.windows, _further(best, self.candidates))
         same = [score.instance for score in scores if score.sensitivity == 0.0]
         for instance in best.model.effects if same else ():
             model, theta = shrunk(best, instance, self.null)
@@ -272,11 +272,6 @@ class Tried:
             self._add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def _further(self, fit: Fit, candidates: Sequence[EffectInstance]) -> list[EffectInstance]:
-        """Those of candidates that a model does not have in some form."""
-        ours = fit.model.effects
-        return [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
-
     def _add(
         self,
         fit: Fit,
@@ -286,7 +281,7 @@ class Tried:
         least: float,
     ) -> list[Score]:
         """Fits the most promising models of one effect more, those that may gain the least."""
-        ours, new = fit.model.effects, self._further(fit, candidates)
+        ours, new = fit.model.effects, _further(fit, candidates)
         if not new or len(ours) == SEARCH.most_effects:
             return []
         lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
@@ -317,6 +312,12 @@ class Tried:
                 x0, _ = recovered(grown.model, self.windows, grown.theta, x0, known, known > 0.0)
             self.keep(fit_model(grown.model, self.windows, grown.theta, x0, 8, near=near))
         return scores
+
+
+def _further(fit: Fit, candidates: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Those of candidates that a model does not have in some form."""
+    ours = fit.model.effects
+    return [c for c in candidates if not any(c == o or c.repeats(o) for o in ours)]
 
 
 def _numbers(fit: Fit) -> int:

@@ -280,8 +280,8 @@ class PositionRipple(JointForce):
     symbols = (Symbol("s", "{f}"), Symbol("c", "{f}"), Symbol("n", "1/{q}", 10.0, 1.9))
     fastest = 40.0
     """to which waves are sought, where these are not too many [1/{q}]: slots of usual motors"""
-    waves = 60, 240
-    """that are tried, at least and at most, for the cost"""
+    counts = 60, 240
+    """of waves that are tried, at least and at most, for the cost"""
 
     @staticmethod
     def force(q, v, s, c, n):
@@ -291,6 +291,6 @@ class PositionRipple(JointForce):
         small = SMALL * scale.force
         # neighbouring waves are half a period apart over the range that was visited
         step = np.pi / max(2.0 * scale.position, 1.0)
-        count = np.clip((self.fastest - 2.0) / step, *self.waves)
+        count = np.clip((self.fastest - 2.0) / step, *self.counts)
         waves = 2.0 + step * np.arange(int(count))
         return [Probe(np.array([[small, 0.0, n], [0.0, small, n]])) for n in waves]
