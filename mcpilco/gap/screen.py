@@ -62,7 +62,7 @@ def screen(
     views, scores = (whole, thinned), []
     first = {c: _scores(views, c, pulses=pulses) for c in candidates}
     if pulses is not None:
-        order = sorted(first, key=lambda c: -max(score.gain for score in first[c]))
+        order = sorted(first, key=lambda c: -max((score.gain for score in first[c]), default=0.0))
         for instance in order[: SCREEN.checked]:
             gains = [-score.gain for score in first[instance]]
             first[instance] = _scores(views, instance, np.argsort(gains)[:per_effect])

@@ -94,3 +94,15 @@ def test_of_an_effect_of_many_shapes_those_are_simulated_that_promise_most() -> 
     assert taken[1] < 0.3 * taken[0]
     assert best[1].gain > 0.9 * best[0].gain
     assert best[1].start[2] == pytest.approx(12.0, abs=1.0)
+
+
+def test_an_effect_without_a_usual_size_is_left_out_where_a_simulation_is_dear(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is relative to the mass or the length of a body that has none."""
+    _, windows, null = lagging
+    inertia, friction = (active(n, "pendulum") for n in ("body_inertia", "coulomb_friction"))
+    monkeypatch.setattr(type(inertia.effect), "probes", lambda *_: [])
+    lin, pulses = linearise(null.model, windows, null.theta, null.x0), Disturbance.of(null, windows)
+    scores = screen(null, lin, windows, [inertia, friction], pulses=pulses)
+    assert {score.instance for score in scores} == {friction}
