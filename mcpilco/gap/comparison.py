@@ -12,7 +12,7 @@ from mcpilco.gap.data import Windows, cut
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, on_windows, truncated
 from mcpilco.gap.plant_model import PlantModel, Theta
-from mcpilco.gap.sensitivities import lean, residual, run
+from mcpilco.gap.sensitivities import lean, residual, residuals_at, run
 from mcpilco.gap.thresholds import COMPARISON
 from mcpilco.recordings import Recording, smoothed
 from mcpilco.sweep import jackknife
@@ -407,8 +407,9 @@ def time_map(
     cell = max(COMPARISON.map_cell_s, total / COMPARISON.map_windows)
     windows = cut(recordings, std, every=cell)
     x0 = fit_initial_states(model, windows, theta)
-    r = residual(windows, run(model, windows, theta[None], x0[None])[0])
-    squares = np.square(r).reshape(windows.y.shape).sum(axis=2)  # (W, X)
+    squares = (
+        np.square(residuals_at(model, windows, theta, x0)).reshape(windows.y.shape).sum(axis=2)
+    )  # (W, X)
     samples = windows.measured.sum(axis=2)
     longest = max(recording.time[-1] for recording in recordings)
     edges = cell * np.arange(int(np.ceil(longest / cell)) + 1)

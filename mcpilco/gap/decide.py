@@ -12,7 +12,7 @@ from scipy import stats
 from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expected
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_model, misfits, on_windows
+from mcpilco.gap.fit import Fit, fit_model, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PlantModel, Theta
 from mcpilco.gap.screen import bounded
@@ -66,10 +66,8 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     told = whole = Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
     while True:
         slight = slight_effects(best, null, tried.windows)
-        fewer = {
-            instance: tried.keep(without(best, instance, tried.windows, result.null))
-            for instance in best.model.effects
-        }
+        effects, seen = best.model.effects, tried.windows
+        fewer = {each: tried.keep(without(best, each, seen, result.null)) for each in effects}
         enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
         if not enough:
             return told
@@ -119,7 +117,7 @@ def leaves_something(judged: Weighed) -> bool:
     evidence, windows = judged.evidence, judged.windows.plain
     if evidence.deficient or not (evidence.std > SEARCH.least_force).any():
         return evidence.deficient
-    return best_force(unweighed(judged.best, windows), windows) is not None
+    return best_force(weighed_anew(judged.best, windows), windows) is not None
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
@@ -139,15 +137,8 @@ def closes_most(judged: Weighed, clear: Windows) -> bool:
 
 def _missed(fit: Fit, windows: Windows) -> float:
     """Root mean square of the misfit, in noise std, random forces or not."""
-    by_window = unweighed(fit, windows).by_window
+    by_window = weighed_anew(fit, windows.plain).by_window
     return math.sqrt(float(by_window.sum() / windows.samples.sum()))
-
-
-def unweighed(fit: Fit, windows: Windows) -> Fit:
-    """A fit whose misfits count the measurement noise alone."""
-    by_window = misfits(fit.model, windows.plain, fit.theta, fit.x0)
-    chi2 = float(by_window.sum()) + fit.model.penalty(fit.theta)
-    return replace(fit, chi2=chi2, by_window=by_window)
 
 
 @dataclass(frozen=True)

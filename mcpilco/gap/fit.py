@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.plant_model import InitialStates, PerWindow, PlantModel, Theta
-from mcpilco.gap.sensitivities import Linearised, lean, linearise, residual, run
+from mcpilco.gap.sensitivities import Linearised, lean, linearise, residuals_at
 from mcpilco.gap.thresholds import BUDGET, DATA, FIT, SEARCH
 
 LEAST_DAMPING = 1e-10
@@ -108,7 +108,7 @@ def fit_model(
             step = _gauss_newton_step(model, lin, theta, damping, weight, temper)
             there = model.softened(np.clip(theta + step, low, high))
             residual_there = lin.r - np.einsum("wnp,p->wn", lin.Jp, there - theta)
-            moved = x0 + _initial_state_step(lin.Jx, residual_there, damping)
+            moved = x0 + initial_state_step(lin.Jx, residual_there, damping)
             after = misfits(model, windows, there, moved)
             then = _cost(model, there, after, robust, temper)
             if abs(then - now) < FIT.converged * now:
@@ -182,7 +182,7 @@ def misfit(windows: Windows, by_window: PerWindow, weight: PerWindow) -> float:
 
 def misfits(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> PerWindow:
     """Squared residual of each window."""
-    return _squares(residual(windows, run(model, windows, theta[None], x0[None]))[0])
+    return _squares(residuals_at(model, windows, theta, x0))
 
 
 def _squares(r: Float[np.ndarray, "W n"]) -> PerWindow:
@@ -240,12 +240,12 @@ def _fit_initial_states(
         lin = lean(model, windows, theta, x0)
         r, Jx = lin.r.copy(), lin.Jx.copy()
     else:
-        r, Jx = residual(windows, run(model, windows, theta[None], x0[None]))[0], Jx.copy()
+        r, Jx = residuals_at(model, windows, theta, x0), Jx.copy()
     for _ in range(iterations):
         some, here, J = windows[moving], r[moving], Jx[moving]
-        step = _initial_state_step(J, here, damping[moving])
+        step = initial_state_step(J, here, damping[moving])
         moved = x0[moving] + step
-        there = residual(some, run(model, some, theta[None], moved[None]))[0]
+        there = residuals_at(model, some, theta, moved)
         now, then = _squares(here), _squares(there)
         expected = _squares(here - np.einsum("wnx,wx->wn", J, step))
         better, small, was_kept = then < now, now - then < 1e-2 * now, kept[moving]
@@ -265,8 +265,8 @@ def _fit_initial_states(
     return x0
 
 
-def _initial_state_step(
-    Jx: Float[np.ndarray, "W n X"], goal: Float[np.ndarray, "W n"], damping
+def initial_state_step(
+    Jx: Float[np.ndarray, "W n X"], goal: Float[np.ndarray, "W n"], damping=1e-3
 ) -> InitialStates:
     """Least-squares change of the initial states that explains `goal`, damped."""
     N = np.einsum("wni,wnj->wij", Jx, Jx)
@@ -316,14 +316,20 @@ def refit(fit: Fit, windows: Windows) -> Fit:
 def on_windows(fit: Fit, windows: Windows) -> Fit:
     """A fit as it is on other windows, whose initial states alone are fitted."""
     x0 = fit_initial_states(fit.model, windows, fit.theta)
-    by_window = misfits(fit.model, windows, fit.theta, x0)
-    return Fit(fit.model, fit.theta, x0, float(by_window.sum()), by_window)
+    return weighed_anew(replace(fit, x0=x0), windows)
 
 
 def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
     """(measured - simulated) / noise std of a fit; 0 where nothing was measured."""
-    y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
-    return residual(windows.plain, y).reshape(windows.y.shape)
+    r = residuals_at(fit.model, windows.plain, fit.theta, fit.x0)
+    return r.reshape(windows.y.shape)
+
+
+def weighed_anew(fit: Fit, windows: Windows) -> Fit:
+    """A fit with its misfit by other weights of its windows."""
+    by_window = misfits(fit.model, windows, fit.theta, fit.x0)
+    chi2 = float(by_window.sum()) + fit.model.penalty(fit.theta)
+    return replace(fit, chi2=chi2, by_window=by_window)
 
 
 def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:

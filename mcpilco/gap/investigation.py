@@ -21,7 +21,6 @@ from mcpilco.gap.decide import (
     on_bounds,
     shifted_parameters,
     spread_of,
-    unweighed,
     weighed,
 )
 from mcpilco.gap.disagreement import (
@@ -45,15 +44,16 @@ from mcpilco.gap.fit import (
     refit,
     refit_truncated,
     truncated,
+    weighed_anew,
 )
 from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions, unchanging
+from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
-from mcpilco.recordings import Recording, distinct, possible_clocks
+from mcpilco.recordings import Recording, distinct, possible_clocks, unchanging
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""
@@ -118,7 +118,7 @@ def investigate(
     _tell("verdict", explained.best)
     result, null = explained.result, refit(explained.result.null, windows)
     judged = weighed(result, explained.best, null, windows)
-    best, null = (unweighed(fit, windows) for fit in (judged.best, judged.null))
+    best, null = (weighed_anew(fit, windows.plain) for fit in (judged.best, judged.null))
     named = named_effects(result, judged)
 
     missed = spans_of(masked, recordings)

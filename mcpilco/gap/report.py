@@ -183,9 +183,7 @@ def summary(gap: Gap) -> list[str]:
         lines.append(f"The residual is largest in {part.channel} ({share}), {part.condition}.")
     lines += _errors(gap)
     if gap.corrected.learned:
-        lines.append(
-            "The missing force was learned from the recordings; corrected.json contains it."
-        )
+        lines.append("The missing force was learned from the recordings; it is in corrected.json.")
     return list(dict.fromkeys([*lines, *_left_out(gap), *_doubts(gap), *gap.experiments]))
 
 
@@ -321,9 +319,7 @@ def cautions(gap: Gap) -> list[str]:
         learned = ": a force was learned in its place, which is 0 outside the recorded range."
         missed = ", nor does a learned force of state and command predict held-out recordings "
         missed += "better. “When they disagree” shows when the residual is large."
-        explained = (
-            "The best model's residual is not noise, and no effect of the catalogue explains it"
-        )
+        explained = "The best model's residual is not noise; no effect of the catalogue explains it"
         said.append(explained + (learned if gap.corrected.learned else missed))
     said += [f"{line} A push, a contact, a fault of the log?" for line in _left_out(gap)]
     said += _runaways(gap)

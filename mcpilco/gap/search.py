@@ -19,14 +19,25 @@ from jaxtyping import Float
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal, misfits, recovered
-from mcpilco.gap.plant_model import BudgetShare, PlantModel, Theta
+from mcpilco.gap.fit import (
+    Fit,
+    fit_initial_states,
+    fit_model,
+    fit_nominal,
+    initial_state_step,
+    misfits,
+    recovered,
+    weighed_anew,
+)
+from mcpilco.gap.plant_model import BudgetShare, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
-from mcpilco.gap.sensitivities import Linearised, linearise
+from mcpilco.gap.sensitivities import Linearised, linearise, residuals_at
 from mcpilco.gap.thresholds import BUDGET, SEARCH
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
+Start = tuple[PlantModel, Windows, Theta, InitialStates]
+"""from which a fit begins"""
 
 
 @dataclass(frozen=True)
@@ -89,10 +100,10 @@ class Tried:
     def weigh_by(self, best: Fit) -> None:
         """Let its random forces weigh what is fitted from now on; forget the worst models."""
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
-        self.fits = {frozenset(fit.model.effects): fit for fit in followed}
         self.disturbance = Disturbance.of(best, self.windows)
+        self.windows = self.disturbance.whitened(self.disturbance.evidence(best))
         self.evidence.clear()
-        self.windows = self.disturbance.whitened(self.judged(best))
+        self.fits = {frozenset(f.model.effects): weighed_anew(f, self.windows) for f in followed}
 
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
@@ -193,7 +204,8 @@ class Tried:
         of those that make it, and with effects of masses that it takes from their priors.
         """
         best = self.best()
-        self._relieve(best)
+        if not best.model.plant.costly:
+            self.relieve(best)
         for instance in best.model.effects if not best.model.plant.costly else ():
             self.keep(without(best, instance, self.windows, self.null))
         values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
@@ -221,7 +233,7 @@ class Tried:
             rest = replace(best, model=model, theta=theta)  # the others stay as they are
             self._add(rest, same, len(same), share, SEARCH.same_bic)
 
-    def _relieve(self, fit: Fit) -> None:
+    def relieve(self, fit: Fit) -> None:
         """Fits a model with effects of masses where it takes these far from their priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
             frees = fit.model.frees
@@ -297,8 +309,13 @@ class Tried:
             if share.used_up:
                 break
             grown = grow(view, score, few, lin[some])
+            if grown is None:
+                continue
             if key not in begun or grown.chi2 < begun[key].chi2:
                 begun[key] = grown
+            taken = (view.by_window.sum() - grown.chi2) * len(self.windows) / len(few)
+            if dear and taken >= score.gain:  # as promised: what promises far less cannot compare
+                least = max(least, SEARCH.as_much * score.gain)
         closest = sorted(begun.values(), key=lambda grown: grown.chi2)
         if dear and closest:  # those that explain half of what the first does
             enough = 0.5 * (view.by_window.sum() + closest[0].chi2)
@@ -375,7 +392,7 @@ def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
     best = tried.best()
     for fit in (tried.ranked[0], best):  # the likeliest may have a needless effect
         tried.grown.add((frozenset(fit.model.effects), False))  # nothing is added any more
-        tried.neighbours(fit, share, SEARCH.part_at_last)
+        tried.neighbours(fit, share, SEARCH.as_much)
         if tried.best() is not best:
             return _improve(tried, share)
     return []
@@ -402,6 +419,8 @@ def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
     while idle <= SEARCH.patience and not share.used_up:
         before, known = best, tried.bic(best)
         scores = tried.neighbours(best, share) or scores
+        if best.model.plant.costly and not idle and tried.best() is best:
+            tried.relieve(best)
         if tried.best() is best:  # there is nothing to add
             for fit in _next(tried, best):
                 part = SEARCH.part_of_exchanged if tried.bic(fit) <= tried.bic(best) else 0.0
@@ -447,26 +466,38 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
 
 
-def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit:
+def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | None:
     """The closest fit of a model with one effect more, from the sizes at which it misses least.
 
-    `lin` is how the model of the fit changes on the windows.
+    `lin` is how the model of the fit changes on the windows. Where a simulation is dear, None if at
+    none of the sizes less is missed.
     """
-    effect = score.instance.effect
+    starts = _begun(fit, score, windows, lin)[: SEARCH.starts]
+    near = None if fit.model.learned else lin
+    fits = [fit_model(*start, iterations=4, hasty=True, near=near) for start in starts]
+    return min(fits, key=lambda each: each.chi2, default=None)
+
+
+def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[Start]:
+    """The models with an effect in sizes at which it may begin, the best first; see `grow`."""
+    effect, model = score.instance.effect, fit.model.having(score.instance)
     sized = effect.amplitudes & np.isfinite(effect.neutral)
-    model, begun = fit.model, {}
+    thetas: dict[bytes, Theta] = {}
     for part in SEARCH.begun:
         with np.errstate(invalid="ignore"):  # of a limit that is nowhere
             scaled = effect.neutral + part * (score.start - effect.neutral)
         values = np.where(sized, scaled, score.start)
-        model, theta = fit.model.grown(fit.theta, score.instance, values)
-        begun[theta.tobytes()] = theta
-    missed = [misfits(model, windows, theta, fit.x0) for theta in begun.values()]
+        theta = fit.model.grown(fit.theta, score.instance, values)[1]
+        thetas[theta.tobytes()] = theta
+    begun: list[Start] = [(model, windows, theta, fit.x0) for theta in thetas.values()]
+    dear = model.plant.costly
+    if dear:  # initial states give way first, and what does not help then never does
+        moves = [initial_state_step(lin.Jx, residuals_at(*start)) for start in begun]
+        begun = [(*start[:3], fit.x0 + move) for start, move in zip(begun, moves, strict=True)]
+    missed = [misfits(*start) for start in begun]
     order = np.argsort([np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in missed])
-    starts = [list(begun.values())[n] for n in order[: SEARCH.starts]]
-    near = None if model.learned else lin
-    fits = [fit_model(model, windows, each, fit.x0, 4, hasty=True, near=near) for each in starts]
-    return min(fits, key=lambda each: each.chi2)
+    least = np.log(fit.by_window).sum() if dear else np.inf
+    return [begun[n] for n in order if np.log(missed[n]).sum() < least]
 
 
 def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:

@@ -65,6 +65,13 @@ def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.nd
     return r if windows.whitening is None else windows.whitening(r)
 
 
+def residuals_at(
+    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates
+) -> Float[np.ndarray, "W n"]:
+    """(measured - simulated) / noise std, whitened as the windows are."""
+    return residual(windows, run(model, windows, theta[None], x0[None]))[0]
+
+
 def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
     """Samples that one of some simulations did not reach.
 
@@ -173,7 +180,7 @@ def _compared(
     """Residuals in the timesteps in which motions are compared, where these are not the rough."""
     if model.finer == 1:
         return rough
-    return residual(windows, run(model, windows, theta[None], x0[None]))[0]
+    return residuals_at(model, windows, theta, x0)
 
 
 def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:

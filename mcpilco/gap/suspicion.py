@@ -20,7 +20,7 @@ from mcpilco.gap.comparison import Comparison
 from mcpilco.gap.report import three_digits
 from mcpilco.gap.thresholds import SUSPICION
 from mcpilco.plant import Plant
-from mcpilco.recordings import Recording
+from mcpilco.recordings import Recording, read_twice, stuck
 from mcpilco.typing import InputError
 
 DEGREE = math.pi / 180.0
@@ -37,7 +37,7 @@ def suspicions(
         recordings: of one sampling time, in the plant's states and inputs.
         limits: largest command that each actuator takes, where it is known [its unit].
     """
-    told = (*_stuck(recordings), *_twice(recordings))
+    told = (*stuck(recordings), *read_twice(recordings))
     spans = Spans.of(recordings)
     if not told and len(spans.held):
         told = tuple(_misread(plant, spans))
@@ -76,16 +76,6 @@ def at_rest(recordings: Sequence[Recording], std: Float[np.ndarray, " X"]) -> bo
     return not (np.ptp(ends, axis=1) > SUSPICION.at_rest * std[0::2]).any()
 
 
-def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """A sentence where no command ever changes; what then moves, moves by itself."""
-    commands = np.concatenate([one.inputs for one in recordings])
-    if (np.ptp(commands, axis=0) > 0.0).any():
-        return ()
-    named = zip(recordings[0].input_names, commands[0], strict=True)
-    held = " and ".join(f"{name} is {value + 0.0:g}" for name, value in named)  # no -0
-    return (f"{held} throughout, which excites nothing: is it the right column?",)
-
-
 def _beyond_limits(
     plant: Plant, recordings: Sequence[Recording], limits: Sequence[float]
 ) -> Iterator[str]:
@@ -100,28 +90,6 @@ def _beyond_limits(
             f"{layout.inputs[u]} is up to {largest:.4g} {unit}, and the actuator takes "
             f"{limit:g} {unit}: is it in m{unit} or c{unit}?"
         )
-
-
-def _stuck(recordings: Sequence[Recording]) -> Iterator[str]:
-    """Columns of states that keep one value throughout while others move."""
-    first = recordings[0]
-    measured = [x for x in range(len(first.state_names)) if first.measured[x]]
-    table = np.concatenate([one.states for one in recordings])[:, measured]
-    still = np.nanmax(table, axis=0) == np.nanmin(table, axis=0)
-    for x in np.flatnonzero(still & (not still.all())).tolist():
-        stands = f"{first.state_names[measured[x]]} is {table[0, x] + 0.0:g} throughout"
-        yield f"{stands} while others move: is it the right column?"
-
-
-def _twice(recordings: Sequence[Recording]) -> Iterator[str]:
-    """States that hold the same values as another column, and move."""
-    first = recordings[0]
-    X, names = len(first.state_names), (*first.state_names, *first.input_names)
-    table = np.concatenate([np.hstack([one.states, one.inputs]) for one in recordings])
-    for x, other in combinations(range(len(names)), 2):
-        same = x < X and np.array_equal(table[:, x], table[:, other])
-        if same and np.ptp(table[:, x]) > 0.0:
-            yield f"{names[x]} and {names[other]} hold the same values: is a column read twice?"
 
 
 def _misread(plant: Plant, spans: Spans) -> Iterator[str]:

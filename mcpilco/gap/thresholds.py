@@ -188,8 +188,9 @@ class SearchThresholds:
     """of these that are fitted to all windows, for the cost"""
     part_of_exchanged: float = 0.1
     """least part of what an effect explains that one must promise to be tried in its place [-]"""
-    part_at_last: float = 0.5
-    """the same where the steps of a search are used up [-]: what does as much, not what might"""
+    as_much: float = 0.5
+    """part of what one effect explains, or promised and kept, that another must promise [-]: to be
+    tried in its place at last, or beside it where a simulation is dear"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3

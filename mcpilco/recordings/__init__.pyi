@@ -46,7 +46,7 @@ from .robot_log import (
 )
 from .series import Series, lagged, read_series, suspicions, usable
 from .smoothing import first_state, noise_of, noise_std, smoothed, states_at_commands
-from .suspicion import doubts
+from .suspicion import doubts, read_twice, stuck, unchanging
 
 __all__ = [
     "ARRAYS",
@@ -97,12 +97,15 @@ __all__ = [
     "read_recordings",
     "read_robot",
     "read_series",
+    "read_twice",
     "rotation",
     "runs",
     "sampling_time",
     "smoothed",
     "states_at_commands",
+    "stuck",
     "suspicions",
+    "unchanging",
     "usable",
     "write_markers",
     "write_recording",

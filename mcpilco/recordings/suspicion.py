@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -257,6 +258,38 @@ def doubts(recording: Recording) -> Iterator[str]:
                 f"{name} is {most:.3g} at most, from {first:.3f} s on, and within {usual:.3g} in "
                 f"{100 * _USUAL:.0f} % of the samples; was it so?"
             )
+
+
+def unchanging(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence where no command ever changes; what then moves, moves by itself."""
+    commands = np.concatenate([one.inputs for one in recordings])
+    if (np.ptp(commands, axis=0) > 0.0).any():
+        return ()
+    named = zip(recordings[0].input_names, commands[0], strict=True)
+    held = " and ".join(f"{name} is {value + 0.0:g}" for name, value in named)  # no -0
+    return (f"{held} throughout, which excites nothing: is it the right column?",)
+
+
+def stuck(recordings: Sequence[Recording]) -> Iterator[str]:
+    """Columns of states that keep one value throughout while others move."""
+    first = recordings[0]
+    measured = [x for x in range(len(first.state_names)) if first.measured[x]]
+    table = np.concatenate([one.states for one in recordings])[:, measured]
+    still = np.nanmax(table, axis=0) == np.nanmin(table, axis=0)
+    for x in np.flatnonzero(still & (not still.all())).tolist():
+        stands = f"{first.state_names[measured[x]]} is {table[0, x] + 0.0:g} throughout"
+        yield f"{stands} while others move: is it the right column?"
+
+
+def read_twice(recordings: Sequence[Recording]) -> Iterator[str]:
+    """States that hold the same values as another column, and move."""
+    first = recordings[0]
+    X, names = len(first.state_names), (*first.state_names, *first.input_names)
+    table = np.concatenate([np.hstack([one.states, one.inputs]) for one in recordings])
+    for x, other in combinations(range(len(names)), 2):
+        same = x < X and np.array_equal(table[:, x], table[:, other])
+        if same and np.ptp(table[:, x]) > 0.0:
+            yield f"{names[x]} and {names[other]} hold the same values: is a column read twice?"
 
 
 def _about_units(recording: Recording, q: int, v: int) -> Iterator[str]:

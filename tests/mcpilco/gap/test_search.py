@@ -12,10 +12,11 @@ import pytest
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Evidence
-from mcpilco.gap.fit import Fit, fit_nominal
+from mcpilco.gap.fit import Fit, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score
-from mcpilco.gap.search import Tried, _next, _reconsider, search, without
+from mcpilco.gap.search import Tried, _improve, _next, _reconsider, grow, search, without
+from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
@@ -332,7 +333,7 @@ def test_an_effect_that_came_first_is_exchanged_for_one_that_promises_as_much_in
     model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
     wrong = tried.keep(fitted(model, tried.windows, theta))
     tried.weigh_by(wrong)
-    assert tried.best() is wrong
+    assert {*tried.best().model.effects} == {DELAY, FRICTION}
     _reconsider(tried, known.budget.share(1.0))
     assert {*tried.best().model.effects} == {LAG, FRICTION}
 
@@ -349,6 +350,53 @@ def test_effects_are_exchanged_at_last_where_the_steps_of_a_search_are_used_up(
     assert bool(seen) == (most == 1.0)
 
 
+def test_fits_that_are_followed_are_weighed_as_those_that_come_after_them(
+    lagging: tuple[GapProblem, Windows, Fit],
+) -> None:
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [LAG, FRICTION])
+    model, theta = null.model.grown(null.theta, LAG, [0.08])
+    tried.weigh_by(tried.keep(fitted(model, tried.windows, theta)))
+    assert len(tried.fits) == 2
+    for fit in tried.fits.values():
+        now = misfits(fit.model, tried.windows, fit.theta, fit.x0)
+        np.testing.assert_array_equal(fit.by_window, now)
+        assert fit.chi2 == pytest.approx(now.sum() + fit.model.penalty(fit.theta))
+
+
+def test_where_a_simulation_is_dear_what_misses_no_less_at_any_size_is_not_fitted(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, windows, null = lagging
+    lag = Score(LAG, 100.0, np.array([0.04]), 1.0)
+    spring = Score(active("spring", "pendulum"), 100.0, np.array([1.0]), 1.0)
+    model, theta = null.model.grown(null.theta, LAG, [0.08])
+    model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
+    right = fitted(model, windows, theta)
+    for costly in (False, True):
+        monkeypatch.setattr(type(known.plant), "costly", costly)
+        lin = linearise(null.model, windows, null.theta, null.x0)
+        assert grow(null, lag, windows, lin) is not None
+        lin = linearise(right.model, windows, right.theta, right.x0)
+        assert (grow(right, spring, windows, lin) is None) == costly
+
+
+def test_where_a_simulation_is_dear_effects_of_masses_are_tried_last(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All others are, as it is, and a wrong model takes its masses anywhere."""
+    known, windows, null = lagging
+    calls: list[str] = []
+    monkeypatch.setattr(Tried, "relieve", lambda *_: calls.append("masses"))
+    monkeypatch.setattr(Tried, "neighbours", lambda *_: calls.append("all") or [])
+    for costly in (False, True):
+        monkeypatch.setattr(type(known.plant), "costly", costly)
+        calls.clear()
+        _improve(Tried.begun(null, windows, [LAG]), known.budget.share(1.0))
+        assert calls[0] == ("all" if costly else "masses")
+        assert calls.count("masses") == 1
+
+
 def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_nothing(
     lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -358,6 +406,7 @@ def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_noth
     model, theta = model.grown(theta, FRICTION, [0.1, 2e-3])
     best = tried.keep(fitted(model, tried.windows, theta))
     tried.weigh_by(best)
+    best = tried.best()
     tried.keep(without(best, LAG, tried.windows, null))
     tried.keep(without(best, FRICTION, tried.windows, null))
     assert tried.best() is best

@@ -15,10 +15,10 @@ import pytest
 import envs
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, suspicions, verdict_sentence
-from mcpilco.gap.suspicion import at_rest, far_from_noise, unchanging
+from mcpilco.gap.suspicion import at_rest, far_from_noise
 from mcpilco.gap.thresholds import SUSPICION
 from mcpilco.mjcf import read_plant
-from mcpilco.recordings import Recording, distinct, noise_std, write_recording
+from mcpilco.recordings import Recording, distinct, noise_std, unchanging, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap import pendulum as rods
 from tests.mcpilco.gap.machines import (
