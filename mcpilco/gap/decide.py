@@ -355,8 +355,8 @@ def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:
     P = lin.cleaned(lin.Jp)
     by_window = np.einsum("wni,wnj->wij", P, P)
     H = by_window.sum(axis=0) + np.diag(model.precision)
-    without = np.linalg.pinv(H - by_window, hermitian=True)
-    moved = np.einsum("wij,wnj,wn->wi", without, P, lin.r)
+    others = np.linalg.pinv(H - by_window, hermitian=True)
+    moved = np.einsum("wij,wnj,wn->wi", others, P, lin.r)
     independent, inverse = len(windows) / windows.overlap, np.linalg.pinv(H)
     spread = windows.overlap * moved.T @ moved * max(independent - 1.0, 1.0) / independent
     return spread + inverse @ np.diag(model.precision) @ inverse
