@@ -241,9 +241,7 @@ def squares_at_end(e: Float[np.ndarray, "W X T"]) -> Float[np.ndarray, "W J"]:
 
 
 def _steps(
-    models: ComparedModels,
-    windows: Windows,
-    by_window: Mapping[str, Float[np.ndarray, "W J"]],
+    models: ComparedModels, windows: Windows, by_window: Mapping[str, Float[np.ndarray, "W J"]]
 ) -> tuple[ErrorStep, ...]:
     """The errors of the nominal plant, the refitted one, and those with more and more effects."""
     parts = {"nominal": by_window["nominal"], "parameters refitted": by_window["refit"]}

@@ -517,10 +517,8 @@ def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:
     ours, steps = set(best.model.effects), []
     chosen: set[EffectInstance] = set()
     for size in range(1, len(ours)):
-        for fit in result.fits:  # the best first
-            theirs = set(fit.model.effects)
-            if len(theirs) == size and chosen <= theirs <= ours:
-                steps.append(fit)
-                chosen = theirs
-                break
+        own = [fit for fit in result.fits if len(fit.model.effects) == size]  # the best first
+        nested = [fit for fit in own if chosen <= {*fit.model.effects} <= ours]
+        steps += nested[:1]
+        chosen = {*steps[-1].model.effects} if nested else chosen
     return tuple(steps)

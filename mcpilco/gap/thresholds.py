@@ -365,6 +365,8 @@ class SuspicionThresholds:
     """to each side, of the cubics that smooth the ends of a span [s]; at least three samples"""
     spans: int = 160
     """that are looked at, of all recordings alike, for the cost"""
+    thinned: int = 16
+    """one in so many is looked at first where a simulation is dear"""
     moving: float = 3.0
     """noise std by which a state changes over a span from which on it counts"""
     counted: float = 0.9

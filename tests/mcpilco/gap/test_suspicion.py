@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,6 +19,7 @@ from mcpilco.gap import Gap, investigate, suspicions, verdict_sentence
 from mcpilco.gap.suspicion import at_rest, far_from_noise
 from mcpilco.gap.thresholds import SUSPICION
 from mcpilco.mjcf import read_plant
+from mcpilco.plant import Plant
 from mcpilco.recordings import Recording, distinct, noise_std, unchanging, write_recording
 from mcpilco.typing import InputError
 from tests.mcpilco.gap import pendulum as rods
@@ -263,6 +265,27 @@ def test_a_machine_at_rest_is_too_poor(changed: dict[str, float]) -> None:
     gap = investigate(PLANTS["pendulum"], still)
     assert gap.verdict == "too_poor"
     assert "Nothing moves" in gap.experiments[0]
+
+
+def test_where_a_simulation_is_dear_readings_are_tried_on_few_spans_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plant = PLANTS["pendulum"]
+    wrong = columns(recorded("pendulum", 0), torque=lambda column: -column)
+    told, spans, simulate = [], [], type(plant).simulate
+
+    def counting(self: Plant, start: np.ndarray, *given: Any) -> np.ndarray:
+        spans[-1] += len(start)
+        return simulate(self, start, *given)
+
+    monkeypatch.setattr(type(plant), "simulate", counting)
+    for costly in (False, True):
+        monkeypatch.setattr(type(plant), "costly", costly)
+        spans.append(0)
+        told.append(suspicions(plant, wrong))
+    assert "negate torque?" in told[0][0]
+    assert told[1] == told[0]
+    assert spans[1] < 0.4 * spans[0]
 
 
 def test_commands_that_never_change_are_told() -> None:
