@@ -63,8 +63,7 @@ def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
         return ()
     return (
         f"the corrected plant misses the recordings by {three_digits(compared.corrected)} noise "
-        f"std, and noise alone makes {three_digits(compared.noise_floor)}: is the plant the right "
-        "one?",
+        f"std, noise alone by {three_digits(compared.noise_floor)}: is the plant the right one?",
     )
 
 
@@ -173,8 +172,8 @@ class Spans:
             if np.isfinite(table[first - r : first + n + r + 1, measured]).all()
         ]
         some = np.linspace(0, len(whole) - 1, min(len(whole), SUSPICION.spans)).astype(int)
-        spans = np.array([whole[k] for k in some]).reshape(len(some), n + 2 * r + 1, len(measured))
-        spans = np.nan_to_num(spans)
+        spans = np.nan_to_num([whole[k] for k in some])
+        spans = spans.reshape(len(some), n + 2 * r + 1, len(measured))
         powers = np.vander(np.arange(-r, r + 1.0), 4, increasing=True)
         around = np.stack([spans[:, : 2 * r + 1], spans[:, n:]])
         cubic = np.einsum("pk,eskc->pesc", np.linalg.pinv(powers), around)
@@ -216,8 +215,7 @@ class Spans:
     def moving(self, plant: Plant) -> Bool[np.ndarray, " X"]:
         """Which states change by more than their noise."""
         begin, end = self.states(plant)
-        X = begin.shape[1]
-        noise = np.where(self.measured[:X], self.noise[:X], 0.0)
+        noise = np.where(self.measured, self.noise, 0.0)[: begin.shape[1]]
         change = np.sqrt(np.mean((end - begin) ** 2, axis=0))
         return change > np.maximum(SUSPICION.moving * noise, 1e-9)
 
@@ -290,7 +288,7 @@ def _every_reading(plant: Plant, spans: Spans) -> Iterator[tuple[str, Spans]]:
             yield says, spans.times(dict.fromkeys(group, factor))
     for c in plant.angles:
         yield f"is the zero of {names[c]} half a turn away?", spans.times({c: 1.0}, math.pi)
-    for a, b in combinations(known, 2):
+    for a, b in combinations(known, 2) if len(known) <= SUSPICION.swapped else ():
         yield f"are {names[a]} and {names[b]} swapped?", spans.swapped([a], [b])
     for one, other in combinations(joints, 2):
         said = f"are the joints of {names[one[0]]} and {names[other[0]]} swapped?"

@@ -365,8 +365,10 @@ class SuspicionThresholds:
     """to each side, of the cubics that smooth the ends of a span [s]; at least three samples"""
     spans: int = 160
     """that are looked at, of all recordings alike, for the cost"""
-    thinned: int = 16
+    thinned: int = 32
     """one in so many is looked at first where a simulation is dear"""
+    swapped: int = 30
+    """columns up to which any two may have been swapped, for the cost"""
     moving: float = 3.0
     """noise std by which a state changes over a span from which on it counts"""
     counted: float = 0.9
