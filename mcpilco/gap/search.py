@@ -407,8 +407,8 @@ def _search(
 ) -> tuple[Tried, list[Score]]:
     """The models that were tried on some windows, and the scores of further effects."""
     null, windows = fit_nominal(model, windows)
-    tried = Tried.begun(null, windows, candidates).following(hints)
-    return tried, _improve(tried, share)
+    tried = Tried.begun(null, windows, candidates)
+    return tried, _improve(tried.following(hints) if hints else tried, share)
 
 
 def _improve(tried: Tried, share: BudgetShare) -> list[Score]:
