@@ -128,7 +128,6 @@ FACTS = {
     r"256 colours": "of the picture",
     r"share of 100 fresh episodes|solved is at least 90 %": "a rule of runs/crossing_the_gap",
     r"within 10 degrees of upright": "the rule of success, envs/judge.py",
-    r"the 100 seeds on which": "of runs/cartpole_swingup",
     r"95 % intervals": "a level",
     r"exit code 2|C99": "of the command line",
     r"chapter \d( \(MC-PILCO\))?": "of the thesis",

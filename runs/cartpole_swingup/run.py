@@ -1,12 +1,6 @@
 """The cart-pole swing-up from many seeds, beside the figures of the thesis.
 
 python runs/cartpole_swingup/run.py                       # default, 100 seeds, and thesis, 30
-python runs/cartpole_swingup/run.py --presets fresh       # default, on seeds that are run once
-python runs/cartpole_swingup/run.py --presets longer    # its numbers before these, likewise
-python runs/cartpole_swingup/run.py --presets random-inputs  # those before these, likewise
-python runs/cartpole_swingup/run.py --presets unscreened  # those before these, likewise
-python runs/cartpole_swingup/run.py --presets earlier     # those before these, likewise
-python runs/cartpole_swingup/run.py --presets no-mirror   # those without mirror images, on 30 seeds
 python runs/cartpole_swingup/run.py --presets tro2022     # 10 seeds, 5 trials each
 python runs/cartpole_swingup/run.py --quick               # seconds: does it run at all?
 
@@ -18,8 +12,8 @@ the README of the project.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,7 +33,7 @@ from harness import (
     swept,
 )
 
-from mcpilco.config import PRESETS, Config
+from mcpilco.config import PRESETS
 
 HERE = Path(__file__).parent
 COMPARISON = HERE.parent / "cartpole_comparison" / "results" / "cartpole"
@@ -64,51 +58,10 @@ class Plan:
 
     seeds: str
     trials: int
-    preset: str = ""
-    """that is run; the plan's name by default"""
-    as_it_was: Callable[[Config], Config] = lambda config: config
-    """the preset's numbers at the time"""
-
-
-def longer(config: Config) -> Config:
-    """The same with 500 steps a start, and errors that are correlated from trial 4 on alone."""
-    search = replace(config.search, steps=(500,), correlations=(0.0, 0.0, 0.0, 0.8))
-    return replace(config, search=search)
-
-
-def with_random_inputs(config: Config) -> Config:
-    """That with random first inputs, and less that helps a model of a few samples."""
-    config = longer(config)
-    model = replace(config.model, prior_std=None, mirror=60)
-    policy = replace(config.policy, span="data")
-    return replace(config, model=model, policy=policy, excitation="random")
-
-
-def unscreened(config: Config) -> Config:
-    """That, where further starts go to their end."""
-    config = with_random_inputs(config)
-    return replace(config, search=replace(config.search, screening=1.0))
-
-
-def as_earlier(config: Config) -> Config:
-    """That with more particles, in double precision, and a less strict rule for further starts."""
-    search = replace(unscreened(config).search, particles=96, failing=0.05)
-    return replace(config, search=search, precision="float64")
-
-
-def without_mirror(config: Config) -> Config:
-    """That, where the model never asks for mirror images."""
-    return replace(as_earlier(config), model=replace(config.model, mirror=0))
 
 
 PLANS = {
-    "fresh": Plan("25000:25100", 4, "default"),
-    "longer": Plan("24000:24100", 4, "default", longer),
-    "random-inputs": Plan("23000:23100", 4, "default", with_random_inputs),
-    "unscreened": Plan("22000:22100", 4, "default", unscreened),
-    "earlier": Plan("21000:21100", 4, "default", as_earlier),
-    "no-mirror": Plan("21000:21030", 4, "default", without_mirror),
-    "default": Plan("0:100", 4),
+    "default": Plan("25000:25100", 4),
     "thesis": Plan("0:30", 4),
     "tro2022": Plan("0:10", 5),
 }
@@ -120,9 +73,7 @@ class Arguments:
     """Train from many seeds and write the tables."""
 
     seeds: str | None = None
-    """`0:30` are 0 to 29; by default 0:100, 25000:25100 for fresh, 24000:24100 for
-    longer, 23000:23100 for random-inputs, 22000:22100 for unscreened, 21000:21100 for earlier,
-    21000:21030 for no-mirror, 0:30 for thesis and 0:10 for tro2022"""
+    """`0:30` are 0 to 29; by default 25000:25100, for thesis 0:30 and for tro2022 0:10"""
     presets: tuple[Literal[*PLANS], ...] = ("default", "thesis")
     """which settings"""
     workers: int | None = None
@@ -148,13 +99,11 @@ def run(preset: str, arguments: Arguments, out: Path) -> dict[str, Any]:
 
     plan = QUICK if arguments.quick else PLANS[preset]
     seeds = parse_seeds(arguments.seeds or plan.seeds)
-    name = plan.preset or preset
-    chosen = PRESETS[name]
-    config = plan.as_it_was(chosen.config)
-    config, fresh = (hasty(config), 5) if arguments.quick else (config, FRESH)
+    chosen = PRESETS[preset]
+    config, fresh = (hasty(chosen.config), 5) if arguments.quick else (chosen.config, FRESH)
 
-    settings = Settings(ENV, chosen.env_kwargs, name, config, plan.trials, fresh)
-    print(f"Preset {name}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
+    settings = Settings(ENV, chosen.env_kwargs, preset, config, plan.trials, fresh)
+    print(f"Preset {preset}, {len(seeds)} seeds of {plan.trials} trials:", flush=True)
     return swept(settings, seeds, out / "results" / preset, HERE.name, arguments.workers)
 
 
@@ -175,10 +124,10 @@ def write_readmes(out: Path) -> None:
 
 def overview(results: Path) -> list[str]:
     """The table of success in short: one rollout a policy, beside PILCO's of the comparison."""
-    ours = read_summaries(results, ("fresh", "thesis"))
+    ours = read_summaries(results, ("default", "thesis"))
     theirs = read_summaries(COMPARISON, ("pilco",))
     settings = {
-        "MC-PILCO here, preset `default`": ours.get("fresh"),
+        "MC-PILCO here, preset `default`": ours.get("default"),
         "MC-PILCO here, preset `thesis`": ours.get("thesis"),
         "PILCO here": theirs.get("pilco"),
     }
@@ -211,20 +160,19 @@ def verdict(summaries: Mapping[str, Any]) -> str:
     """Whether the claim holds on the seeds that are there."""
     claim = ", ".join(f"{share:.0f} % after {seconds} s" for seconds, share in CLAIM.items())
     claim = f"Claim: on seeds run once the preset `default` succeeds in at least {claim}"
-    trials = {seconds: at(summaries.get("fresh", {"trials": []}), seconds) for seconds in CLAIM}
+    trials = {seconds: at(summaries.get("default", {"trials": []}), seconds) for seconds in CLAIM}
     if any(trial is None for trial in trials.values()):
         return f"{claim}: **not measured yet**."
     rates = {seconds: 100 * trial["success"]["rate"] for seconds, trial in trials.items()}
     holds = all(rates[seconds] >= share for seconds, share in CLAIM.items())
     measured = ", ".join(f"{measured:.1f} %" for measured in rates.values())
-    count = len(summaries["fresh"]["seeds"])
+    count = len(summaries["default"]["seeds"])
     return f"{claim}: **{'holds' if holds else 'does not hold'}** ({measured}, {count} seeds)."
 
 
 def thesis_setting(summaries: Mapping[str, Any]) -> list[str]:
     """Tables 5.1 to 5.3, the thesis's rows first."""
-    rows = ("fresh", "longer", "random-inputs", "earlier", "no-mirror", "default", "thesis")
-    shown = (name for name in rows if name in summaries)
+    shown = (name for name in ("default", "thesis") if name in summaries)
     ours = {name: summaries[name] for name in shown if summaries[name]["trials"]}
     if not ours:
         return []
@@ -246,28 +194,11 @@ def success_rows(ours: Mapping[str, Any]) -> dict[str, list[str]]:
     success = {}
     for name, summary in ours.items():
         count = len(summary["seeds"])
-        success[f"{titled(name)}, one rollout a policy, {count} seeds"] = cells(summary, _succeeded)
-        success[f"{titled(name)}, p over fresh rollouts of each policy"] = cells(
+        success[f"`{name}`, one rollout a policy, {count} seeds"] = cells(summary, _succeeded)
+        success[f"`{name}`, p over fresh rollouts of each policy"] = cells(
             summary, lambda trial: mean_cell(trial["p"])
         )
     return success
-
-
-TITLES = {
-    "fresh": "`default` on seeds run once",
-    "longer": "`default` with 500 steps, on seeds run once",
-    "random-inputs": "`default` with random first inputs, on seeds run once",
-    "unscreened": "that whose further starts go to their end, on seeds run once",
-    "earlier": "`default` with its earlier numbers, on seeds run once",
-    "no-mirror": "the same without mirror images",
-    "default": "`default` before mirror images, on seeds that were looked at",
-}
-"""of settings that the tables do not call by their names"""
-
-
-def titled(name: str) -> str:
-    """A setting as the tables call it."""
-    return TITLES.get(name, f"`{name}`")
 
 
 def spreads(summaries: Mapping[str, Any], key: str) -> dict[str, list[str]]:
@@ -276,10 +207,10 @@ def spreads(summaries: Mapping[str, Any], key: str) -> dict[str, list[str]]:
 
     rows = {}
     for name, summary in summaries.items():
-        rows[f"{titled(name)}, mean ± std"] = cells(
+        rows[f"`{name}`, mean ± std"] = cells(
             summary, lambda trial: f"{trial[key]['mean']:.2f} ± {trial[key]['std']:.2f}"
         )
-        rows[f"{titled(name)}, median (quartiles)"] = cells(
+        rows[f"`{name}`, median (quartiles)"] = cells(
             summary, lambda trial: spread_cell(trial[key], 2)
         )
     return rows
