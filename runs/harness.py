@@ -59,6 +59,7 @@ __all__ = [
     "kept",
     "machines",
     "marks",
+    "once",
     "outcomes",
     "parse_seeds",
     "places",
@@ -177,6 +178,17 @@ def keep(path: Path, found: Mapping[str, Any], run: str, continued: bool = False
     path.parent.mkdir(parents=True, exist_ok=True)
     result = stamp(table_of(run, path)).on(found, path, continued)
     write_bytes(path, json.dumps(result, indent=1).encode())
+
+
+def once(
+    path: Path, run: str, make: Callable[..., Mapping[str, Any]], *given: Any
+) -> Mapping[str, Any] | None:
+    """Make a result of what is given and keep it, as `keep` does; None if it is there already."""
+    if path.exists():
+        return None
+    found = make(*given)
+    keep(path, found, run)
+    return found
 
 
 def kept(results: Path) -> list[dict[str, Any]]:

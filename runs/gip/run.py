@@ -25,7 +25,7 @@ from gip.experiments import EXPERIMENTS, QUICK, Sizes, recorded
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import folder, keep, kept, use_one_thread
+from harness import folder, keep, kept, once, use_one_thread
 
 from mcpilco.sweep import machine
 
@@ -64,9 +64,7 @@ def main() -> int:
         most = 1 if arguments.quick else arguments.trials or SEEDS[experiment]
         for seed in range(min(most, SEEDS[experiment])):
             path = out / "results" / experiment / f"{seed:04d}.json"
-            if not path.exists():
-                found = EXPERIMENTS[experiment](seed, sizes) | {"machine": machine()}
-                keep(path, found, HERE.name)
+            if once(path, HERE.name, EXPERIMENTS[experiment], seed, sizes):
                 print(f"{experiment}, seed {seed}", flush=True)
         pages.write(out, gathered(out), template=HERE / "README.md")  # a stop loses no table
     print(f"Tables: {out / 'README.md'}")

@@ -24,7 +24,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, folder, hasty, keep, kept, parse_seeds, places, use_one_thread
+from harness import fill, folder, hasty, kept, once, parse_seeds, places, use_one_thread
 from pendubot_swingup.run import CONFIG
 
 import envs
@@ -122,10 +122,8 @@ def main() -> int:
     for seed in seeds:
         for name in arguments.priors:
             path = out / "results" / name / f"{seed:04d}.json"
-            if not path.exists():
-                config = hasty(CONFIG) if arguments.quick else CONFIG
-                result = learned(name, config, seed, trials)
-                keep(path, result, HERE.name)
+            config = hasty(CONFIG) if arguments.quick else CONFIG
+            if result := once(path, HERE.name, learned, name, config, seed, trials):
                 write_readme(out)
                 shares = ", ".join(f"{row['p']:.2f}" for row in result["trials"])
                 print(f"{name}, seed {seed}: p {shares}", flush=True)

@@ -20,8 +20,8 @@ from harness import (  # noqa: E402
     fill,
     folder,
     hasty,
-    keep,
     kept,
+    once,
     parse_seeds,
     places,
     use_one_thread,
@@ -126,9 +126,7 @@ def main() -> None:
     config = hasty(config) if arguments.quick else config
     for seed in parse_seeds(arguments.seeds):
         path = place / "results" / name / f"{seed}.json"
-        if not path.exists():
-            found = trained(seed, not arguments.free, config, arguments.trials)
-            keep(path, found, HERE.name)
+        once(path, HERE.name, trained, seed, not arguments.free, config, arguments.trials)
         write_readme(place)  # a stop loses no table
 
 

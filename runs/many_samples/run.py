@@ -29,6 +29,7 @@ from harness import (  # noqa: E402
     hasty,
     keep,
     kept,
+    once,
     parse_seeds,
     places,
     use_one_thread,
@@ -190,14 +191,11 @@ def main() -> None:
     config = through(hasty(Config()), few) if arguments.quick else Config()
     for seed in parse_seeds(arguments.seeds) if arguments.seeds else ():
         path = place / "results" / "success" / f"{seed}.json"
-        if not path.exists():
-            found = trained(seed, config, 60 if arguments.quick else SAMPLES, TRIALS)
-            keep(path, found, HERE.name)
+        most = 60 if arguments.quick else SAMPLES
+        once(path, HERE.name, trained, seed, config, most, TRIALS)
     for seed in parse_seeds(arguments.beside) if arguments.beside else ():
         path = place / "results" / "beside" / f"{seed}.json"
-        if not path.exists():
-            found = beside(seed, config, 60 if arguments.quick else BESIDE)
-            keep(path, found, HERE.name)
+        once(path, HERE.name, beside, seed, config, 60 if arguments.quick else BESIDE)
     write_readme(place)
 
 

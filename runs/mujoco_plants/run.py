@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 import beside_sysid
-from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
+from harness import fill, folder, keep, kept, once, parse_seeds, places, use_one_thread
 from study import judged, summary, tried
 from truth import HELD_S, MACHINES
 
@@ -288,16 +288,11 @@ def main() -> None:
         keep(out / "results" / "speed" / "speed.json", {"models": speeds}, HERE.name)
     if options.what == "study":
         for seed in parse_seeds(options.seeds):
-            path = out / "results" / "study" / f"{seed}.json"
-            if not path.exists():
-                keep(path, result := tried(seed), HERE.name)
+            if result := once(out / "results" / "study" / f"{seed}.json", HERE.name, tried, seed):
                 print(seed, result["machine"], *result["truth"], judged(result), flush=True)
     if options.what == "sysid":
         for seed in parse_seeds(options.seeds):
-            path = out / "results" / "sysid" / f"{seed}.json"
-            if not path.exists():
-                keep(path, beside_sysid.fitted(seed), HERE.name)
-                print(seed, flush=True)
+            once(out / "results" / "sysid" / f"{seed}.json", HERE.name, beside_sysid.fitted, seed)
     write_page(out)
 
 

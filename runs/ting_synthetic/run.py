@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, folder, keep, kept, parse_seeds, places, write_picture
+from harness import fill, folder, kept, once, parse_seeds, places, write_picture
 
 from mcpilco import identification
 from mcpilco.identification import middle_reliability
@@ -77,9 +77,8 @@ def main() -> int:
     for seed in seeds:
         for cell, numbers in CELLS.items():
             path = out / "results" / cell / f"{seed:04d}.json"
-            if not path.exists():
-                found = trial(*numbers, seed, 200 if arguments.quick else SAMPLES)
-                keep(path, found, HERE.name)
+            samples = 200 if arguments.quick else SAMPLES
+            if found := once(path, HERE.name, trial, *numbers, seed, samples):
                 clean = found["clean"]
                 print(f"{cell}, seed {seed}: {OURS} {clean[OURS]:.3f}, OLS {clean['OLS']:.3f}")
         write_readme(out)  # a stop loses no table

@@ -24,7 +24,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, folder, keep, kept, parse_seeds, places, use_one_thread
+from harness import fill, folder, kept, once, parse_seeds, places, use_one_thread
 
 import envs
 from envs.arms.motions import Sinusoids, random_sinusoids
@@ -99,8 +99,7 @@ def main() -> int:
     out = folder(HERE, arguments.out, arguments.quick)
     for seed in parse_seeds(arguments.seeds)[: 1 if arguments.quick else None]:
         path = out / "results" / f"{seed:04d}.json"
-        if not path.exists():
-            keep(path, investigated(seed, arguments.quick), HERE.name)
+        once(path, HERE.name, investigated, seed, arguments.quick)
         write_readme(out)
     print(f"Table: {out / 'README.md'}")
     return 0

@@ -23,7 +23,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
-from harness import fill, keep, parse_seeds, use_one_thread
+from harness import fill, once, parse_seeds, use_one_thread
 
 import envs  # noqa: F401  registers the cart-pole
 from baselines.evaluate import Judge, learning_curve
@@ -83,8 +83,7 @@ def main() -> int:
         teacher = cache(lambda seed=seed: taught(seed))
         for name in arguments.rows:
             path = results / f"{name}-{seed}.json"
-            if not path.exists():
-                keep(path, measured(ROWS[name], seed, teacher), HERE.name)
+            if once(path, HERE.name, measured, ROWS[name], seed, teacher):
                 print(path, flush=True)
                 write_readme(arguments.out)
     write_readme(arguments.out)

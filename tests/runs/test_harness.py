@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 
+import harness
 import pytest
 from harness import (
     BEGIN,
@@ -111,3 +112,17 @@ def test_outcomes_have_a_column_a_trial_and_leave_out_what_the_env_does_not_tell
     assert "| p over fresh rollouts of each policy [%] | 25.0 (10–90) | 25.0 (10–90) |" in text
     assert "| real cost [-] | 30.0 (25.0–35.0) | 30.0 (25.0–35.0) |" in text
     assert "cart" not in text
+
+
+def test_a_result_that_is_there_is_not_made_again(tmp_path, monkeypatch):
+    made, path = [], tmp_path / "0001.json"
+    monkeypatch.setattr(harness, "keep", lambda path, found, run: path.write_text(str(found)))
+
+    def make(seed, size):
+        made.append((seed, size))
+        return {"seed": seed}
+
+    assert harness.once(path, "gip", make, 1, 2) == {"seed": 1}
+    assert harness.once(path, "gip", make, 1, 2) is None
+    assert made == [(1, 2)]
+    assert path.read_text() == "{'seed': 1}"
