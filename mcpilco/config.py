@@ -393,9 +393,13 @@ class EstimatorConfig(Checked):
     modelled: bool = True
     """the particles are measured, with noise, and estimated as the system is; else the policy is
     searched as if it saw their states"""
+    refinements: int = 1
+    """times in a trial that recordings are smoothed anew by the model that was learned from them,
+    and the model is fitted anew: the first smoother knows of no forces. Not where it has memory"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        _require(self.refinements >= 0, f"refinements must be >= 0, got {self.refinements}.")
         _require(0 <= self.low_pass < 1, f"low_pass must be in [0, 1), got {self.low_pass}.")
 
 

@@ -268,7 +268,9 @@ TABLES = (
     Table("mujoco_plants", "results/sysid/*.json", ("beside_sysid:fitted",), ":100"),
     Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
     Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
-    Table("partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE)),
+    Table(
+        "partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), "500:506"
+    ),
     Table(
         "pendubot_swingup",
         "results/*.json",

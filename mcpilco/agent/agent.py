@@ -145,6 +145,11 @@ class MCPILCO(ModelBasedAgent):
 
     def _fit_model(self, trial: int) -> dict[str, float]:
         numbers, regulator = super()._fit_model(trial), self.policy.regulator
+        if self.perception is not None and not self.model.memory:
+            for _ in range(self.config.estimator.refinements):
+                dynamics = self.model.dynamics(self._data)
+                self.transitions = self.perception.refined(self._data, dynamics)
+                numbers = super()._fit_model(trial)
         if regulator is not None:
             numbers["model/regulator"] = regulator.learn(self.model.dynamics(self._data))
         return numbers

@@ -227,12 +227,9 @@ class ModelBasedAgent(TrialAgent):
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
         """Fit the model to all data, search a policy in it, try it on the system."""
         watch, experience = Stopwatch(), len(self._data)
-        perception = self.perception and self.perception.adapted(self._data)
-        found, no_policy = self._improve(trial, perception, events)
+        found, no_policy, perception = self._improve(trial, events)
         policy, prediction = self.policy, None
-        if found is None or no_policy is not None:
-            perception = self.perception
-        else:
+        if found is not None and no_policy is None:
             policy = found.best.policy
             shown = found.best.prediction(SHOWN_PARTICLES)
             prediction = shown.of_states(len(self.task.state_names)).later(self.model.delay.whole)
@@ -261,10 +258,13 @@ class ModelBasedAgent(TrialAgent):
         return self._result(trial, record, watch, experience, failure=failure, **learned)
 
     def _improve(
-        self, trial: int, perception: Perception | None, events: Callback
-    ) -> tuple[SearchResult[Any] | None, str | None]:
-        """Fit the model and search a policy; the result, or the reason why there is none to try."""
-        model, rows = self.model.to_arrays(), self.fitted_rows
+        self, trial: int, events: Callback
+    ) -> tuple[SearchResult[Any] | None, str | None, Perception | None]:
+        """Fit the model and search a policy: the result, or the reason why there is none to try.
+
+        And what the policy to be tried makes of measurements.
+        """
+        model, rows, perception = self.model.to_arrays(), self.fitted_rows, self.perception
         try:
             self.model.gp.on_iteration = events.on_fit_step
             try:
@@ -275,22 +275,25 @@ class ModelBasedAgent(TrialAgent):
             self.fitted_rows = len(self._data)
             self.look_ahead()
             self._learn_cost()
-            found = self._search(trial, perception, events)
+            adapted = perception and perception.adapted(self._data)
+            found = self._search(trial, adapted, events)
         except (NotPositiveDefiniteError, torch.linalg.LinAlgError) as error:
             self.model.load_arrays(model)
             self.fitted_rows = rows
             self.look_ahead()
-            return None, self._failed(trial, f"No policy could be learned: {error}")
+            return None, self._failed(trial, f"No policy could be learned: {error}"), perception
         if not math.isfinite(found.best.cost):
-            return found, self._failed(trial, "The model predicted no finite cost for any policy.")
+            why = self._failed(trial, "The model predicted no finite cost for any policy.")
+            return found, why, perception
         if self.limits is not None and not found.best.admissible:
-            return found, self._failed(
+            why = self._failed(
                 trial,
                 "No policy is predicted to keep the limits: of the best one's particles "
                 f"{found.best.kept:.1%} do, of at least {self.limits.share:.1%}. It is not tried; "
                 "random inputs are, which end half-way to a limit.",
             )
-        return found, None
+            return found, why, perception
+        return found, None, adapted
 
     def _take(self, record: Rollout) -> None:
         if isinstance(self.task.cost, RewardCost):

@@ -1,8 +1,9 @@
-"""A model of the next state as linear systems about a point: of its mean, and of its draws."""
+"""A model of the next state as linear systems: about a point, its draws too; along a motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -82,6 +83,41 @@ def linearised(
     rows = (contrast @ drift + changes.permute(1, 2, 0) @ model.B.T).numpy()  # S 1+D X
     slopes = rows[:, 1:].swapaxes(1, 2)
     return Linearised(rows[:, 0], slopes[..., :X], slopes[..., X:])
+
+
+class Course(NamedTuple):
+    """x' = after + A (x - x0) + w about each of T points of a motion."""
+
+    after: Float[np.ndarray, "T X"]
+    """the states that are expected to follow, in each state's unit"""
+    A: Float[np.ndarray, "T X X"]
+    """by the state"""
+    W: Float[np.ndarray, "T X X"]
+    """covariance of w: what the model does not know of a change, and the noise that was learned"""
+
+
+@torch.no_grad()
+def linearised_along(
+    dynamics: GPDynamics | PathwisePosterior | PhysicsDynamics,
+    states: Float[np.ndarray, "T X"],
+    inputs: Float[np.ndarray, "T U"],
+) -> Course:
+    """The mean of a model and its slopes about the states of a motion under these inputs."""
+    model, (T, X) = _of_changes(dynamics), states.shape
+    eye = NUDGE * np.eye(X)
+    nudges = np.concatenate([np.zeros((1, X)), eye, -eye])
+    at = torch.from_numpy((nudges[:, None] + states).reshape(-1, X))
+    u = torch.from_numpy(inputs).repeat(len(nudges), 1)
+    mean, variance = model.posterior.mean_and_variance(model.regressors(at, u))
+    if isinstance(dynamics, PhysicsDynamics):
+        own = dynamics.physics.numbers(dynamics.physics.belief.mean[None]).expand(len(at), -1)
+        after = model.moved(at, dynamics.program(torch.cat([at, u, own], -1)), mean)
+    else:
+        after = model.advance(at, u, mean)
+    following = after.numpy().reshape(-1, T, X)
+    A = (following[1 : 1 + X] - following[1 + X :]).transpose(1, 2, 0) / (2 * NUDGE)
+    B, spread = model.B.numpy(), variance[:T] + model.posterior.noise_std.square()
+    return Course(following[0], A, np.einsum("xe,ne,ye->nxy", B, spread.numpy(), B))
 
 
 def _of_changes(dynamics: GPDynamics | PathwisePosterior | PhysicsDynamics) -> GPDynamics:

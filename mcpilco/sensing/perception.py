@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any, SupportsFloat
 
@@ -18,6 +19,7 @@ from mcpilco.data import Rollout, Transitions
 from mcpilco.dynamics import speed_integration
 from mcpilco.sensing.estimator import Chain, LinearEstimator, Observer, differences, kalman
 from mcpilco.sensing.motion import Motion, fit_motion, smooth
+from mcpilco.sensing.refinement import refined
 from mcpilco.task import TaskSpec
 from mcpilco.typing import Estimator
 
@@ -102,6 +104,8 @@ class Perception:
         self.estimate_std: Float[np.ndarray, " X"] | None = None
         """root mean square difference of the last episode's estimates from its smoothed states, in
         each state's unit; None: there was none"""
+        self.recordings: tuple[Float[np.ndarray, "T_plus_1 Y"], ...] = ()
+        """the measurements of all episodes, in each one's unit"""
 
     def digest(self, record: Rollout) -> Rollout:
         """The record of an episode with its states as estimated in it and as smoothed now.
@@ -115,7 +119,24 @@ class Perception:
         estimates = self._estimates(record.observations)
         smoothed = smooth(motion, record.observations)
         self.estimate_std = np.sqrt(((estimates - smoothed) ** 2).mean(0))
+        self.recordings = (*self.recordings, record.observations)
         return dataclasses.replace(record, estimates=estimates, smoothed=smoothed)
+
+    def refined(self, rows: Transitions, dynamics: Any) -> Transitions:
+        """The rows of all episodes, smoothed by a model that was learned from them.
+
+        Those of episodes whose measurements are not there, which come first, stay as they are.
+        """
+        first = len(rows) - sum(len(measured) - 1 for measured in self.recordings)
+        anew = [rows[:first]]
+        for measured in self.recordings:
+            own = rows[first : first + len(measured) - 1]
+            states = np.concatenate([own.states, own.next_states[-1:]])
+            noise_std = self._known_noise
+            states = refined(self.task, dynamics, noise_std, measured, own.inputs, states)
+            anew.append(Transitions(states[:-1], own.inputs, states[1:]))
+            first += len(own)
+        return functools.reduce(Transitions.__add__, anew)
 
     def adapted(self, rows: Transitions) -> Perception:
         """The same with the estimator fitted to all that was learned."""
@@ -151,6 +172,9 @@ class Perception:
         """The estimator and the noise it was made for, as named arrays for a file."""
         arrays = {name: value.numpy() for name, value in vars(self.estimator).items()}
         known = {"noise_std": self.noise_std, "estimate_std": self.estimate_std}
+        if self.recordings:
+            known["measured"] = np.concatenate(self.recordings)
+            known["lengths"] = np.array([len(measured) for measured in self.recordings])
         return arrays | {name: value for name, value in known.items() if value is not None}
 
     def load_arrays(self, arrays: Mapping[str, Any]) -> None:
@@ -173,3 +197,6 @@ class Perception:
         self.estimator = LinearEstimator(**{name: torch.from_numpy(loaded[name]) for name in here})
         self.noise_std = loaded.get("noise_std", self.noise_std)
         self.estimate_std = loaded.get("estimate_std")
+        if "measured" in arrays:  # files of before lack them
+            ends = np.cumsum(arrays["lengths"])[:-1]
+            self.recordings = tuple(np.split(arrays["measured"], ends))

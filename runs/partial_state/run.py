@@ -1,6 +1,6 @@
 """The cart-pole whose positions alone are measured, with noise: is the estimator worth modelling?
 
-python runs/partial_state/run.py                  # seeds 27000:27010, 5 trials each
+python runs/partial_state/run.py                  # seeds 27200:27210, 5 trials each
 python runs/partial_state/run.py --quick          # does it run at all? compiles the loops, too
 python runs/partial_state/run.py --settings modelled --seeds 0:2
 
@@ -42,20 +42,21 @@ DEFAULT = PRESETS["default"].config
 
 SETTINGS = {
     "modelled": (POSITIONS, DEFAULT),
+    "not-refined": (POSITIONS, replace(DEFAULT, estimator=EstimatorConfig(refinements=0))),
     "not-modelled": (POSITIONS, replace(DEFAULT, estimator=EstimatorConfig(modelled=False))),
     "differences": (POSITIONS, replace(DEFAULT, estimator=EstimatorConfig(kind="differences"))),
     "all-measured": (MEASURED, DEFAULT),
 }
-"""the preset default; its estimator in the loop but not in the rollouts; another estimator; and
-where there is nothing to estimate"""
+"""the preset default; without smoothing by the model; its estimator in the loop but not in the
+rollouts; another estimator; and where there is nothing to estimate"""
 
 
 @dataclass(frozen=True)
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "27000:27010"
-    """`27000:27010` are 27000 to 27009"""
+    seeds: str = "27200:27210"
+    """`27200:27210` are 27200 to 27209"""
     settings: tuple[Literal[*SETTINGS], ...] = tuple(SETTINGS)
     """which of them"""
     workers: int | None = None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from mcpilco.dynamics import linearised
+from mcpilco.dynamics import linearised, linearised_along
 from mcpilco.kernels import MPK, RBF
 from mcpilco.task import TaskSpec
 from tests.mcpilco.conftest import make_dynamics
@@ -27,6 +27,22 @@ def test_slopes_of_the_mean_are_those_of_autograd(task: TaskSpec, kernel) -> Non
     np.testing.assert_allclose(found.after[0], following(STATE, INPUT), rtol=1e-10)
     np.testing.assert_allclose(found.A[0], A, atol=1e-5)
     np.testing.assert_allclose(found.B[0], B, atol=1e-5)
+
+
+def test_along_a_motion_each_point_is_linearised_as_alone(task: TaskSpec) -> None:
+    dynamics = make_dynamics(task, RBF(6, (2,)))
+    states = STATE.numpy() + 0.1 * np.arange(5.0)[:, None]
+    inputs = INPUT.numpy() * np.arange(5.0)[:, None]
+    course = linearised_along(dynamics, states, inputs)
+    x, u = torch.from_numpy(states), torch.from_numpy(inputs)
+    for t in range(5):
+        alone = linearised(dynamics, x[t], u[t])
+        np.testing.assert_allclose(course.after[t], alone.after[0], rtol=1e-10)
+        np.testing.assert_allclose(course.A[t], alone.A[0], atol=1e-8)
+    _, variance = dynamics.posterior.mean_and_variance(dynamics.regressors(x, u))
+    spread = variance + dynamics.posterior.noise_std.square()
+    wanted = torch.einsum("xe,ne,ye->nxy", dynamics.B, spread, dynamics.B)
+    np.testing.assert_allclose(course.W, wanted.numpy(), rtol=1e-10)
 
 
 def test_draws_have_the_variance_of_the_posterior_and_of_its_slopes(task: TaskSpec) -> None:
