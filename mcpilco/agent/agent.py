@@ -148,7 +148,7 @@ class MCPILCO(ModelBasedAgent):
         if self.perception is not None and not self.model.memory:
             for _ in range(self.config.estimator.refinements):
                 dynamics = self.model.dynamics(self._data)
-                self.transitions = self.perception.refined(self._data, dynamics)
+                self._refined = self.perception.refined(self._data, dynamics)
                 numbers = super()._fit_model(trial)
         if regulator is not None:
             numbers["model/regulator"] = regulator.learn(self.model.dynamics(self._data))

@@ -54,6 +54,8 @@ class ModelBasedAgent(TrialAgent):
         self.model = self._new_model()
         partly = self.task.measured is not None
         self.perception = Perception(self.config.estimator, self.task) if partly else None
+        self._refined: Transitions | None = None
+        """the transitions as a trial has smoothed them anew, while it lasts"""
         self.reference_cost = 1.0
         self.fitted_rows = 0
         """how many rows the model was fitted to: those of the last trial are not among them"""
@@ -226,6 +228,7 @@ class ModelBasedAgent(TrialAgent):
 
     def _trial(self, trial: int, steps: int, events: Callback) -> TrialResult:
         """Fit the model to all data, search a policy in it, try it on the system."""
+        self._refined = None
         watch, experience = Stopwatch(), len(self._data)
         found, no_policy, perception = self._improve(trial, events)
         policy, prediction = self.policy, None
@@ -299,7 +302,8 @@ class ModelBasedAgent(TrialAgent):
         if isinstance(self.task.cost, RewardCost):
             self.task.cost.add(record)
         rows = record.transitions().after_inputs(self.model.memory)
-        self.transitions = rows if self.transitions is None else self.transitions + rows
+        self.transitions = rows if self.transitions is None else self._data + rows
+        self._refined = None
 
     @property
     def estimator(self) -> Estimator | None:
@@ -330,7 +334,7 @@ class ModelBasedAgent(TrialAgent):
     @property
     def _data(self) -> Transitions:
         assert self.transitions is not None, "learn explores first"
-        return self.transitions
+        return self.transitions if self._refined is None else self._refined
 
     def _answer(
         self, measured: Float[np.ndarray, "*b Y"], state: Any, begun: Any, deterministic: bool
