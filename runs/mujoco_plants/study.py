@@ -323,8 +323,15 @@ def judged(result: Mapping[str, Any]) -> str:
 def _wrong(result: Mapping[str, Any]) -> str:
     if not result["found"]:
         return result["verdict"]
-    sure = any(each["probability"] > SURE for each in result["found"])
-    return "wrong, sure" if sure else "wrong"
+    return "wrong, sure" if surely_wrong(result) else "wrong"
+
+
+def surely_wrong(result: Mapping[str, Any]) -> bool:
+    """Whether a name is meant that is not there, nor in a family with what is."""
+    name, target, _ = result["truth"]
+    sure = [each for each in result["found"] if each["probability"] > SURE]
+    there = [(each["name"], each["target"]) == (name, target) for each in sure]
+    return not all(right or name in each["family"] for right, each in zip(there, sure, strict=True))
 
 
 def summary(results: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -337,7 +344,7 @@ def summary(results: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
         with_, without = ([r for r in own if bool(r["truth"][0]) is some] for some in (True, False))
         good = sum(judged(r) in ("right", "in the family") for r in with_)
         quiet = sum(judged(r) == "right" for r in without)
-        sure = sum(judged(r) == "wrong, sure" for r in own)
+        sure = sum(map(surely_wrong, own))
         minutes = np.array([r["cpu_s"] for r in own]) / 60.0
         rows.append(
             (
