@@ -316,7 +316,7 @@ def refit(fit: Fit, windows: Windows) -> Fit:
 def on_windows(fit: Fit, windows: Windows) -> Fit:
     """A fit as it is on other windows, whose initial states alone are fitted."""
     x0 = fit_initial_states(fit.model, windows, fit.theta)
-    return weighed_anew(replace(fit, x0=x0), windows)
+    return weighed_anew(Fit(fit.model, fit.theta, x0, 0.0, np.zeros(len(x0))), windows)
 
 
 def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
