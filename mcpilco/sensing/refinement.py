@@ -16,6 +16,8 @@ from mcpilco.task import TaskSpec
 
 RELINEARISED = 3
 """times that a motion is smoothed along the one before"""
+FARTHEST = 3.0
+"""rms of the measurements' distances from a motion, in noise std, beyond which it is none of it"""
 
 
 def refined(
@@ -27,6 +29,8 @@ def refined(
     states: Float[np.ndarray, "T_plus_1 X"],
 ) -> Float[np.ndarray, "T_plus_1 X"]:
     """The likeliest states of a recording by a model, from those that are known of it so far.
+
+    These stay where the model leads away from what was measured, as one of few data may.
 
     Args:
         task: which states are measured, and how episodes start.
@@ -41,26 +45,31 @@ def refined(
     """
     C, R = np.eye(states.shape[1])[list(task.measured_states)], np.diag(noise_std**2)
     start, spread = np.array(task.start_mean), np.diag(np.square(task.start_std))
-    for _ in range(RELINEARISED):
-        after, A, W = linearised_along(dynamics, states[:-1], inputs)
-        W = W + np.diag(_within_steps(task, states) ** 2)
-        mean, P = start, spread
-        means, covariances, ahead = [], [], []
-        for t, y in enumerate(measured):
-            K = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-            rest = np.eye(len(P)) - K @ C
-            mean, P = mean + K @ (y - C @ mean), rest @ P @ rest.T + K @ R @ K.T
-            means.append(mean)
-            covariances.append(P)
-            if t < len(inputs):
-                mean, P = after[t] + A[t] @ (mean - states[t]), A[t] @ P @ A[t].T + W[t]
-                ahead.append((mean, P))
-        states = np.array(means)
-        for t in reversed(range(len(inputs))):
-            expected, P = ahead[t]
-            G = np.linalg.solve(P, A[t] @ covariances[t]).T
-            states[t] += G @ (states[t + 1] - expected)
-    return states
+    known = states
+    try:
+        for _ in range(RELINEARISED):
+            after, A, W = linearised_along(dynamics, states[:-1], inputs)
+            W = W + np.diag(_within_steps(task, states) ** 2)
+            mean, P = start, spread
+            means, covariances, ahead = [], [], []
+            for t, y in enumerate(measured):
+                K = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+                rest = np.eye(len(P)) - K @ C
+                mean, P = mean + K @ (y - C @ mean), rest @ P @ rest.T + K @ R @ K.T
+                means.append(mean)
+                covariances.append(P)
+                if t < len(inputs):
+                    mean, P = after[t] + A[t] @ (mean - states[t]), A[t] @ P @ A[t].T + W[t]
+                    ahead.append((mean, P))
+            states = np.array(means)
+            for t in reversed(range(len(inputs))):
+                expected, P = ahead[t]
+                G = np.linalg.solve(P, A[t] @ covariances[t]).T
+                states[t] += G @ (states[t + 1] - expected)
+    except np.linalg.LinAlgError:
+        return known
+    off = np.sqrt(np.mean(((measured - states @ C.T) / noise_std) ** 2))
+    return states if off < FARTHEST else known  # not where it is no number
 
 
 def _within_steps(

@@ -50,6 +50,23 @@ def test_of_a_linear_model_the_states_are_those_of_least_squares(
     np.testing.assert_allclose(found, wanted.reshape(T + 1, X), atol=1e-8)
 
 
+@pytest.mark.parametrize("slope", [np.nan, np.inf, 1e9, 0.0])
+def test_states_stay_where_a_model_leads_away_from_the_measurements(
+    slope: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task, T, X = MCPILCO("SumOfGaussians", POSITIONS, config=hasty()).task, 5, 4
+
+    def along(_, states, inputs):
+        return Course(states + 1e6, np.full((T, X, X), slope), np.zeros((T, X, X)))
+
+    monkeypatch.setattr(refinement, "linearised_along", along)
+    states = np.random.default_rng(0).normal(size=(T + 1, X))
+    measured = states[:, list(task.measured_states)]
+    given = np.full(2, 0.01), measured, np.zeros((T, 1)), states
+    with np.errstate(all="ignore"):
+        np.testing.assert_array_equal(refinement.refined(task, None, *given), states)
+
+
 def test_a_model_that_knows_the_forces_brings_velocities_nearer_to_the_true_ones() -> None:
     agent = learned(trials=3, refinements=0)
     records = [result.rollout for result in agent.results]
