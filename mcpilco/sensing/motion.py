@@ -112,13 +112,7 @@ class Motion:
     def _update(
         self, covariance: Float[np.ndarray, "X X"]
     ) -> tuple[Float[np.ndarray, "X Y"], Float[np.ndarray, "Y Y"], Float[np.ndarray, "X X"]]:
-        """Gain, covariance of the measurement, and covariance of the state after it."""
-        noise = np.diag(self.noise_std**2)
-        spread = self.C @ covariance @ self.C.T + noise
-        gain = np.linalg.solve(spread, self.C @ covariance).T
-        rest = np.eye(len(self.A)) - gain @ self.C
-        # Joseph's form: stays symmetric and positive, however exact the measurement
-        return gain, spread, rest @ covariance @ rest.T + gain @ noise @ gain.T
+        return corrected(covariance, self.C, self.noise_std)
 
     def _expect(self, covariance: Float[np.ndarray, "X X"]) -> Float[np.ndarray, "X X"]:
         """Covariance one step later."""
@@ -127,6 +121,20 @@ class Motion:
     @functools.cached_property
     def _process_noise(self) -> Float[np.ndarray, "X X"]:
         return np.tensordot(self.change_std**2, self.shape, 1)
+
+
+def corrected(
+    covariance: Float[np.ndarray, "X X"],
+    C: Float[np.ndarray, "Y X"],
+    noise_std: Float[np.ndarray, " Y"],
+) -> tuple[Float[np.ndarray, "X Y"], Float[np.ndarray, "Y Y"], Float[np.ndarray, "X X"]]:
+    """Gain, covariance of the measurement, and covariance of the state after it."""
+    noise = np.diag(noise_std**2)
+    spread = C @ covariance @ C.T + noise
+    gain = np.linalg.solve(spread, C @ covariance).T
+    rest = np.eye(len(covariance)) - gain @ C
+    # Joseph's form: stays symmetric and positive, however exact the measurement
+    return gain, spread, rest @ covariance @ rest.T + gain @ noise @ gain.T
 
 
 def fit_motion(

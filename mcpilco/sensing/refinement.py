@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.dynamics import linearised_along
+from mcpilco.sensing.motion import corrected
 from mcpilco.task import TaskSpec
 
 RELINEARISED = 3
@@ -43,7 +44,7 @@ def refined(
     Reference: Bell, The iterated Kalman smoother as a Gauss-Newton method, SIAM Journal on
         Optimization 4 (3), 1994; Sarkka, Bayesian Filtering and Smoothing, 2013, section 9.1.
     """
-    C, R = np.eye(states.shape[1])[list(task.measured_states)], np.diag(noise_std**2)
+    C = np.eye(states.shape[1])[list(task.measured_states)]
     start, spread = np.array(task.start_mean), np.diag(np.square(task.start_std))
     known = states
     try:
@@ -53,9 +54,8 @@ def refined(
             mean, P = start, spread
             means, covariances, ahead = [], [], []
             for t, y in enumerate(measured):
-                K = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-                rest = np.eye(len(P)) - K @ C
-                mean, P = mean + K @ (y - C @ mean), rest @ P @ rest.T + K @ R @ K.T
+                gain, _, P = corrected(P, C, noise_std)
+                mean = mean + gain @ (y - C @ mean)
                 means.append(mean)
                 covariances.append(P)
                 if t < len(inputs):
