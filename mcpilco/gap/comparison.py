@@ -405,9 +405,8 @@ def time_map(
     cell = max(COMPARISON.map_cell_s, total / COMPARISON.map_windows)
     windows = cut(recordings, std, every=cell)
     x0 = fit_initial_states(model, windows, theta)
-    squares = (
-        np.square(residuals_at(model, windows, theta, x0)).reshape(windows.y.shape).sum(axis=2)
-    )  # (W, X)
+    r = residuals_at(model, windows, theta, x0)
+    squares = np.square(r).reshape(windows.y.shape).sum(axis=2)  # (W, X)
     samples = windows.measured.sum(axis=2)
     longest = max(recording.time[-1] for recording in recordings)
     edges = cell * np.arange(int(np.ceil(longest / cell)) + 1)

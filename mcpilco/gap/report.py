@@ -326,7 +326,7 @@ def cautions(gap: Gap) -> list[str]:
     if gap.comparison is not None and gap.mended and gap.comparison.hidden:
         said.append(HIDDEN)
     if not gap.held_out and gap.comparison is not None:
-        said.append(f"The errors are {IN_SAMPLE}; record three or more, all driven otherwise.")
+        said.append(f"The errors are {IN_SAMPLE}; record three or more, each with other commands.")
     return said
 
 

@@ -99,7 +99,7 @@ def test_of_an_effect_of_many_shapes_those_are_simulated_that_promise_most() -> 
 def test_an_effect_without_a_usual_size_is_left_out_where_a_simulation_is_dear(
     lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is relative to the mass or the length of a body that has none."""
+    """It is relative to the mass or the length of a body that has none."""
     _, windows, null = lagging
     inertia, friction = (active(n, "pendulum") for n in ("body_inertia", "coulomb_friction"))
     monkeypatch.setattr(type(inertia.effect), "probes", lambda *_: [])
