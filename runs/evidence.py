@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -21,8 +22,13 @@ from mcpilco.sweep import machine
 
 Role = Literal["chosen on", "tested on", "none"]
 """of a seed: a number of the method was chosen on it; none was; nothing is random"""
-State = Literal["current", "stale", "unknown"]
-"""of a result: of the code that is here, of other code, of code that is not recorded"""
+State = Literal["current", "confirmed", "stale", "unknown"]
+"""of a result: of the code that is here; of code whose sample this code made again (`again.py`); of
+other code; of code that is not recorded"""
+
+
+SAMPLES = "again.json"
+"""file of a run that says which of its results were made again"""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,10 @@ class Table:
     """seeds on which a number was chosen: `0:18,19`; `:` are all"""
     seeded: bool = True
     """whether the number in a file's name is a seed"""
+    again: str = ""
+    """arguments of `run.py` that make one of them anew: `{0}`, `{1}`, ... are what the stars of
+    `results` stand for, `{seed}` is the number that ends a file's name; empty where none can be
+    compared, for times are measured or data are needed that are not here"""
 
     @property
     def title(self) -> str:
@@ -58,6 +68,14 @@ class Table:
     def holds(self, path: Path) -> bool:
         """Whether a file is one of these, or stands beside one; in this folder or in another."""
         return path.with_suffix(Path(self.results).suffix).match(self.results)
+
+    def command(self, path: Path) -> list[str]:
+        """The arguments that make this result anew; empty where none do."""
+        pattern = re.escape(self.results).replace(r"\*", "([^/]*)").replace(r"\?", "([^/])")
+        stars = re.search(f"{pattern}$", path.as_posix())
+        seed = re.search(r"(\d+)$", path.stem)
+        fields = {"seed": int(seed[1])} if seed else {}
+        return [word.format(*stars.groups(), **fields) for word in shlex.split(self.again)]
 
     def role(self, path: Path) -> Role:
         """The role of a result's seed."""
@@ -82,7 +100,8 @@ class Finding:
     @property
     def state(self) -> State:
         """Of the table: current only where all its results are."""
-        return next((state for state in ("unknown", "stale") if self.states.get(state)), "current")
+        worst: tuple[State, ...] = ("unknown", "stale", "confirmed")
+        return next((state for state in worst if self.states.get(state)), "current")
 
 
 def findings(tables: Sequence[Table] | None = None) -> Iterator[Finding]:
@@ -91,9 +110,10 @@ def findings(tables: Sequence[Table] | None = None) -> Iterator[Finding]:
         states: dict[State, int] = {}
         changed: set[str] = set()
         made: dict[str, None] = {}
+        confirmed = confirmed_by(table)
         for path in table.paths():
             told = read_made(path)
-            state = state_of(told, table.code)
+            state = state_of(told, table.code, confirmed)
             states[state] = states.get(state, 0) + 1
             if state == "stale":
                 changed |= set(table.code.changed(told["parts"]))
@@ -103,11 +123,29 @@ def findings(tables: Sequence[Table] | None = None) -> Iterator[Finding]:
             yield Finding(table, states, tuple(sorted(changed)), tuple(made))
 
 
-def state_of(made: Mapping[str, Any], code: Code) -> State:
-    """Whether a result is of this code."""
-    if not made.get("digest"):
-        return "unknown"
-    return "current" if made["digest"] == code.digest else "stale"
+def state_of(
+    made: Mapping[str, Any], code: Code, confirmed: Collection[str | None] = frozenset()
+) -> State:
+    """Whether a result is of this code, or of other code that is confirmed by it."""
+    digest = made.get("digest")
+    if digest == code.digest:
+        return "current"
+    if digest in confirmed:
+        return "confirmed"
+    return "stale" if digest else "unknown"
+
+
+def confirmed_by(table: Table) -> set[str | None]:
+    """The codes, by digest, of which today's code made a sample again; None: code not recorded."""
+    samples = read_samples(table.run).get(table.results, {})
+    here = [sample for sample in samples.values() if sample["by"] == table.code.digest]
+    return {sample["of"] for sample in here}
+
+
+def read_samples(run: str) -> dict[str, dict[str, Any]]:
+    """What `again.py` has confirmed of a run: for each table, by the digest of the code before."""
+    path = RUNS / run / SAMPLES
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def read_made(path: Path) -> Mapping[str, Any]:
@@ -190,44 +228,84 @@ LOOKED_AT = (
     "0:100,1000:1053,20000:20231,20400:20440,21000:21100,22000:22100,23000:23100,24000:24100"
 )
 """seeds of the cart-pole by whose failures the preset `default` was changed"""
+SEED = "--seeds {seed}"
+ARM = "--seeds 0"
+"""all robots of `kinematics`, and one arm"""
 
 
 def _by_amounts(system: str, env: str, name: str) -> Table:
     agent = f"baselines.sb3.agent:{name.upper()}Agent"
     made_by = ("seed_curve:CurveJob", agent, env, f"baselines/sb3/presets/{name}.yml")
-    return Table("cartpole_comparison", f"{system}/{name}/seeds/*.json", made_by, "100:")
+    return _compared(system, name, made_by, "100:")
+
+
+def _compared(system: str, row: str, made_by: tuple[str, ...], chosen_on: str = "") -> Table:
+    again = f"--env {system} --rows {row} --seeds {{seed}}"
+    files = f"{system}/{row}/seeds/*.json"
+    return Table("cartpole_comparison", files, made_by, chosen_on, again=again)
+
+
+def _trained(
+    run: str, row: str, again: str, made_by: tuple[str, ...], chosen_on: str = ""
+) -> Table:
+    return Table(run, f"results/{row}/seeds/*.json", made_by, chosen_on, again=again)
+
+
+def _preset(name: str, chosen_on: str) -> Table:
+    again = f"--presets {name} {SEED}"
+    return _trained("cartpole_swingup", name, again, (*AGENT, CART_POLE), chosen_on)
+
+
+def _gip(name: str, experiment: str) -> Table:
+    again = f"--only {name} --trials 1"
+    return Table("gip", f"results/{name}/*.json", (f"experiments:{experiment}",), again=again)
 
 
 TABLES = (
-    Table("ablations", "results/*/*/seeds/*.json", ("run:ROWS", "run:BASES", *AGENT, CART_POLE)),
-    Table("cartpole_comparison", "cartpole/mcpilco/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
-    Table("cartpole_comparison", "cartpole/pilco/seeds/*.json", (*PILCO, CART_POLE)),
-    Table("cartpole_comparison", "cartpole/pilco-tip/seeds/*.json", (*PILCO, CART_POLE)),
-    Table("cartpole_comparison", "mujoco/mcpilco/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
-    Table("cartpole_comparison", "mujoco/pilco/seeds/*.json", (*PILCO, MUJOCO)),
-    Table("cartpole_comparison", "mujoco/pilco-tip/seeds/*.json", (*PILCO, MUJOCO)),
+    _trained(
+        "ablations",
+        "*/*",
+        f"--bases {{0}} --rows {{1}} {SEED}",
+        ("run:ROWS", "run:BASES", *AGENT, CART_POLE),
+    ),
+    _compared("cartpole", "mcpilco", (*AGENT, CART_POLE), LOOKED_AT),
+    _compared("cartpole", "pilco", (*PILCO, CART_POLE)),
+    _compared("cartpole", "pilco-tip", (*PILCO, CART_POLE)),
+    _compared("mujoco", "mcpilco", (*AGENT, MUJOCO), LOOKED_AT),
+    _compared("mujoco", "pilco", (*PILCO, MUJOCO)),
+    _compared("mujoco", "pilco-tip", (*PILCO, MUJOCO)),
     *(_by_amounts("cartpole", CART_POLE, name) for name in ("sac", "tqc", "ppo")),
     *(_by_amounts("mujoco", MUJOCO, name) for name in ("sac", "tqc", "ppo")),
-    Table("cartpole_swingup", "results/default/seeds/*.json", (*AGENT, CART_POLE), LOOKED_AT),
-    Table("cartpole_swingup", "results/thesis/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
-    Table("cartpole_swingup", "results/tro2022/seeds/*.json", (*AGENT, CART_POLE), "0:18"),
-    Table("collision", "results/p*d/*.json", ("run:trial", "run:CONTROLLERS")),
+    _preset("default", LOOKED_AT),
+    _preset("thesis", "0:18"),
+    _preset("tro2022", "0:18"),
+    Table("collision", "results/p*d/*.json", ("run:trial", "run:CONTROLLERS"), again=SEED),
     Table("cost_growth", "results.json", ("run:timed",)),
-    Table(
-        "crossing_the_gap",
-        "results/seeds/*.json",
-        ("run:LEARN", "run:begun", *AGENT, SAC, CART_POLE),
-        "0:20",
+    *(
+        Table(
+            "crossing_the_gap",
+            f"results/seeds/{files}.json",
+            ("run:LEARN", "run:begun", *AGENT, SAC, CART_POLE),
+            "0:20",
+            again=f"--legs {legs} {SEED}",
+        )
+        for files, legs in {"00*": "a b c d", "01*": "f g"}.items()
     ),
     Table("exported_policy", "results.json", ("run:measured", *AGENT, CART_POLE)),
-    Table("gip", "results/scara/*.json", ("experiments:accuracy",)),
-    Table("gip", "results/ur10/*.json", ("experiments:six_joints",)),
-    Table("gip", "results/efficiency/*.json", ("experiments:efficiency",)),
-    Table("gip", "results/ur10-efficiency/*.json", ("experiments:six_joint_efficiency",)),
-    Table("gip", "results/unexplained/*.json", ("experiments:unexplained",)),
+    _gip("scara", "accuracy"),
+    _gip("ur10", "six_joints"),
+    _gip("efficiency", "efficiency"),
+    _gip("ur10-efficiency", "six_joint_efficiency"),
+    _gip("unexplained", "unexplained"),
     Table("gip", "results/recorded/*.json", ("experiments:recorded",), seeded=False),
     *(
-        Table("hidden_effects", f"results/{tier}/*.json", ("run:solve",), chosen_on)
+        Table(
+            "hidden_effects",
+            f"results/{tier}/*.json",
+            ("run:solve",),
+            chosen_on,
+            again=f"--tiers {tier} --no-peers {SEED}",
+        )
         for tier, chosen_on in {
             "one": "0:1280,1708",
             "weak": "0:1280,1287,1708",
@@ -242,7 +320,7 @@ TABLES = (
         }.items()
     ),
     *(
-        Table("kinematics", f"results/{cell}/*.json", ("run:structure",), chosen_on)
+        Table("kinematics", f"results/{cell}/*.json", ("run:structure",), chosen_on, again=ARM)
         for cell, chosen_on in {
             "noise-free": "",
             "noise": "",
@@ -250,34 +328,98 @@ TABLES = (
             "outliers-0.3": ":",
         }.items()
     ),
-    Table("kinematics", "results/?00-*/*.json", ("run:forward",)),
-    Table("kinematics", "results/controller/*.json", ("run:control",)),
-    Table("limits", "results/*/*.json", ("run:trained", *AGENT, CART_POLE), "0:3,20:30"),
+    Table("kinematics", "results/?00-*/*.json", ("run:forward",), again=ARM),
+    Table("kinematics", "results/controller/*.json", ("run:control",), again=ARM),
+    *(
+        Table(
+            "limits",
+            f"results/{row}/*.json",
+            ("run:trained", *AGENT, CART_POLE),
+            "0:3,20:30",
+            again=again,
+        )
+        for row, again in {"limited": SEED, "free": f"--free {SEED}"}.items()
+    ),
     Table("many_samples", "results/cost/*.json", ("run:cost", *AGENT, CART_POLE), seeded=False),
-    Table("many_samples", "results/success/*.json", ("run:trained", *AGENT, CART_POLE)),
-    Table("many_samples", "results/beside/*.json", ("run:beside", *AGENT, CART_POLE)),
-    Table("model_components", "analytic/*/seeds/*.json", ("run:run", *AGENT, CART_POLE), ":"),
-    Table("identified_prior", "results/*/*.json", ("run:learned", *AGENT, PENDUBOT)),
-    Table("model_components", "mujoco/*/seeds/*.json", ("run:run", *AGENT, MUJOCO), ":"),
-    Table("model_learning", "results/cartpole/*.csv", ("run:Bench", CART_POLE)),
-    Table("model_learning", "results/mujoco/*.csv", ("run:Bench", MUJOCO)),
-    Table("missing_forces", "results/*/*/seeds/*.json", ("run:run", *AGENT, CART_POLE)),
-    Table("mujoco_plants", "results/models/*.json", ("run:looked_at",), seeded=False),
-    Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
-    Table("mujoco_plants", "results/study/*.json", ("study:tried",), ":100"),
-    Table("mujoco_plants", "results/sysid/*.json", ("beside_sysid:fitted",), ":100"),
-    Table("mujoco_swingup", "results/default/seeds/*.json", (*AGENT, MUJOCO), LOOKED_AT),
-    Table("other_envs", "results/*/seeds/*.json", ("run:CASES", *AGENT), "0:2"),
-    Table(
-        "partial_state", "results/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), "500:506"
+    *(
+        Table(
+            "many_samples",
+            f"results/{row}/*.json",
+            (f"run:{made_by}", *AGENT, CART_POLE),
+            again=again,
+        )
+        for row, made_by, again in (
+            ("success", "trained", SEED),
+            ("beside", "beside", "--beside {seed}"),
+        )
+    ),
+    *(
+        Table(
+            "model_components",
+            f"{system}/*/seeds/*.json",
+            ("run:run", *AGENT, env),
+            ":",
+            again=f"--systems {system} --cells {{0}} {SEED}",
+        )
+        for system, env in {"analytic": CART_POLE, "mujoco": MUJOCO}.items()
     ),
     Table(
-        "pendubot_swingup",
-        "results/*.json",
+        "identified_prior",
+        "results/*/*.json",
         ("run:learned", *AGENT, PENDUBOT),
-        "0:1,1000:1010,2000:2003",
+        again=f"--priors {{0}} {SEED}",
     ),
-    Table("pendulum_swingup", "results/default/seeds/*.json", (*AGENT, PENDULUM)),
+    *(
+        Table(
+            "model_learning",
+            f"results/{system}/*.csv",
+            ("run:Bench", env),
+            again=f"--systems {system} {SEED}",
+        )
+        for system, env in {"cartpole": CART_POLE, "mujoco": MUJOCO}.items()
+    ),
+    _trained(
+        "missing_forces",
+        "*/*",
+        f"--systems {{0}} --models {{1}} {SEED}",
+        ("run:run", *AGENT, CART_POLE),
+    ),
+    Table(
+        "mujoco_plants",
+        "results/models/*.json",
+        ("run:looked_at",),
+        seeded=False,
+        again="models",
+    ),
+    Table("mujoco_plants", "results/speed/*.json", ("run:throughput",), seeded=False),
+    Table("mujoco_plants", "results/study/*.json", ("study:tried",), ":100", again=f"study {SEED}"),
+    Table(
+        "mujoco_plants",
+        "results/sysid/*.json",
+        ("beside_sysid:fitted",),
+        ":100",
+        again=f"sysid {SEED}",
+    ),
+    _trained("mujoco_swingup", "default", SEED, (*AGENT, MUJOCO), LOOKED_AT),
+    _trained("other_envs", "*", f"--only {{0}} {SEED}", ("run:CASES", *AGENT), "0:2"),
+    _trained(
+        "partial_state",
+        "*",
+        f"--settings {{0}} {SEED}",
+        ("run:SETTINGS", *AGENT, CART_POLE),
+        "500:506",
+    ),
+    *(
+        Table(
+            "pendubot_swingup",
+            f"results/*-{variant.replace(' ', '-')}-*.json",
+            ("run:learned", *AGENT, PENDUBOT),
+            "0:1,1000:1010,2000:2003",
+            again=f"--robots {{0}} --variants '{variant}' {SEED}",
+        )
+        for variant in ("full", "without equations", "without regulator")
+    ),
+    _trained("pendulum_swingup", "default", SEED, (*AGENT, PENDULUM)),
     Table("real_machines", "results/*/*.json", ("run:solve",), seeded=False),
     Table(
         "realaigym",
@@ -293,8 +435,16 @@ TABLES = (
         ),
         "0:3",
     ),
-    Table("recipe", "cartpole/*/seeds/*.json", ("run:SETTINGS", *AGENT, CART_POLE), ":"),
-    Table("recipe", "pendulum/*/seeds/*.json", ("run:SETTINGS", *AGENT, PENDULUM)),
+    *(
+        Table(
+            "recipe",
+            f"{system}/*/seeds/*.json",
+            ("run:SETTINGS", *AGENT, env),
+            chosen_on,
+            again=f"--systems {system} --settings {{0}} {SEED}",
+        )
+        for system, env, chosen_on in (("cartpole", CART_POLE, ":"), ("pendulum", PENDULUM, ""))
+    ),
     Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),
     Table("rig", "results/faults.json", ("measure:faults", *AGENT, CART_POLE)),
     Table("rig", "results/fuzz.json", ("measure:fuzz",)),
@@ -303,9 +453,14 @@ TABLES = (
         for files in ("results/crossings/*.json", "results/earlier/*.json")
     ),
     Table("speed", "results.json", ("measures:ratio", "measures:memory", "parts:shares")),
-    Table("ting_robots", "results/*/*.json", ("run:trial",)),
-    Table("ting_synthetic", "results/*/*.json", ("run:trial",)),
-    Table("touched_arm", "results/*.json", ("run:investigated",), ":1000"),
-    Table("volterra", "results/*/*.json", ("run:trial",)),
-    Table("warm_start", "results/*.json", ("run:measured", *AGENT, SAC, CART_POLE)),
+    Table("ting_robots", "results/*/*.json", ("run:trial",), again=SEED),
+    Table("ting_synthetic", "results/*/*.json", ("run:trial",), again=SEED),
+    Table("touched_arm", "results/*.json", ("run:investigated",), ":1000", again=SEED),
+    Table("volterra", "results/*/*.json", ("run:trial",), again="--cells {0} --seeds 1"),
+    Table(
+        "warm_start",
+        "results/*-*.json",
+        ("run:measured", *AGENT, SAC, CART_POLE),
+        again="--rows {0} --seeds {1}",
+    ),
 )

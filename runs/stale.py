@@ -1,12 +1,14 @@
 """Which tables of runs/ are of other code than is here, and which of code that nobody knows.
 
-    python runs/stale.py                           # says nothing where all tables are current
-    python runs/stale.py --all                     # tells the current ones too
-    python runs/stale.py --runs limits --check     # exits with 1 unless its tables are current
+    python runs/stale.py                           # says nothing where there is none
+    python runs/stale.py --all                     # tells the others too
+    python runs/stale.py --runs limits --check     # exits with 1 where a table of a run is one
 
-A table is `current` where all its results have the digest of the code that is here, `stale` where
-one has another (the packages that differ stand behind it), `unknown` where one has none: it was
-made before digests were kept, or by code of several versions. What has no results is not listed.
+A table is `current` where all its results have the digest of the code that is here, `confirmed`
+where this code made a sample of the others again and they were equal (`again.py`), `stale` where
+one has another digest (the packages that differ stand behind it), `unknown` where one has none: it
+was made before digests were kept, or by code of several versions. What has no results is not
+listed.
 """
 
 from __future__ import annotations
@@ -15,12 +17,13 @@ import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import tyro
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import TABLES, Finding, findings
+from evidence import TABLES, Finding, State, findings
 from provenance import git
 
 
@@ -31,9 +34,9 @@ class Arguments:
     runs: tuple[str, ...] = ()
     """folders of runs; by default all"""
     all: bool = False
-    """list current tables too"""
+    """list current and confirmed tables too"""
     check: bool = False
-    """exit with 1 where a table is not current"""
+    """exit with 1 where a table is neither"""
 
 
 def main() -> int:
@@ -42,20 +45,21 @@ def main() -> int:
         raise SystemExit(f"--runs must name folders of runs/ with tables, got {sorted(unknown)}.")
     asked = [table for table in TABLES if not arguments.runs or table.run in arguments.runs]
     found = list(findings(asked))
-    told = [one for one in found if arguments.all or one.state != "current"]
+    stale = [one for one in found if one.state in ("stale", "unknown")]
+    told = found if arguments.all else stale
     for one in told:
         print(line(one))
     if told:
         counts = Counter(one.state for one in found)
-        print(", ".join(f"{counts[state]} {state}" for state in ("current", "stale", "unknown")))
-    return int(arguments.check and any(one.state != "current" for one in found))
+        print(", ".join(f"{counts[state]} {state}" for state in get_args(State)))
+    return int(arguments.check and bool(stale))
 
 
 def line(found: Finding) -> str:
     """What is to be said of a table."""
     table = found.table
     count = ", ".join(f"{n} {state}" for state, n in found.states.items())
-    said = [f"{found.state:8} {table.title}: {count}"]
+    said = [f"{found.state:9} {table.title}: {count}"]
     if found.changed:
         said.append(f"changed since: {', '.join(found.changed)}")
     if found.states.get("unknown"):

@@ -11,7 +11,7 @@ import evidence
 import provenance
 import pytest
 import stale
-from evidence import TABLES, Stamp, Table, findings, stamp, state_of, table_of
+from evidence import SAMPLES, TABLES, Stamp, Table, findings, stamp, state_of, table_of
 from harness import keep, kept, swept
 
 import mcpilco.sweep
@@ -32,7 +32,7 @@ def tracked() -> list[Path]:
 
 def test_every_result_is_of_one_table():
     data = [path for path in tracked() if path.suffix in (".json", ".csv")]
-    data = [path for path in data if path.name not in ("sweep.json", "summary.json")]
+    data = [path for path in data if path.name not in ("sweep.json", "summary.json", SAMPLES)]
     beside = {path.with_suffix(".json") for path in data if path.suffix == ".csv"}
     assert data
     for path in set(data) - beside:
@@ -215,7 +215,7 @@ def said(monkeypatch, capsys, *arguments: str) -> tuple[int, str]:
 def test_the_command_says_nothing_where_all_is_current(stored, monkeypatch, capsys):
     assert said(monkeypatch, capsys, "--check") == (0, "")
     code, text = said(monkeypatch, capsys, "--all")
-    assert (code, text.splitlines()[-1]) == (0, "2 current, 0 stale, 0 unknown")
+    assert (code, text.splitlines()[-1]) == (0, "2 current, 0 confirmed, 0 stale, 0 unknown")
 
 
 def test_the_command_names_what_is_stale_and_what_changed(stored, monkeypatch, capsys):
@@ -223,9 +223,9 @@ def test_the_command_names_what_is_stale_and_what_changed(stored, monkeypatch, c
     code, text = said(monkeypatch, capsys)
     first, last = text.splitlines()
     assert code == 0
-    assert first.startswith("stale    limits: results/other/*.json: 1 stale")
+    assert first.startswith("stale     limits: results/other/*.json: 1 stale")
     assert "changed since: mcpilco.kernels" in first
-    assert last == "1 current, 1 stale, 0 unknown"
+    assert last == "1 current, 0 confirmed, 1 stale, 0 unknown"
     assert said(monkeypatch, capsys, "--check")[0] == 1
     with pytest.raises(SystemExit, match="folders of runs"):
         said(monkeypatch, capsys, "--runs", "nothing")
