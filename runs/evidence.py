@@ -266,7 +266,7 @@ TABLES = (
         "ablations",
         "*/*",
         f"--bases {{0}} --rows {{1}} {SEED}",
-        ("run:ROWS", "run:BASES", *AGENT, CART_POLE),
+        ("run:settings_of", *AGENT, CART_POLE),
     ),
     _compared("cartpole", "mcpilco", (*AGENT, CART_POLE), LOOKED_AT),
     _compared("cartpole", "pilco", (*PILCO, CART_POLE)),
@@ -434,16 +434,6 @@ TABLES = (
             PENDUBOT,
         ),
         "0:3",
-    ),
-    *(
-        Table(
-            "recipe",
-            f"{system}/*/seeds/*.json",
-            ("run:SETTINGS", *AGENT, env),
-            chosen_on,
-            again=f"--systems {system} --settings {{0}} {SEED}",
-        )
-        for system, env, chosen_on in (("cartpole", CART_POLE, ":"), ("pendulum", PENDULUM, ""))
     ),
     Table("rig", "results/timing-*.json", ("measure:timing", *AGENT, CART_POLE), seeded=False),
     Table("rig", "results/faults.json", ("measure:faults", *AGENT, CART_POLE)),

@@ -22,14 +22,20 @@ from typing import Any, Literal
 import numpy as np
 import tyro
 
-sys.path.append(str(Path(__file__).parents[1]))  # the settings of runs/recipe
+sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from crossing_the_gap import pages
 from harness import folder, hasty, keep, parse_seeds, use_one_thread
-from recipe.run import DEFAULT
 
 import envs
-from mcpilco.config import CART_POLE, PRESETS, Config, ModelConfig
+from mcpilco.config import (
+    CART_POLE,
+    PRESETS,
+    Config,
+    ModelConfig,
+    PolicyConfig,
+    SearchConfig,
+)
 from mcpilco.crossing import LEGS as LEGS_OF_A_CROSSING
 from mcpilco.crossing import (
     CrossingSettings,
@@ -52,6 +58,21 @@ STEP = 0.1
 """of a policy [s]"""
 UNCERTAINTY = 0.05
 """prior std of what the recordings have told [-]"""
+FROM_NOTHING = replace(
+    PRESETS["default"].config,
+    model=ModelConfig(prior_std=None, mirror=60),
+    policy=PolicyConfig(span="data"),
+    search=SearchConfig(
+        particles=96,
+        steps=(500,),
+        failing=0.05,
+        screening=1.0,
+        correlations=(0.0, 0.0, 0.0, 0.8),
+    ),
+    excitation="random",
+    precision="float64",
+)
+"""the preset default as it was when leg c was run first"""
 TRIALS = {"from nothing": 5, "with a prior": 3}
 """policies to learn on the system, in legs c and d"""
 SAC_TRIALS = 34
@@ -238,7 +259,7 @@ def from_few(spread: bool) -> Callable[[int, Mapping[str, Any], Path], dict[str,
 
 def on_the_system(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """MC-PILCO on the system, from nothing."""
-    return learned(DEFAULT, TRIALS["from nothing"], seed, found, path)
+    return learned(FROM_NOTHING, TRIALS["from nothing"], seed, found, path)
 
 
 def with_prior(seed: int, found: Mapping[str, Any], path: Path) -> dict[str, Any]:

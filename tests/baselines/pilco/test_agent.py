@@ -21,6 +21,10 @@ from mcpilco.typing import InputError, RunFolderError
 from tests.baselines.pilco.models import TINY
 from tests.mcpilco.point import STEPS, TASK, PointEnv
 
+pytestmark = pytest.mark.xdist_group(
+    "compiled moments"
+)  # one process compiles what all of them need
+
 SMALL = dataclasses.replace(TINY, horizon=STEPS)
 CART_POLE = "mcpilco/CartPoleSwingUp-v0"
 

@@ -22,6 +22,7 @@ def cold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rehearsal.os, "cpu_count", lambda: 2)
 
 
+@pytest.mark.slow  # two processes load, or compile, all that a training runs
 def test_a_copy_learns_to_its_end_and_leaves_the_agent_as_it_is(cold: None) -> None:
     agent = MCPILCO("SumOfGaussians", ENV, seed=3)
     with rehearsed(agent) as (callback,):
