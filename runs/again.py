@@ -6,18 +6,19 @@
 
 Most changes of code change no result. Of each code that made results of a table, a sample is made
 again by the code that is here, in another folder, with the command that made it. Where all of it is
-equal to the last bit, but for times, `again.json` in the folder of the run says so, and `make
+equal to nine digits, but for times, `again.json` in the folder of the run says so, and `make
 stale` calls these results confirmed, for as long as the code stays as it is. Where it is not, the
 first difference is told: the table has to be made afresh.
 
-The last digits of a learned policy also depend on the machine. With `--beside`, a result that
-differs from the stored one is made by the code before too, from a checkout of the commit that
+Processors round differently, and where policies are learned that grows. With `--beside`, a result
+that differs from the stored one is made by the code before too, from a checkout of the commit that
 stored it, and the two are compared.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -43,6 +44,8 @@ ERRORS = "errors.txt"
 """file of what a command said while it made results"""
 _TIMES = ("cpu_s", "wall_s", "fit_s", "step_s", "memory_mb")
 """how the names of what is measured anew each time end"""
+_DIGITS = 1e-9
+"""relative difference of numbers that are the same: processors round differently"""
 _ABOUT = ("machine", "made", "versions")
 """what a result says of its making"""
 
@@ -248,10 +251,16 @@ def first_difference(stored: Any, found: Any, where: str = "") -> str:
     elif isinstance(stored, list) and isinstance(found, list) and len(stored) == len(found):
         pairs = ((str(i), *both) for i, both in enumerate(zip(stored, found, strict=True)))
     else:
-        same = stored == found or (stored != stored and found != found)  # NaN
+        numbers = isinstance(stored, float) and isinstance(found, float)
+        same = stored == found or (numbers and _same(stored, found))
         return "" if same else f"{where or 'all'} was {_short(stored)}, is {_short(found)}"
     told = (first_difference(was, now, f"{where}.{name}".strip(".")) for name, was, now in pairs)
     return next(filter(None, told), "")
+
+
+def _same(stored: float, found: float) -> bool:
+    both_nan = math.isnan(stored) and math.isnan(found)
+    return both_nan or math.isclose(stored, found, rel_tol=_DIGITS)
 
 
 def _is_time(name: str) -> bool:

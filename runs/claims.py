@@ -404,9 +404,9 @@ def code() -> str:
     found = [paths for one in TABLES if (paths := one.paths())]
     told = sum(all(read_made(path).get("digest") for path in paths) for paths in found)
     return (
-        f"Of {len(found)} tables under `runs/`, {told} say by a digest which code made them; the "
-        "others are of the days before digests were kept, so that nobody can say whether today's "
-        "code gives the same. `make stale` lists them, and what has changed since."
+        f"Of {len(found)} tables under `runs/`, {told} say by a digest which code made them. `make "
+        "stale` lists those that are not of today's code, and of which it has not made a sample "
+        "again with equal results."
     )
 
 

@@ -11,7 +11,7 @@ from baselines.moments.costs import TipDistanceCost, expected_cost
 from baselines.moments.image import Gaussian
 from baselines.pilco.model import PRESETS, PilcoConfig, PilcoModel
 from baselines.pilco.rollout import GPMean
-from baselines.pilco.search import Candidate, Problem, pilco_search
+from baselines.pilco.search import Candidate, Problem, Starts, pilco_search
 from mcpilco.agent import ModelBasedAgent
 from mcpilco.dynamics import AngleAugmentation
 from mcpilco.logbook import Callback
@@ -31,7 +31,7 @@ class PILCO(ModelBasedAgent):
 
     Reference: Deisenroth, Fox & Rasmussen 2015 (DFR, see `baselines.moments.image`).
     Differs: L-BFGS in place of BFGS; where the model has no finite answer to the last policy, the
-        search starts from a random one.
+        search starts from a random one; with `restarts` it starts from more of them.
     """
 
     algo = "pilco"
@@ -91,7 +91,9 @@ class PILCO(ModelBasedAgent):
         generator = self.streams.search(trial)
         first = self.policy if self._begins_with_policy(trial) else self._random_policy(generator)
         fresh = partial(self._random_policy, generator)
-        return pilco_search(self.config, problem, first, fresh, generator, events.on_policy_step)
+        fails = self.config.failing * self.reference_cost
+        starts = Starts(fresh, self.config.further_starts(trial), fails)
+        return pilco_search(self.config, problem, first, starts, generator, events.on_policy_step)
 
 
 def _start(task: TaskSpec) -> Gaussian:

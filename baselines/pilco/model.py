@@ -22,6 +22,7 @@ from mcpilco.data import Transitions
 from mcpilco.gp import GP
 from mcpilco.kernels import RBF, typical_size
 from mcpilco.task import TaskSpec
+from mcpilco.typing import InputError
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,15 @@ class PilcoConfig(Checked):
     target_std: float = 0.1
     """the points' values start around zero with this spread [-]"""
     line_searches: int = 150
-    """most steps of the optimiser in a trial"""
+    """most steps of the optimiser of a start"""
     evaluations: int = 500
-    """most evaluations of the expected cost and its gradient in a trial"""
+    """most evaluations of the expected cost and its gradient of a start"""
+    restarts: tuple[int, ...] = (0,)
+    """most further starts from random policies, by trial, the last for all later ones: one begins
+    while the model predicts failure, see `failing`; PILCO has none"""
+    failing: float = 0.02
+    """the model predicts failure where the mean expected cost over the last third of the horizon
+    exceeds this share of the mean cost of the first rollouts [-]"""
     cost: Literal["task", "tip"] = "task"
     """task: the task's own; tip: that of PILCO's cart-pole, of the distance of the pole's tip"""
     tip_length: float = 0.5
@@ -61,10 +68,21 @@ class PilcoConfig(Checked):
         self._positive("lengthscale", "angle_lengthscale", "target_std", "tip_length", "tip_width")
         for name in ("signal_to_noise", "longest"):
             self._above(name, 1.0)
+        if not self.restarts or min(self.restarts) < 0:
+            raise InputError(f"restarts must be counts, one or more, got {self.restarts}.")
+        self._positive("failing")
+
+    def further_starts(self, trial: int) -> int:
+        """The most of them in a trial, counted from 1."""
+        return self.restarts[min(trial, len(self.restarts)) - 1]
 
 
 PRESETS: dict[str, Preset] = {
     "default": Preset("PILCO's numbers, with the cost of the task", PilcoConfig()),
+    "restarts": Preset(
+        "PILCO's numbers, the cost of the task, and as many starts as MC-PILCO has",
+        PilcoConfig(restarts=(1, 3)),
+    ),
     "tip": Preset("PILCO's numbers and its own cost of the cart-pole", PilcoConfig(cost="tip")),
 }
 

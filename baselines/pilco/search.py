@@ -78,6 +78,11 @@ class Candidate:
         return float(self.costs.sum())
 
     @property
+    def final_cost(self) -> float:
+        """Mean expected cost over the last third of the horizon [-]."""
+        return float(self.costs[-math.ceil(len(self.costs) / 3) :].mean())
+
+    @property
     def cost_std(self) -> float:
         """Standard deviation over the particles of `prediction` of their summed costs [-]."""
         return float(self.prediction(len(self.normal)).costs.sum(0).std(ddof=1))
@@ -97,43 +102,70 @@ class Candidate:
         return Prediction(states.numpy(), inputs.numpy(), costs.numpy())
 
 
+@dataclass(frozen=True)
+class Starts:
+    """Where a search begins, but for the last policy."""
+
+    fresh: Callable[[], GPMean]
+    """makes a random policy"""
+    further: int = 0
+    """most starts from random ones while the model predicts failure"""
+    failing: float = math.inf
+    """failure is a mean expected cost over the last third of the horizon above this [-]"""
+
+
 def pilco_search(
     config: PilcoConfig,
     problem: Problem,
     policy: GPMean,
-    fresh: Callable[[], GPMean],
+    starts: Starts,
     generator: torch.Generator,
     report: Report,
 ) -> SearchResult[Candidate]:
     """The policy of the lowest expected cost that L-BFGS meets from a policy, which stays.
 
-    Where the model has no finite answer to it the search starts from a `fresh`, random one; the
-    generator draws the particles that are shown.
+    Where the model has no finite answer to it the search starts from a random one; the generator
+    draws the particles that are shown.
 
     Raises:
         torch.linalg.LinAlgError: the model has no finite answer to either start.
     """
-    objective, starts = Objective(problem, copy.deepcopy(policy), config, report), 1
-    limits = {"maxiter": config.line_searches, "maxfun": config.evaluations, "maxcor": _REMEMBERED}
-    options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
+    objectives = [Objective(problem, copy.deepcopy(policy), config, report)]
     with threadpool_limits(1):  # the loops multiply small matrices
-        if not math.isfinite(objective.value(policy)):
-            starts += 1
-            if not math.isfinite(objective.value(fresh())):
+        begun = 1
+        if not math.isfinite(objectives[0].value(policy)):
+            begun += 1
+            if not math.isfinite(objectives[0].value(starts.fresh())):
                 raise torch.linalg.LinAlgError(
                     "The model predicts nothing finite, neither for the last policy nor for a "
                     "random one."
                 )
-        with contextlib.suppress(_Enough):  # L-BFGS-B looks at maxfun between line searches only
-            minimize(objective, objective.best, jac=True, method="L-BFGS-B", options=options)
-        found = objective.policy
-        vector_to_parameters(torch.from_numpy(objective.best), found.parameters())
-        with torch.no_grad():
-            states, _, costs = problem.prediction(found)
-        size = _SPREAD_PARTICLES, states.width
-        normal = torch.randn(size, generator=generator, dtype=torch.float64)
-        best = Candidate(found, problem, states, costs, normal)
-        return SearchResult(best, starts, objective.count)
+        best = _descended(objectives[0], config, generator)
+        for _ in range(starts.further):
+            if best.final_cost <= starts.failing:
+                break
+            begun += 1
+            first = starts.fresh()
+            objectives.append(Objective(problem, copy.deepcopy(first), config, report))
+            if math.isfinite(objectives[-1].value(first)):
+                other = _descended(objectives[-1], config, generator)
+                best = min(best, other, key=lambda candidate: candidate.cost)
+        return SearchResult(best, begun, sum(objective.count for objective in objectives))
+
+
+def _descended(objective: Objective, config: PilcoConfig, generator: torch.Generator) -> Candidate:
+    """What L-BFGS arrives at from the best point so far."""
+    limits = {"maxiter": config.line_searches, "maxfun": config.evaluations, "maxcor": _REMEMBERED}
+    options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
+    with contextlib.suppress(_Enough):  # L-BFGS-B looks at maxfun between line searches only
+        minimize(objective, objective.best, jac=True, method="L-BFGS-B", options=options)
+    found, problem = objective.policy, objective.problem
+    vector_to_parameters(torch.from_numpy(objective.best), found.parameters())
+    with torch.no_grad():
+        states, _, costs = problem.prediction(found)
+    size = _SPREAD_PARTICLES, states.width
+    normal = torch.randn(size, generator=generator, dtype=torch.float64)
+    return Candidate(found, problem, states, costs, normal)
 
 
 class _Enough(Exception):  # noqa: N818  no error
@@ -155,7 +187,7 @@ class Objective:
         """evaluations done"""
         self.best = parameters_to_vector(policy.parameters()).detach().numpy().copy()
         """parameters of the lowest cost so far"""
-        self._problem, self._report = problem, report
+        self.problem, self._report = problem, report
         self._most = config.evaluations
         self._lowest, self._highest = math.inf, 0.0
 
@@ -182,7 +214,7 @@ class Objective:
         vector_to_parameters(torch.tensor(x), self.policy.parameters())
         value, gradient = math.nan, np.full_like(x, math.nan)
         try:
-            total = self._problem.prediction(self.policy)[2].sum()
+            total = self.problem.prediction(self.policy)[2].sum()
             slopes = torch.autograd.grad(total, list(self.policy.parameters()))
         except torch.linalg.LinAlgError:
             pass  # a covariance that is none: the step was too long

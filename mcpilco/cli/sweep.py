@@ -25,7 +25,7 @@ class Sweep(Learning):
     out: Annotated[Path, tyro.conf.arg(metavar="FOLDER")]
     """folder of the sweep: new, or begun with the same settings"""
     seeds: Annotated[str, tyro.conf.arg(metavar="SEEDS")] = "0:30"
-    """`0:30` are 0 to 29; `3,5,7` are these"""
+    """`0:30` are 0 to 29, `3,5,7` are these, `0:30,40` are both"""
     trials: int = 4
     """policies to learn from each seed"""
     fresh: int = 100

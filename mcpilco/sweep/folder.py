@@ -247,24 +247,25 @@ _SPEED_PERIOD_S = 3600.0  # seeds end rarely: the time left is estimated from th
 
 
 def parse_seeds(text: str) -> Sequence[int]:
-    """The seeds that `0:30` or `3,5,7` stand for.
+    """The seeds that `0:30`, `3,5,7` or `0:30,40` stand for, in order, each once.
 
     Raises:
-        InputError: it is neither, or holds a negative number or none.
+        InputError: it is none of these, or holds a negative number or an empty range.
     """
+    seeds: set[int] = set()
     try:
-        if ":" in text:
-            first, end = text.split(":")
-            seeds = list(range(int(first), int(end)))
-        else:
-            seeds = sorted({int(seed) for seed in text.split(",")})
-    except ValueError:
-        seeds = []
-    if not seeds or min(seeds) < 0 or max(seeds) >= 2**32:
+        for part in text.split(","):
+            first, colon, end = part.partition(":")
+            some = range(int(first), int(end)) if colon else (int(first),)
+            if not some or some[0] < 0 or some[-1] >= 2**32:
+                raise ValueError(part)
+            seeds.update(some)
+    except ValueError as error:
         raise InputError(
-            f"--seeds must be like 0:30, which are 0 to 29, or like 3,5,7, got {text!r}."
-        )
-    return seeds
+            "--seeds must be like 0:30, which are 0 to 29, like 3,5,7, or both, as 0:30,40, "
+            f"got {text!r}."
+        ) from error
+    return sorted(seeds)
 
 
 def sweep(

@@ -65,6 +65,7 @@ class Row:
 ROWS: Mapping[str, Row] = {
     "mcpilco": Row("mcpilco", seeds="27100:27130"),
     "pilco": Row("pilco"),
+    "pilco-restarts": Row("pilco", "restarts"),
     "pilco-tip": Row("pilco", "tip"),
     "sac": Row("sac", amounts=AMOUNTS, seeds="20:25"),
     "tqc": Row("tqc", amounts=AMOUNTS, seeds="20:25"),
@@ -78,13 +79,14 @@ class Arguments:
 
     seeds: str | None = None
     """`20:50` are 20 to 49; by default these, for mcpilco 27100:27130, for sac, tqc, ppo 20:25"""
-    rows: tuple[Literal["mcpilco", "pilco", "pilco-tip", "sac", "tqc", "ppo"], ...] = (
+    rows: tuple[Literal[*ROWS], ...] = (
         "mcpilco",
         "pilco",
+        "pilco-restarts",
         "pilco-tip",
     )
-    """which agents: MC-PILCO, PILCO with the thesis's cost, PILCO with its own, and those of
-    stable-baselines3"""
+    """which agents: MC-PILCO, PILCO with the thesis's cost, with MC-PILCO's restarts besides, with
+    its own cost, and those of stable-baselines3"""
     env: Literal["cartpole", "mujoco"] = "cartpole"
     """analytic, or MuJoCo's"""
     workers: int | None = None

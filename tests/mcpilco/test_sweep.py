@@ -173,9 +173,12 @@ def test_seeds_are_read():
     assert list(parse_seeds("2:5")) == [2, 3, 4]
     assert list(parse_seeds("7,3,7")) == [3, 7]
     assert list(parse_seeds("4")) == [4]
+    assert list(parse_seeds("5,2:4,3,8:9")) == [2, 3, 5, 8]
 
 
-@pytest.mark.parametrize("text", ["", "a", "5:2", "1:2:3", "-1:3", "1,,2", "0.5", "4294967296"])
+@pytest.mark.parametrize(
+    "text", ["", "a", "5:2", "1:2:3", "-1:3", "1,,2", "0.5", "4294967296", "1,3:3", "0:4,-1"]
+)
 def test_seeds_that_are_none_are_refused(text):
     with pytest.raises(InputError, match="--seeds must be like"):
         parse_seeds(text)

@@ -44,6 +44,8 @@ def test_a_command_names_what_the_stars_stand_for():
     [
         ({"p": [1.0, 0.5]}, {"p": [1.0, 0.5]}, ""),
         ({"p": [1.0, 0.5]}, {"p": [1.0, 0.25]}, "p.1 was 0.5, is 0.25"),
+        ({"p": 1.0}, {"p": 1.0 + 1e-12}, ""),
+        ({"p": 1.0}, {"p": 1.000001}, "p was 1.0, is 1.000001"),
         ({"p": [1.0]}, {"p": [1.0, 0.5]}, "p was [1.0], is [1.0, 0.5]"),
         ({"cpu_s": 1.0, "made": {"digest": "a"}}, {"cpu_s": 2.0, "made": {"digest": "b"}}, ""),
         ({"p": 1, "peers": {"a": 1}}, {"p": 1}, ""),
@@ -127,7 +129,7 @@ def test_beside_the_code_before_the_machine_does_not_count(
 ):
     for path in (tried / "results/row").iterdir():  # as another machine rounds
         stored = json.loads(path.read_text())
-        path.write_text(json.dumps({**stored, "found": stored["found"] + 1e-9}))
+        path.write_text(json.dumps({**stored, "found": stored["found"] + 1e-3}))
     assert made_again(monkeypatch) == 1
 
     def git(*arguments: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+import envs  # noqa: F401  registers the cart-pole
 from baselines.moments.costs import TipDistanceCost
 from baselines.pilco import PILCO, PRESETS, PilcoConfig
 from baselines.pilco import agent as pilco_agent
@@ -42,6 +43,17 @@ def test_equal_seeds_learn_equally_and_others_do_not():
     first, again, other = learned(2), learned(2), learned(2, seed=1)
     assert all(map(np.array_equal, weights(first), weights(again)))
     assert not all(map(np.array_equal, weights(first), weights(other)))
+
+
+def test_restarts_are_made_by_trial():
+    config = dataclasses.replace(SMALL, restarts=(0, 2), failing=1e-12)
+    assert [result.starts for result in learned(3, config=config).results] == [1, 3, 3]
+
+
+@pytest.mark.parametrize("wrong", [{"restarts": ()}, {"restarts": (1, -1)}, {"failing": 0.0}])
+def test_restarts_that_are_none_are_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        dataclasses.replace(SMALL, **wrong)
 
 
 def test_it_learns_to_move_a_point():

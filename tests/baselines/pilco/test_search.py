@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-from baselines.pilco.search import Problem, pilco_search
+from baselines.pilco.search import Problem, Starts, pilco_search
 from mcpilco.policies import SaturatingCost
 from tests.baselines.pilco.models import TINY, narrow_start, random_dynamics, random_policy
 
@@ -20,7 +20,7 @@ CONFIG = dataclasses.replace(TINY, line_searches=10, evaluations=15)
 
 
 def search(
-    sometimes=lambda problem: problem, report=lambda *_: None, fresh=None, config=CONFIG
+    sometimes=lambda problem: problem, report=lambda *_: None, fresh=None, config=CONFIG, **starts
 ) -> functools.partial:
     dynamics = random_dynamics()
     policy = random_policy(dynamics)
@@ -29,7 +29,7 @@ def search(
         config=config,
         problem=sometimes(Problem(dynamics, COST, narrow_start(), 4)),
         policy=policy,
-        fresh=fresh or (lambda: copy.deepcopy(policy)),
+        starts=Starts(fresh or (lambda: copy.deepcopy(policy)), **starts),
         generator=torch.Generator().manual_seed(0),
         report=report,
     )
@@ -60,6 +60,32 @@ def test_the_expected_cost_is_that_of_the_particles_shown():
     assert mean == pytest.approx(
         best.states.mean[-1].numpy(), abs=4 * cov.diagonal().max() ** 0.5 / 17
     )
+
+
+def test_further_starts_begin_while_the_model_predicts_failure():
+    one = search()()
+    assert one.starts == 1
+    assert search(further=2)().starts == 1, "failure is nothing that a cost of infinity exceeds"
+    assert search(further=2, failing=one.best.final_cost + 1e-9)().starts == 1
+    three = search(further=2, failing=0.0)()
+    assert three.starts == 3
+    assert three.steps == pytest.approx(3 * one.steps, abs=2 * CONFIG.evaluations)
+    assert three.best.cost <= one.best.cost
+
+
+def test_the_best_of_all_starts_is_found():
+    better = search(config=dataclasses.replace(CONFIG, line_searches=60, evaluations=90))().best
+    found = search(fresh=lambda: copy.deepcopy(better.policy), further=1, failing=0.0)().best
+    assert found.cost <= better.cost + 1e-9
+    assert found.cost < search()().best.cost
+
+
+def test_a_further_start_without_an_answer_is_passed_over():
+    one = search()()
+    problem = Sometimes(one.steps + 2)  # after its steps and its prediction
+    found = search(problem, further=1, failing=0.0)()
+    assert found.starts == 2
+    assert found.best.cost == one.best.cost
 
 
 class Sometimes:
