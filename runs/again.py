@@ -6,7 +6,7 @@
 
 Most changes of code change no result. Of each code that made results of a table, a sample is made
 again by the code that is here, in another folder, with the command that made it. Where all of it is
-equal to nine digits, but for times, `again.json` in the folder of the run says so, and `make
+equal to six digits, but for times, `again.json` in the folder of the run says so, and `make
 stale` calls these results confirmed, for as long as the code stays as it is. Where it is not, the
 first difference is told: the table has to be made afresh.
 
@@ -44,7 +44,7 @@ ERRORS = "errors.txt"
 """file of what a command said while it made results"""
 _TIMES = ("cpu_s", "wall_s", "fit_s", "step_s", "memory_mb")
 """how the names of what is measured anew each time end"""
-_DIGITS = 1e-9
+_DIGITS = 1e-6
 """relative difference of numbers that are the same: processors round differently"""
 _ABOUT = ("machine", "made", "versions")
 """what a result says of its making"""

@@ -332,6 +332,7 @@ TABLES = (
     ),
     Table("kinematics", "results/?00-*/*.json", ("run:forward",), again=ARM),
     Table("kinematics", "results/controller/*.json", ("run:control",), again=ARM),
+    Table("kinematics", "results/covering/*.json", ("run:covering",), again=ARM),
     *(
         Table(
             "limits",

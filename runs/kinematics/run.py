@@ -66,6 +66,10 @@ FORWARD = {"100-small": (100, 0.5), "300-small": (300, 0.5), "300-large": (300, 
 """samples, and the share of the joints' range that the way-points are in"""
 PRIORS = ("RBF", "product", "nested")
 WAY_POINTS, LEG = 25, 87
+COVERING = (25, 100, 400)
+"""way-points of about as long a path"""
+IN_THE_BOX = 500
+"""poses that a model is tested at"""
 TARGETS = 5
 NU, LITERAL_STEPS = 0.02, 300
 REFITS = 3
@@ -103,6 +107,8 @@ def main() -> int:
                 measured(out / "results" / cell / f"{seed:04d}.json", forward, cell, seed, quick)
                 write_readme(out)  # a stop loses no table
             measured(out / "results" / "controller" / f"{seed:04d}.json", control, seed, quick)
+            write_readme(out)
+            measured(out / "results" / "covering" / f"{seed:04d}.json", covering, seed, quick)
             write_readme(out)
     print(f"Tables: {out / 'README.md'}")
     return 0
@@ -188,12 +194,12 @@ class Setting:
     rng: np.random.Generator
 
 
-def setting(seed: int, share: float, quick: bool) -> Setting:
+def setting(seed: int, share: float, quick: bool, count: int = WAY_POINTS) -> Setting:
     rng = np.random.default_rng([seed, 3])
     arm = marked_arm(UR10, rng)
-    points = random_way_points(WAY_POINTS, arm.kinds, rng, share)
-    leg = 10 if quick else LEG
-    q, q_test = (through(points, rng.permutation(WAY_POINTS), leg) for _ in range(2))
+    points = random_way_points(count, arm.kinds, rng, share)
+    leg = (10 if quick else LEG) * (WAY_POINTS - 1) // (count - 1)
+    q, q_test = (through(points, rng.permutation(count), max(leg, 1)) for _ in range(2))
     recording = marker_recording(arm.log(np.arange(float(len(q))), q, NOISY, rng))
     return Setting(arm, recording, q_test, rng)
 
@@ -302,6 +308,43 @@ def control(seed: int, quick: bool) -> dict[str, Any]:
     return found
 
 
+def covering(seed: int, quick: bool) -> dict[str, Any]:
+    """Errors on a path through the way-points, anywhere between them, and of the poses reached.
+
+    By how many way-points the path of the samples leads through; it is about as long.
+    """
+    found: dict[str, Any] = {}
+    for count in COVERING[: 2 if quick else None]:
+        given = setting(seed, 0.5, quick, count)
+        chain = find_chain(given.recording)
+        rows = rows_for_fit(given.recording, chain.markers[-1], 40 if quick else 300, seed)
+        chosen = given.recording[rows]
+        model = fit_forward(chosen, chain, len(chosen))
+        order = [given.arm.joints.index(joint.name) for joint in chain.joints]
+        box, goals = (
+            random_way_points(poses, given.arm.kinds, given.rng, 0.5)
+            for poses in (IN_THE_BOX, 2 if quick else TARGETS)
+        )
+        start = torch.zeros(len(order), dtype=torch.float64)
+        targets = true_pose(given.arm, goals)
+        pairs = zip(*map(torch.as_tensor, targets), strict=True)
+        ends = torch.stack([mended(model, start, p, R) for p, R in pairs]).numpy()
+        found[str(count)] = {
+            "reached": errors(*true_pose(given.arm, ends[:, np.argsort(order)]), *targets),
+            **{
+                name: errors(*_predicted(model, q[:, order]), *true_pose(given.arm, q))
+                for name, q in {"path": given.q_test, "box": box}.items()
+            },
+        }
+    return found
+
+
+def _predicted(model: ForwardKinematics, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    with torch.no_grad():
+        p, R = model.pose(torch.as_tensor(q))
+    return p.numpy(), R.numpy()
+
+
 def _inside(samples: np.ndarray, goals: np.ndarray) -> np.ndarray:
     """Whether each joint of a goal is within the range of the samples."""
     return ((goals >= samples.min(0)) & (goals <= samples.max(0))).all(1)
@@ -342,7 +385,8 @@ def joined(first: MarkerRecording, second: MarkerRecording) -> MarkerRecording:
 
 def write_readme(out: Path) -> None:
     """Put the tables of the results that are there into README.md."""
-    found = {part: kept(out / "results" / part) for part in (*STRUCTURE, *FORWARD, "controller")}
+    cells = (*STRUCTURE, *FORWARD, "controller", "covering")
+    found = {part: kept(out / "results" / part) for part in cells}
     parts = ["### Triplets and chains", structure_table(found)]
     if any(found[cell] for cell in FORWARD):
         parts += ["### Forward kinematics: RMSE, median over arms (least to greatest)"]
@@ -350,6 +394,9 @@ def write_readme(out: Path) -> None:
     if found["controller"]:
         parts += ["### Controller: RMSE of the poses reached, over all arms and targets"]
         parts += [controller_table(found["controller"])]
+    if found["covering"]:
+        parts += ["### Why: how the samples cover the box; RMSE, median over arms [mm]"]
+        parts += [covering_table(found["covering"])]
     parts.append(
         places((trial for trials in found.values() for trial in trials), ", shared with other work")
     )
@@ -412,6 +459,18 @@ def ratio_table(found: dict[str, Any]) -> str:
     return "Medians in parts of those of the RBF kernel:\n\n" + markdown(
         ("data", "prior", "x", "y", "z"), rows
     )
+
+
+def covering_table(trials: Sequence[Any]) -> str:
+    rows = []
+    for count in trials[0].keys() & set(map(str, COVERING)):
+        cells = []
+        for where in ("path", "box", "reached"):
+            each = 1e3 * np.array([trial[count][where]["position_m"] for trial in trials])
+            cells.append(", ".join(spread(axis, 1) for axis in each.T))
+        rows.append((count, str(len(trials)), *cells))
+    header = ("way-points", "arms", "a path through them", "the box", "poses reached")
+    return markdown(header, sorted(rows, key=lambda row: int(row[0])))
 
 
 def controller_table(trials: Sequence[Any]) -> str:
