@@ -154,7 +154,7 @@ def pilco_search(
 
 
 def _descended(objective: Objective, config: PilcoConfig, generator: torch.Generator) -> Candidate:
-    """What L-BFGS arrives at from the best point so far."""
+    """The policy at which L-BFGS arrives from the best point so far."""
     limits = {"maxiter": config.line_searches, "maxfun": config.evaluations, "maxcor": _REMEMBERED}
     options = {**limits, "ftol": 1e-9, "gtol": 1e-6}
     with contextlib.suppress(_Enough):  # L-BFGS-B looks at maxfun between line searches only
