@@ -395,7 +395,7 @@ def write_readme(out: Path) -> None:
         parts += ["### Controller: RMSE of the poses reached, over all arms and targets"]
         parts += [controller_table(found["controller"])]
     if found["covering"]:
-        parts += ["### Why: how the samples cover the box; RMSE, median over arms [mm]"]
+        parts += ["### Why: way-points of the samples, and RMSE in x, y, z over all arms [mm]"]
         parts += [covering_table(found["covering"])]
     parts.append(
         places((trial for trials in found.values() for trial in trials), ", shared with other work")
@@ -466,8 +466,8 @@ def covering_table(trials: Sequence[Any]) -> str:
     for count in trials[0].keys() & set(map(str, COVERING)):
         cells = []
         for where in ("path", "box", "reached"):
-            each = 1e3 * np.array([trial[count][where]["position_m"] for trial in trials])
-            cells.append(", ".join(spread(axis, 1) for axis in each.T))
+            squares = np.square([trial[count][where]["position_m"] for trial in trials])
+            cells.append(", ".join(f"{1e3 * rms:.1f}" for rms in np.sqrt(squares.mean(0))))
         rows.append((count, str(len(trials)), *cells))
     header = ("way-points", "arms", "a path through them", "the box", "poses reached")
     return markdown(header, sorted(rows, key=lambda row: int(row[0])))
