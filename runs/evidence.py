@@ -143,7 +143,7 @@ def confirmed_by(table: Table) -> set[str | None]:
 
 
 def read_samples(run: str) -> dict[str, dict[str, Any]]:
-    """The samples that `again.py` has confirmed: by table, then by the digest of the code before."""
+    """The samples that `again.py` has confirmed: by table, then by the digest of their code."""
     path = RUNS / run / SAMPLES
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
