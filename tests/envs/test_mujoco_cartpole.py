@@ -144,6 +144,7 @@ def test_wrong_keyword_value_is_refused_by_name(unchecked_shapes, name, value):
     assert str(error.value).endswith(".")
 
 
+@pytest.mark.slow
 def test_importing_envs_does_not_load_mujoco_but_knows_the_id():
     code = (
         "import sys, envs, gymnasium, json; loaded = 'mujoco' in sys.modules;"

@@ -209,6 +209,7 @@ def resume(path: Path, *arguments: str) -> int:
     return main(["train", "--resume", str(path), "--trials", "2", "--quiet", *arguments])
 
 
+@pytest.mark.slow
 def test_a_resumed_run_with_a_learned_cost_equals_the_uninterrupted_one(begin, capsys) -> None:
     whole, path = begin("whole", 2), begin("run", 1)
     assert resume(path) == 2
@@ -217,6 +218,7 @@ def test_a_resumed_run_with_a_learned_cost_equals_the_uninterrupted_one(begin, c
     assert content(path) == content(whole)
 
 
+@pytest.mark.slow
 def test_a_run_stopped_between_its_random_rollouts_begins_anew(
     begin, tmp_path: Path, monkeypatch
 ) -> None:

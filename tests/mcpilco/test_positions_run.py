@@ -78,6 +78,7 @@ def test_each_trial_is_judged_behind_its_own_estimator(whole: Path) -> None:
             np.testing.assert_array_equal(act(seen), applied.astype(np.float32))
 
 
+@pytest.mark.slow
 def test_its_history_film_and_report_show_states_and_what_was_seen_of_them(
     whole: Path, tmp_path: Path
 ) -> None:
@@ -146,6 +147,7 @@ def test_an_env_that_breaks_off_after_a_step_leaves_what_it_told() -> None:
     assert agent.results[0].rollout.smoothed.shape == (2, 4)
 
 
+@pytest.mark.slow
 def test_an_env_that_fails_at_once_leaves_policy_and_estimator_as_they_were() -> None:
     agent = MCPILCO("SumOfGaussians", Failing(episode=2, step=1), config=hasty(), seed=4)
     with pytest.raises(EnvError, match="OSError at step 1"):

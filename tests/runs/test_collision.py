@@ -48,11 +48,13 @@ def test_its_tables_hold_each_model_and_each_detector(run, written):
         assert (written / name).stat().st_size > 5_000
 
 
+@pytest.mark.slow
 def test_compensated_friction_is_better_at_rest_even_on_few_data(written):
     found = json.loads((written / "results/pd/0000.json").read_text())["rmse"]
     assert (np.array(found["FC"]["resting"]) < 0.5 * np.array(found["PP"]["resting"])).all()
 
 
+@pytest.mark.slow
 def test_what_was_measured_is_not_measured_again(run, written, monkeypatch):
     path = written / "results/pd/0000.json"
     found = json.loads(path.read_text())
@@ -65,6 +67,7 @@ def test_what_was_measured_is_not_measured_again(run, written, monkeypatch):
     assert "77.000 (77.000 to 77.000)" in page(written)
 
 
+@pytest.mark.slow
 def test_a_push_is_found_where_an_alarm_begins_while_it_acts(run):
     time = 0.008 * np.arange(500)
     alarm = np.zeros((500, 1), dtype=bool)

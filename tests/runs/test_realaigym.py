@@ -181,6 +181,7 @@ def test_the_cost_is_1_less_the_score_of_a_motion_that_ends_upright():
     assert cost(states, torques, regulator, 0) == pytest.approx(1.0 - score, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_polish_betters_the_score_in_the_model(tmp_path):
     policy, loop = Gaussians.read(written(tmp_path / "policy.npz", 0.3)), loop_of("pendubot")
     found = descended(policy, loop, 5)

@@ -26,6 +26,7 @@ def test_the_packages_own_algorithm_is_known():
     assert algorithms.find("mcpilco") is MCPILCO
 
 
+@pytest.mark.slow
 def test_an_algorithm_is_known_once_its_package_is_imported():
     code = (
         "from mcpilco.agent import import_named\n"

@@ -63,6 +63,7 @@ def test_an_unknown_id_is_answered_with_a_sentence(name: str) -> None:
         make_env(name)
 
 
+@pytest.mark.slow
 def test_envs_of_this_package_are_registered_by_an_import() -> None:
     code = "from mcpilco.agent import make_env; make_env('mcpilco/CartPoleSwingUp-v0')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

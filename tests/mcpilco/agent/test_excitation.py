@@ -42,6 +42,7 @@ def angles_of(env: gym.Env, act, seed: int) -> np.ndarray:
     return np.array(angles)
 
 
+@pytest.mark.slow
 def test_planned_inputs_lift_a_pole_above_the_horizontal_more_often_than_random_ones(
     cart_pole: gym.Env, task: TaskSpec
 ):

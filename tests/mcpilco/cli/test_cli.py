@@ -528,6 +528,7 @@ def test_report_lies_in_the_run_folder_unless_told(trained, tmp_path, capsys):
     assert second.endswith("page.html")
 
 
+@pytest.mark.slow
 def test_report_that_cannot_be_written_is_refused(trained, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     (tmp_path / "file").touch()

@@ -97,6 +97,7 @@ def test_all_stages_lead_to_the_story(hindered: Path, found, capsys) -> None:
     assert (hindered / "out" / "crossing.rrd").exists()
 
 
+@pytest.mark.slow
 def test_the_same_command_goes_on_where_it_was_stopped(hindered: Path, found, capsys) -> None:
     assert crossed() == 0
     out = hindered / "out"
@@ -161,6 +162,7 @@ def test_an_interruption_keeps_the_stages_and_names_the_same_command(
     assert (hindered / "out" / "nominal" / "summary.json").exists()
 
 
+@pytest.mark.slow
 def test_no_attempt_is_asked_again_of_a_system_that_takes_one_at_a_time(
     hindered: Path, found, monkeypatch, capsys
 ) -> None:

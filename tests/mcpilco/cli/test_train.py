@@ -122,6 +122,7 @@ def test_the_second_policy_of_the_demo_swings_the_pole_up(tmp_path: Path) -> Non
     assert RunFolder.open(tmp_path / "run").metrics()[-1]["success"]
 
 
+@pytest.mark.slow
 def test_a_regulator_is_trained_evaluated_reported_and_exported(
     tmp_path: Path, monkeypatch, capsys
 ) -> None:

@@ -124,6 +124,7 @@ def prior_errors(features: int, particles: int, sets: int = 60) -> Tensor:
     return (values[:, :, 0] * values[:, :, 1]).mean(1) - 2.0 * math.exp(-0.5)
 
 
+@pytest.mark.slow
 def test_prior_covariance_error_falls_as_one_over_the_root_of_the_features() -> None:
     """Of a prime number of particles: all share one set of frequencies."""
     few, many = 4, 64

@@ -222,6 +222,7 @@ def ends_of_windows(
     return (steps[first + T] - steps[first]) / np.sqrt(T), windows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlap", [1.0, 3.5])
 @pytest.mark.parametrize(("W", "joints"), [(4, 1), (8, 2), (30, 1)])
 def test_intervals_hold_the_true_error_and_the_true_share_in_95_percent(

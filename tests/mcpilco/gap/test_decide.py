@@ -187,6 +187,7 @@ def gusts(time: float) -> float:
     return 0.025 * float(np.random.default_rng(int(time / 0.06)).standard_normal())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "outside", "left"),
     [(detent, lambda _: 0.0, True), (lambda q, v: 0.0, gusts, False)],

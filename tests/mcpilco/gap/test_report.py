@@ -63,6 +63,7 @@ def test_a_number_without_a_unit_has_no_dash_behind_it(found: Gap) -> None:
     assert "<td>k = 0.5</td>" in gap._repr_html_()
 
 
+@pytest.mark.slow
 def test_what_small_motion_cannot_show_is_listed() -> None:
     """Five thousandths of the usual torque: nothing speeds up enough for drag to show."""
     rng = np.random.default_rng(8)

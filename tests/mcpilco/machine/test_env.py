@@ -129,6 +129,7 @@ def test_a_learner_that_is_late_finds_the_machine_safe(met: Rig) -> None:
         push(env, 1)
 
 
+@pytest.mark.slow
 def test_a_rig_that_was_killed_is_told_and_another_one_is_met(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(machine_env, "PATIENCE_S", 0.8)
     with (
@@ -148,6 +149,7 @@ def test_a_rig_that_was_killed_is_told_and_another_one_is_met(tmp_path: Path, mo
             push(env, 2)
 
 
+@pytest.mark.slow
 def test_a_loop_that_was_killed_is_told_and_another_one_begins(met: Rig) -> None:
     with contextlib.closing(machine()) as env:
         env.reset()
@@ -168,6 +170,7 @@ def test_a_stop_by_hand_interrupts_and_is_no_fault_that_is_tried_again(met: Rig)
             push(env, 60)
 
 
+@pytest.mark.slow
 def test_the_key_must_be_the_machines(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr(machine_env, "PATIENCE_S", 0.8)
     key = tmp_path / "key"

@@ -182,6 +182,7 @@ def test_two_inputs_that_push_the_same_state_brake_together() -> None:
     torch.testing.assert_close(ahead, torch.tensor([-2.0, 2.0]).double())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.05, 0.1])
 def test_a_first_rollout_learns_it_on_the_way_and_stays_within(task: TaskSpec, dt: float) -> None:
     task, crossed, needed = dataclasses.replace(task, dt=dt), 0, []

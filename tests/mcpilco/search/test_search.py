@@ -399,6 +399,7 @@ def test_adam_is_torchs_to_the_last_bit() -> None:
         assert mine.tolist() == other.tolist()
 
 
+@pytest.mark.slow
 def test_a_search_imports_no_compiler_of_torch() -> None:
     """It takes longer than a trial's first hundred steps."""
     code = (

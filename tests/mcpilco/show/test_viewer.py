@@ -237,6 +237,7 @@ def test_damaged_recording_is_answered_with_a_sentence(tmp_path) -> None:
         picture(path, tmp_path / "01.png", 0.0)
 
 
+@pytest.mark.slow
 def test_neither_rerun_nor_matplotlib_is_loaded_before_it_is_used() -> None:
     script = (
         "import sys, mcpilco.show\n"

@@ -167,6 +167,7 @@ def test_a_phase_without_samples_has_no_threshold(model):
         thresholds(model, still, ThresholdConfig(by_phase=True, quantile=0.9))
 
 
+@pytest.mark.slow
 def test_events_are_told_with_their_joints():
     assert arm().joints[0] == "base"
     model = fitted("FC")[0]

@@ -78,6 +78,7 @@ def test_friction_is_learned_where_it_is_allowed(robot):
     assert (untold > 1e-3).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_forces_that_no_motion_explains_are_not_interpolated(seed):
     """They are smooth in time, as those of a joint that sticks or of filtered torques."""
@@ -103,6 +104,7 @@ def test_the_left_out_error_is_that_of_processes_that_never_saw_the_stretch():
     assert left_out_error(gp.condition(X, y)) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_knowing_the_kinds_of_joints_is_better_than_knowing_nothing(robot, models):
     test = measured(robot, np.random.default_rng(2), 200)
     assert (models["gip"].nmse(test) < 0.1 * models["rbf"].nmse(test)).all()

@@ -14,6 +14,7 @@ from tests.mcpilco.identification.kinematics.robots import recorded
 NOISY = Camera(0.002, 0.005, outliers=0.03, missing=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("camera", "how", "position", "angle"),
     [(None, Tolerance(1e-6, 1e-5, 0.0), 1e-5, 1e-5), (NOISY, None, 0.02, 0.02)],

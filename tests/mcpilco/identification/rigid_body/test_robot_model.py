@@ -87,6 +87,7 @@ def test_the_simulated_robot_moves_as_the_recorded_one():
         follow_reference(robot, segment.reference, DT, Feedback(-K_P, K_D))
 
 
+@pytest.mark.slow
 def test_simulated_instruments_have_no_bias_where_least_squares_has():
     segment = recorded(heavier(), noise=4e-3)
     truth = RigidBody.of(heavier(), ("viscous",)).nominal

@@ -30,6 +30,7 @@ def test_narrower_vectors_compute_the_same(features: str, tmp_path) -> None:
     assert ran.returncode == 0, ran.stdout
 
 
+@pytest.mark.slow
 def test_processor_without_fused_multiply_add_is_refused() -> None:
     ran = run("+sse2", "-c", "import mcpilco.search.fused")
     assert "ImportError: this processor has no fused multiply-add" in ran.stderr
