@@ -56,6 +56,8 @@ class Arguments:
 
     runs: tuple[str, ...] = ()
     """folders of runs; by default all"""
+    having: str = ""
+    """part of the name of the results: of these tables only, such as `default`"""
     sample: int = 2
     """results of each code that made some of a table"""
     beside: bool = False
@@ -85,7 +87,11 @@ def main() -> int:
         raise SystemExit(f"--runs must name folders of runs/ with tables, got {sorted(unknown)}.")
     if arguments.sample < 1:
         raise SystemExit(f"--sample must be 1 or more, got {arguments.sample}.")
-    asked = [table for table in TABLES if not arguments.runs or table.run in arguments.runs]
+    asked = [
+        table
+        for table in TABLES
+        if (not arguments.runs or table.run in arguments.runs) and arguments.having in table.results
+    ]
     samples = [sample for table in asked for sample in samples_of(table, arguments.sample)]
     differing = 0
     with TemporaryDirectory() as scratch, ThreadPoolExecutor(arguments.workers) as pool:

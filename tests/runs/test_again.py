@@ -117,6 +117,13 @@ def test_what_differs_is_told_and_stays_stale(tried, monkeypatch, capsys):
     assert states() == {"stale": 4, "confirmed": 2}
 
 
+def test_tables_are_named_by_their_results_too(tried, monkeypatch, capsys):
+    assert made_again(monkeypatch, "--having", "other") == 0
+    assert capsys.readouterr().out == ""
+    assert made_again(monkeypatch, "--having", "*") == 0
+    assert states() == {"confirmed": 6}
+
+
 def test_a_command_that_fails_is_told_with_its_last_words(tried, monkeypatch, capsys):
     (tried / "run.py").write_text("raise SystemExit('no such seed')")
     assert made_again(monkeypatch, "--sample", "1") == 1
