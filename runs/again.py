@@ -12,7 +12,7 @@ first difference is told: the table has to be made afresh.
 
 Processors round differently, and where policies are learned that grows. With `--beside`, a result
 that differs from the stored one is made by the code before too, from a checkout of the commit that
-stored it, and the two are compared.
+the result names or that stored it, whichever has the digest, and the two are compared.
 """
 
 from __future__ import annotations
@@ -160,19 +160,32 @@ class Maker:
 
         Of results that are equal to the stored ones nothing is made.
         """
-        commits = {
-            path: git("log", "-1", "--format=%h", "--", str(path))
-            for path in sample.paths
-            if self._difference(sample, path, path)
-        }
+        differing = [path for path in sample.paths if self._difference(sample, path, path)]
+        commits = {path: self._commit_of(sample, path) for path in differing}
         for path, commit in commits.items():
-            self.start(sample, path, commit)
+            if commit:
+                self.start(sample, path, commit)
         told = []
         for path, commit in commits.items():
+            name = _within_run(sample.table, path)
+            if not commit:
+                told.append(f"{name}: no commit that is named has the code of {sample.of}")
+                continue
             before = self._future(sample.table, path, self._root(commit)).result()
-            told.append(self._difference(sample, path, before / _within_run(sample.table, path)))
-        beside = tuple(sorted(set(commits.values())))
+            told.append(self._difference(sample, path, before / name))
+        beside = tuple(sorted(set(filter(None, commits.values()))))
         return replace(sample, differences=tuple(filter(None, told)), beside=beside)
+
+    def _commit_of(self, sample: Sample, path: Path) -> str:
+        """The commit whose code made a result; empty where none has its digest."""
+        named = str(read_made(path).get("commit") or "").removesuffix("-dirty")
+        stored = git("log", "-1", "--format=%h", "--", str(path))
+        if sample.of is None:
+            return stored
+        for commit in filter(None, (named, stored)):
+            if sample.of in digests(self._root(commit), sample.table.run):
+                return commit
+        return ""
 
     def close(self) -> None:
         """Remove the checkouts of the commits."""
@@ -210,6 +223,27 @@ class Maker:
         return self._roots[commit]
 
 
+def digests(root: Path, run: str) -> list[str]:
+    """The digests of the code of a run's tables, in a checkout."""
+    program = (
+        "import evidence; "
+        f"print(*(table.code.digest for table in evidence.TABLES if table.run == {run!r}))"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": _paths(root)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.split()
+
+
+def _paths(root: Path) -> str:
+    return os.pathsep.join(map(str, (root, root / "runs")))
+
+
 def make(run: str, command: Sequence[str], root: Path, out: Path) -> Path:
     """The folder of results that a run's command has made, by the code of a checkout.
 
@@ -223,7 +257,7 @@ def make(run: str, command: Sequence[str], root: Path, out: Path) -> Path:
         subprocess.run(
             [sys.executable, folder / "run.py", *command, "--out", out],
             cwd=root,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (root, root / "runs")))},
+            env={**os.environ, "PYTHONPATH": _paths(root)},
             stdout=subprocess.DEVNULL,
             stderr=errors,
             check=False,

@@ -130,9 +130,16 @@ def test_a_command_that_fails_is_told_with_its_last_words(tried, monkeypatch, ca
     assert "not made by --row row --seeds 0; no such seed" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("factor", "code"), [(10, 0), (11, 1)])
+@pytest.mark.parametrize(
+    ("factor", "digest", "told", "code"),
+    [
+        (10, "old", "2 of old, beside abc123", 0),
+        (11, "old", "found was 22, is 20", 1),
+        (10, "new", "no commit that is named has the code of old", 1),
+    ],
+)
 def test_beside_the_code_before_the_machine_does_not_count(
-    tried, monkeypatch, capsys, factor, code
+    tried, monkeypatch, capsys, factor, digest, told, code
 ):
     for path in (tried / "results/row").iterdir():  # as another machine rounds
         stored = json.loads(path.read_text())
@@ -147,10 +154,16 @@ def test_beside_the_code_before_the_machine_does_not_count(
         return "abc123"
 
     monkeypatch.setattr(again, "git", git)
+    monkeypatch.setattr(again, "digests", lambda root, run: [digest])
     capsys.readouterr()
     assert made_again(monkeypatch, "--beside") == code
-    assert "2 of old, beside abc123" in capsys.readouterr().out
-    assert states() == ({"stale": 4, "unknown": 2} if code else {"confirmed": 6})
+    assert told in capsys.readouterr().out
+    assert ("stale" not in states()) == (code == 0)
+
+
+def test_the_digest_of_a_checkout_is_that_of_its_tables():
+    table = next(table for table in TABLES if table.run == "volterra")
+    assert again.digests(again.ROOT, "volterra") == [table.code.digest]
 
 
 @pytest.mark.parametrize(
