@@ -125,11 +125,12 @@ def write_readmes(out: Path) -> None:
 def overview(results: Path) -> list[str]:
     """The table of success in short: one rollout a policy, beside PILCO's of the comparison."""
     ours = read_summaries(results, ("default", "thesis"))
-    theirs = read_summaries(COMPARISON, ("pilco",))
+    theirs = read_summaries(COMPARISON, ("pilco", "pilco-restarts"))
     settings = {
         "MC-PILCO here, preset `default`": ours.get("default"),
         "MC-PILCO here, preset `thesis`": ours.get("thesis"),
         "PILCO here": theirs.get("pilco"),
+        "PILCO here, with the restarts of `default`": theirs.get("pilco-restarts"),
     }
     rows = {
         f"{name}, {len(summary['seeds'])} seeds": cells(summary, _succeeded)
