@@ -25,6 +25,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -94,8 +95,11 @@ def main() -> int:
     ]
     samples = [sample for table in asked for sample in samples_of(table, arguments.sample)]
     differing = 0
-    with TemporaryDirectory() as scratch, ThreadPoolExecutor(arguments.workers) as pool:
-        maker = Maker(Path(scratch), pool)
+    with (
+        TemporaryDirectory() as scratch,
+        ThreadPoolExecutor(arguments.workers) as pool,
+        closing(Maker(Path(scratch), pool)) as maker,
+    ):
         for sample in samples:  # all begin before the first is waited for
             maker.start(sample)
         for sample in samples:
@@ -106,7 +110,6 @@ def main() -> int:
             if not compared.differences:
                 confirm(compared)
             differing += bool(compared.differences)
-        maker.close()
     return int(differing > 0)
 
 
