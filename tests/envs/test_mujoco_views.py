@@ -169,6 +169,7 @@ def test_egl_is_chosen_unless_another_way_is_asked_for(environment, values, expe
     assert backends() == expected
 
 
+@pytest.mark.slow
 @needs_gl
 def test_picture_needs_no_display_even_where_mujoco_was_imported_first():
     code = (

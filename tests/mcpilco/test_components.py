@@ -57,13 +57,20 @@ def make_agent(name: str) -> MCPILCO:
     return MCPILCO("SumOfGaussians", env(), config=numbers(name), seed=4)
 
 
+DEARER = ("missing forces", "missing forces, memory", "physics, memory")
+"""parts that others have too, and that take seconds together"""
+
+
 def actions(agent: MCPILCO) -> np.ndarray:
     """What it answers in an episode, in which it may remember."""
     act = agent.controller()
     return np.array([act(x) for x in np.random.default_rng(0).normal(size=(5, 4))])
 
 
-@pytest.mark.parametrize("name", COMPONENTS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n in DEARER else n for n in COMPONENTS],
+)
 def test_a_loaded_agent_acts_and_learns_as_the_saved_one(name, tmp_path):
     learned = make_agent(name).learn(2 * STEPS)
     saved = learned.save(tmp_path / "agent.npz")

@@ -141,6 +141,7 @@ def test_quick_learns_a_seed_and_goes_on(run, robot, tmp_path, monkeypatch):
     assert f"| {robot} | full | 0 | 2 |" in texts[0]
 
 
+@pytest.mark.slow
 def test_a_seed_that_is_not_over_is_trained_again(run, tmp_path, monkeypatch):
     path = tmp_path / "results" / "pendubot-full-0000.json"
     path.parent.mkdir(parents=True)

@@ -34,6 +34,7 @@ ORDER = [0, 2, 1, 3]
 """where our states are among the boards'"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["Pendubot", "Acrobot"])
 def test_the_regulator_brings_its_region_to_the_top_where_no_torque_is_cut_off(robot):
     plant = plant_of(robot)
@@ -189,6 +190,7 @@ def test_polish_betters_the_score_in_the_model(tmp_path):
     assert found.cost == loop.cost(found.policy)
 
 
+@pytest.mark.slow
 def test_a_kick_is_kept_only_where_it_betters_the_score(tmp_path, monkeypatch):
     """The best of policies and loops is kicked and polished; what comes back scores as it says."""
     from realaigym import polish

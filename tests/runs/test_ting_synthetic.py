@@ -50,6 +50,7 @@ def test_the_true_coefficients_have_no_error_on_the_clean_test(run, monkeypatch)
     assert Path("out/figure2.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_what_was_measured_is_not_measured_again(run, monkeypatch):
     called(run, monkeypatch, "--quick")
     path = Path("out/results/snr2-redundant0/0000.json")

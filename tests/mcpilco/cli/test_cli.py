@@ -600,6 +600,7 @@ def test_a_reader_of_the_output_may_leave_early():
     assert process.returncode == 141
 
 
+@pytest.mark.slow
 def test_program_refuses_an_unknown_env_with_one_sentence_and_code_2():
     done = program("train", "--env", "nowhere/Nothing-v0")
     assert done.returncode == 2

@@ -84,6 +84,7 @@ def test_where_a_fit_takes_masses_far_from_their_priors_effects_of_these_are_tri
     assert asked == [[mass]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("forces", "named"), [((0.1, 0.1), FRICTION), ((0.13, 0.07), UNEVEN)], ids=["even", "uneven"]
 )

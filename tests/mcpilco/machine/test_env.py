@@ -118,6 +118,7 @@ def test_false_angles_are_refused_and_counted(met: Rig) -> None:
         assert steps[-1][4]["machine"]["jumps"] > 0
 
 
+@pytest.mark.slow
 def test_a_learner_that_is_late_finds_the_machine_safe(met: Rig) -> None:
     with contextlib.closing(machine(watchdog=0.3)) as env:
         env.reset()

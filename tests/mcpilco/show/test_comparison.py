@@ -54,6 +54,7 @@ def test_tables_hold_what_the_seeds_reached(two, tmp_path):
     assert "| two minus one | 3 | 50.0 (50.0 to 50.0) | 50.0 (50.0 to 50.0) |" in page
 
 
+@pytest.mark.slow
 def test_equal_runs_give_equal_files(two, tmp_path):
     for name in ("a", "b"):
         write_comparison(line_up(two), tmp_path / name)

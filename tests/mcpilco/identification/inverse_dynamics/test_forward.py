@@ -133,6 +133,7 @@ def follow(robot, model, plan, dt: float) -> float:
     return worst
 
 
+@pytest.mark.slow
 def test_feed_forward_follows_a_plan_that_feedback_alone_does_not(robot, exact):
     dt = 0.002
     t, w = dt * np.arange(500)[:, None], np.array([2.0, 3.0, 2.5])

@@ -58,6 +58,7 @@ def exact():
     return arm, recording, chain, fit_forward(recording, chain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["nested", "product"])
 def test_without_noise_and_with_enough_samples_it_is_the_truth(exact, kernel: str) -> None:
     arm, recording, chain, model = exact

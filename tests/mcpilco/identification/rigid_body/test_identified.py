@@ -156,6 +156,7 @@ def test_what_is_not_to_be_found_is_taken_from_the_model():
     assert np.abs(blind.beta - truth).max() > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Objective did not converge")
 @pytest.mark.parametrize(
     ("recipe", "where", "name", "cut"),
