@@ -49,6 +49,7 @@ def modules() -> Iterator[dict[str, ModuleType]]:
         del sys.modules[name]
 
 
+@pytest.mark.slow
 @every_plant
 def test_with_nothing_hidden_the_other_simulator_moves_as_the_nominal_plant(
     modules: dict[str, ModuleType], name: str

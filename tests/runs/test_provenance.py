@@ -193,7 +193,8 @@ def jobs() -> Iterator[object]:
 
     slow = pytest.mark.slow
     yield pytest.param(by_title["hidden_effects results/none/*.json"], gap, id="gap", marks=slow)
-    yield pytest.param(by_title["cartpole_swingup results/default/seeds/*.json"], seed, id="seed")
+    swing_up = by_title["cartpole_swingup results/default/seeds/*.json"]
+    yield pytest.param(swing_up, seed, id="seed", marks=slow)
     yield pytest.param(by_title["kinematics results/noise/*.json"], chain, id="chain")
 
 

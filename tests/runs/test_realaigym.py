@@ -206,6 +206,7 @@ def test_a_kick_is_kept_only_where_it_betters_the_score(tmp_path, monkeypatch):
     assert best.loop.cost(best.policy) == best.cost
 
 
+@pytest.mark.slow
 def test_a_policy_is_upright_from_as_many_starts_as_its_region_has(tmp_path):
     """Without a torque all hang; nothing that swings comes to rest upright."""
     plant = plant_of("Acrobot")

@@ -39,6 +39,7 @@ def called(run, monkeypatch, *arguments: str) -> str:
     return page.split(BEGIN)[1].split(END)[0]
 
 
+@pytest.mark.slow
 def test_the_true_coefficients_have_no_error_on_the_clean_test(run, monkeypatch):
     page = called(run, monkeypatch, "--quick")
     found = json.loads(Path("out/results/snr5-redundant90/0000.json").read_text())

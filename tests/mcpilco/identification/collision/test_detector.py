@@ -56,6 +56,7 @@ def model():
     return fitted("FC")[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", RULES)
 @pytest.mark.parametrize("velocity", [True, False])
 def test_sample_by_sample_is_all_at_once(model, config, velocity):
