@@ -35,7 +35,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import SAMPLES, TABLES, Table, confirmed_by, read_made, read_samples, state_of
+from evidence import SAMPLES, TABLES, Table, confirmed_by, named, read_made, read_samples, state_of
 from provenance import COMMIT, ROOT, RUNS, git
 
 from mcpilco.files import write_bytes
@@ -84,15 +84,9 @@ class Sample:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    if unknown := set(arguments.runs) - {table.run for table in TABLES}:
-        raise SystemExit(f"--runs must name folders of runs/ with tables, got {sorted(unknown)}.")
     if arguments.sample < 1:
         raise SystemExit(f"--sample must be 1 or more, got {arguments.sample}.")
-    asked = [
-        table
-        for table in TABLES
-        if (not arguments.runs or table.run in arguments.runs) and arguments.having in table.results
-    ]
+    asked = [t for t in named(TABLES, arguments.runs) if arguments.having in t.results]
     samples = [sample for table in asked for sample in samples_of(table, arguments.sample)]
     differing = 0
     with (
@@ -331,7 +325,7 @@ def confirm(sample: Sample) -> None:
 
 
 def line(sample: Sample) -> str:
-    """What became of a sample."""
+    """The line that says whether a sample is equal, or where it differs."""
     state = "differs  " if sample.differences else "confirmed"
     said = f"{state} {sample.table.title}: {len(sample.paths)} of {sample.of or 'unknown code'}"
     if sample.beside:

@@ -104,6 +104,17 @@ class Finding:
         return next((state for state in worst if self.states.get(state)), "current")
 
 
+def named(tables: Sequence[Table], runs: Sequence[str]) -> list[Table]:
+    """The tables of some runs; of all where none is named.
+
+    Raises:
+        SystemExit: a run has no table.
+    """
+    if unknown := set(runs) - {table.run for table in tables}:
+        raise SystemExit(f"--runs must name folders of runs/ with tables, got {sorted(unknown)}.")
+    return [table for table in tables if not runs or table.run in runs]
+
+
 def findings(tables: Sequence[Table] | None = None) -> Iterator[Finding]:
     """The state of each table that has results."""
     for table in TABLES if tables is None else tables:

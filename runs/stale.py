@@ -23,7 +23,7 @@ import tyro
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import TABLES, Finding, State, findings
+from evidence import TABLES, Finding, State, findings, named
 from provenance import git
 
 
@@ -41,10 +41,7 @@ class Arguments:
 
 def main() -> int:
     arguments = tyro.cli(Arguments, description=__doc__)
-    if unknown := set(arguments.runs) - {table.run for table in TABLES}:
-        raise SystemExit(f"--runs must name folders of runs/ with tables, got {sorted(unknown)}.")
-    asked = [table for table in TABLES if not arguments.runs or table.run in arguments.runs]
-    found = list(findings(asked))
+    found = list(findings(named(TABLES, arguments.runs)))
     stale = [one for one in found if one.state in ("stale", "unknown")]
     told = found if arguments.all else stale
     for one in told:

@@ -1,4 +1,4 @@
-"""What each choice of the presets is worth: one change at a time, from `default` and `thesis`.
+"""The worth of each choice of the presets `default` and `thesis`, one change at a time.
 
 python runs/ablations/run.py --quick               # does it run at all? compiles the loops, too
 python runs/ablations/run.py                       # all rows, seeds 4200:4210: two CPU hours

@@ -82,6 +82,10 @@ def test_each_row_is_a_preset_with_one_change(run):
             assert settings.env_kwargs == PRESETS[base].env_kwargs
 
 
+def test_a_row_of_another_cost_names_its_file(run):
+    assert run.settings_of("default", "tip-cost").task.endswith("runs/ablations/tip_cost.py")
+
+
 def test_dropout_falls_over_three_phases_of_the_same_rates(run):
     for base in run.BASES:
         before, after = (run.settings_of(base, name).config.search for name in ("base", "dropout"))
