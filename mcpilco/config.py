@@ -228,7 +228,7 @@ class PolicyConfig(Checked):
     """starting lengthscale of those components, in their units; span: the same as their span"""
     angle_lengthscale: float = 1.0
     """starting lengthscale of the cosines and sines [-]"""
-    weight: float = 5.0
+    weight: float = 10.0
     """weights start uniform in +-weight [-]"""
     squash: float = 10.0
     """the argument of the tanh is divided by this number [-]"""
@@ -320,7 +320,7 @@ class SearchConfig(Checked):
     restarts: tuple[int, ...] = (1, 3)
     """further starts from random policies in trial 1, 2, ..., tried while the model predicts
     failure; the last entry holds from there on"""
-    screening: float = 0.3
+    screening: float = 0.5
     """a further start is given up at this share of its steps if it costs more there than half of
     those before it did; 1 gives none up [-]"""
     failing: float = 0.02

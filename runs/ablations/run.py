@@ -1,8 +1,8 @@
 """The worth of each choice of the presets `default` and `thesis`, one change at a time.
 
 python runs/ablations/run.py --quick               # does it run at all? compiles the loops, too
-python runs/ablations/run.py                       # all rows, seeds 4200:4210: two CPU hours
-python runs/ablations/run.py --rows base rbf --bases default --seeds 4200:4220
+python runs/ablations/run.py                       # all rows, seeds 4300:4310: two CPU hours
+python runs/ablations/run.py --rows base rbf --bases default --seeds 4300:4320
 
 Results are kept in results/<base>/<row>/, a file a seed; the same command, from the same folder,
 goes on where it was stopped, and rewrites README.md between its marked lines from all results that
@@ -61,6 +61,11 @@ def modelling(**changes: Any) -> Change:
     return lambda base: replace(base, model=replace(base.model, **changes))
 
 
+def pushing(weight: float) -> Change:
+    """Another size of the first weights."""
+    return lambda base: replace(base, policy=replace(base.policy, weight=weight))
+
+
 def dropping(base: Config) -> Config:
     """Bases of the policy are left out at random, ever fewer, as in the later paper."""
     phases = base.search.phases
@@ -108,6 +113,8 @@ ROWS: Mapping[str, Row] = {
     "no-polish": Row(searching(polish=False), of=OURS),
     "no-widening": Row(searching(widening=1.0), of=OURS),
     "no-clipping": Row(searching(clip_norm=None), of=OURS),
+    "small-weights": Row(pushing(5.0), of=OURS),
+    "early-screening": Row(searching(screening=0.3), of=OURS),
     "one-start": Row(searching(restarts=(0,)), of=OURS),
     "uncorrelated": Row(searching(correlations=(0.0,)), of=OURS),
     "path": Row(by_paths, of=OURS),
@@ -117,6 +124,7 @@ ROWS: Mapping[str, Row] = {
     "prior": Row(modelling(prior_std=2.0), of=THESIS),
     "clipping": Row(searching(clip_norm=1.0), of=THESIS),
     "widening": Row(searching(widening=3.0), of=THESIS),
+    "large-weights": Row(pushing(10.0), of=THESIS),
     "half-rate": Row(slower, of=THESIS),
     "starts": Row(searching(restarts=(1, 3)), of=THESIS),
 }
@@ -126,8 +134,8 @@ ROWS: Mapping[str, Row] = {
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "4200:4210"
-    """`4200:4210` are 4200 to 4209"""
+    seeds: str = "4300:4310"
+    """`4300:4310` are 4200 to 4209"""
     rows: tuple[Literal[*ROWS], ...] = tuple(ROWS)
     """which of them"""
     bases: tuple[Literal[*BASES], ...] = tuple(BASES)
