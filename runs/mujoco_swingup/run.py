@@ -1,7 +1,7 @@
 """The swing-up in MuJoCo from many seeds, beside the same seeds of the analytic cart-pole.
 
-python runs/mujoco_swingup/run.py                      # seeds 25000:25020
-python runs/mujoco_swingup/run.py --seeds 25000:25002  # a first look, a minute
+python runs/mujoco_swingup/run.py                      # seeds 28000:28020
+python runs/mujoco_swingup/run.py --seeds 28000:28002  # a first look, a minute
 
 Results are kept in results/default/, a file a seed; the same command goes on where it was stopped,
 and rewrites README.md between its marked lines from all results that are there.
@@ -49,8 +49,8 @@ THESIS = (3.8, 38.5, 69.2, 88.5)
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "25000:25020"
-    """`25000:25020` are 25000 to 25019, of those of the analytic cart-pole"""
+    seeds: str = "28000:28020"
+    """`28000:28020` are 28000 to 28019, of those of the analytic cart-pole"""
     workers: int | None = None
     """processes at a time; by default one a core"""
     fresh: int = 100
