@@ -29,7 +29,7 @@ import dataclasses, logging, sys
 logging.basicConfig(format="%(name)s: %(message)s")
 from mcpilco.agent.agent import MCPILCO
 from tests.mcpilco.point import STEPS, TINY, PointEnv
-config = dataclasses.replace(TINY, engine="fused")
+config = dataclasses.replace(TINY, engine="fused", precision="float64")
 agent = MCPILCO("SumOfGaussians", PointEnv(), config=config).learn(3 * STEPS)
 print(*(result.predicted_cost for result in agent.results))
 print(*agent.policy.weights.flatten().tolist())
