@@ -61,7 +61,7 @@ UNCERTAINTY = 0.05
 FROM_NOTHING = replace(
     PRESETS["default"].config,
     model=ModelConfig(prior_std=None, mirror=60),
-    policy=PolicyConfig(span="data"),
+    policy=PolicyConfig(span="data", weight=5.0),
     search=SearchConfig(
         particles=96,
         steps=(500,),

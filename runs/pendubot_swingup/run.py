@@ -120,7 +120,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
 """in what a robot's setting differs"""
 
 CONFIG = Config(
-    policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0),
+    policy=PolicyConfig(bases=200, span=10.0, lengthscale=8.0, squash=1.0, weight=5.0),
     search=SearchConfig(
         particles=50,
         evaluation_particles=100,
