@@ -292,8 +292,8 @@ def test_the_viewer_ends_with_the_command(recording: Path, kind: signal.Signals)
     said, errors = command.communicate()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+    assert (said, errors) == ("", "error")
     assert re.fullmatch(
         r"http://127.0.0.1:\d+\?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A\d+%2Fproxy\n", address
     )
-    assert (said, errors) == ("", "error")
     assert command.returncode == (0 if kind is signal.SIGINT else 128 + kind)
