@@ -227,6 +227,7 @@ def _from_to(values: Sequence[float]) -> str:
 SWING_UP = "cartpole_swingup", "results/default/seeds/*.json"
 THESIS = "cartpole_swingup", "results/thesis/seeds/*.json"
 WIDENED = "ablations", "results/thesis/widening/seeds/*.json"
+PUSHING = "ablations", "results/thesis/large-weights/seeds/*.json"
 SPEED = "speed", "results.json"
 LIMITED = "limits", "results/limited/*.json"
 PENDUBOT_BOARD = "realaigym", "results/pendubot-full-*.json"
@@ -342,6 +343,12 @@ SHORTFALLS = (
         *WIDENED,
         mean_of("mean_abs_cart_m", 12.0, 2),
         "0.16",
+    ),
+    Claim(
+        "the same preset, first weights twice as large: success after 12 s [%]",
+        *PUSHING,
+        success(12.0),
+        "88.5",
     ),
     Claim(
         "cart-pole: p after 12 s with RBF + MPK less that with RBF [points]",
