@@ -237,7 +237,7 @@ CART_POLE, MUJOCO = "envs.cartpole:CartPoleSwingUpEnv", "envs.mujoco_cartpole"
 PENDULUM, PENDUBOT = "envs.pendulum:PendulumEnv", "envs.double_pendulum:PendubotEnv"
 LOOKED_AT = (
     "0:100,1000:1053,20000:20231,20400:20440,21000:21100,22000:22100,23000:23100,24000:24100,"
-    "25000:25060"
+    "25000:25100,26000:26100"
 )
 """seeds of the cart-pole by whose failures the preset `default` was changed"""
 SEED = "--seeds {seed}"

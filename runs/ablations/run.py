@@ -2,7 +2,7 @@
 
 python runs/ablations/run.py --quick               # does it run at all? compiles the loops, too
 python runs/ablations/run.py                       # all rows, seeds 4300:4310: two CPU hours
-python runs/ablations/run.py --rows base rbf --bases default --seeds 4300:4320
+python runs/ablations/run.py --bases thesis --seeds 4200:4210
 
 Results are kept in results/<base>/<row>/, a file a seed; the same command, from the same folder,
 goes on where it was stopped, and rewrites README.md between its marked lines from all results that
@@ -135,7 +135,7 @@ class Arguments:
     """Train from many seeds and write the tables."""
 
     seeds: str = "4300:4310"
-    """`4300:4310` are 4200 to 4209"""
+    """`4300:4310` are 4300 to 4309; the rows of `thesis` are of 4200:4210"""
     rows: tuple[Literal[*ROWS], ...] = tuple(ROWS)
     """which of them"""
     bases: tuple[Literal[*BASES], ...] = tuple(BASES)
