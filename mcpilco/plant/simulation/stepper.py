@@ -67,6 +67,7 @@ def _compiled(source: str):
         T, B, X = path.shape
         tq, tv, kq, kv, (q, v, load, _), taken = room
         newest = forces.shape[1] - 1
+        s = np.int64(0)  # a literal 0 is another type, for which all would be compiled again
         for b in range(B):
             past = Past(q, v, load, memory[b])
             for j in range(len(q)):
@@ -76,21 +77,21 @@ def _compiled(source: str):
                 for i in range(newest):
                     forces[b, i, u] = forces[b, i + 1, u]
                 forces[b, newest, u] = shaped(tables.actuators[0, u], commands[b, u], last)
-            switch(tables, 0, forces[b], newest, 0.0, dt, actuated[b])
+            switch(tables, s, forces[b], newest, 0.0, dt, actuated[b])
             now, step = 0.0, dt
             for k in range(T):
                 until = dt if k == T - 1 else (k + 1) * dt / T
                 while now < until and step > 0.0:
-                    event = min(next_event(tables, 0, now, dt, actuated[b]), until)
+                    event = min(next_event(tables, s, now, dt, actuated[b]), until)
                     rest = event - now
                     step = travel(
-                        tables, 0, past, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
+                        tables, s, past, actuated[b], rest, step, ACCURACY, w, kq, kv, tq, tv, taken
                     )
-                    settle(tables, 0, rest, actuated[b])
+                    settle(tables, s, rest, actuated[b])
                     now = event
                     if now < dt and step > 0.0:
-                        switch(tables, 0, forces[b], newest, now, dt, actuated[b])
-                        look(tables, 0, q, v, 0, now, dt, 1, seen[b], filters[b])
+                        switch(tables, s, forces[b], newest, now, dt, actuated[b])
+                        look(tables, s, q, v, 0, now, dt, 1, seen[b], filters[b])
                 for j in range(len(q)):
                     path[k, b, 2 * j] = q[j] if step > 0.0 else np.nan
                     path[k, b, 2 * j + 1] = v[j] if step > 0.0 else np.nan
@@ -98,7 +99,7 @@ def _compiled(source: str):
                 states[b, x] = path[T - 1, b, x]
                 for i in range(seen.shape[2] - 1):
                     seen[b, x, i] = seen[b, x, i + 1]
-            look(tables, 0, q, v, 0, 0.0, dt, 1, seen[b], filters[b])
+            look(tables, s, q, v, 0, 0.0, dt, 1, seen[b], filters[b])
 
     return advance
 
