@@ -62,7 +62,7 @@ class Plan:
 
 PLANS = {
     "default": Plan("28000:28100", 4),
-    "thesis": Plan("0:30", 4),
+    "thesis": Plan("31000:31030", 4),
     "tro2022": Plan("0:10", 5),
 }
 QUICK = Plan("0:2", 1)
@@ -73,7 +73,7 @@ class Arguments:
     """Train from many seeds and write the tables."""
 
     seeds: str | None = None
-    """`0:30` are 0 to 29; by default 28000:28100, for thesis 0:30, for tro2022 0:10"""
+    """`0:30` are 0 to 29; by default 28000:28100, for thesis 31000:31030, for tro2022 0:10"""
     presets: tuple[Literal[*PLANS], ...] = ("default", "thesis")
     """which settings"""
     workers: int | None = None

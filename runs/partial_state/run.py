@@ -1,6 +1,6 @@
 """The cart-pole whose positions alone are measured, with noise: is the estimator worth modelling?
 
-python runs/partial_state/run.py                  # seeds 27200:27210, 5 trials each
+python runs/partial_state/run.py                  # seeds 27300:27310, 5 trials each
 python runs/partial_state/run.py --quick          # does it run at all? compiles the loops, too
 python runs/partial_state/run.py --settings modelled --seeds 0:2
 
@@ -55,8 +55,8 @@ rollouts; another estimator; and where there is nothing to estimate"""
 class Arguments:
     """Train from many seeds and write the tables."""
 
-    seeds: str = "27200:27210"
-    """`27200:27210` are 27200 to 27209"""
+    seeds: str = "27300:27310"
+    """`27300:27310` are 27300 to 27309"""
     settings: tuple[Literal[*SETTINGS], ...] = tuple(SETTINGS)
     """which of them"""
     workers: int | None = None
