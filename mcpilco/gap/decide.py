@@ -12,7 +12,7 @@ from scipy import stats
 from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expected
 from mcpilco.gap.data import Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
-from mcpilco.gap.fit import Fit, fit_model, on_windows, weighed_anew
+from mcpilco.gap.fit import Fit, fit_model, nearer, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PlantModel, Theta
 from mcpilco.gap.screen import bounded
@@ -69,8 +69,9 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
         effects, seen = best.model.effects, tried.windows
         fewer = {each: tried.keep(without(best, each, seen, result.null)) for each in effects}
         enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
-        if not enough:
-            return told
+        if not enough:  # about motions near what was measured all is closest to linear
+            best, null = nearer(told.best, windows), nearer(null, windows)
+            return replace(told, best=best, null=null)
         best = min(enough, key=tried.bic)
         told = replace(whole, best=best, evidence=tried.judged(best), whole=whole)
 
@@ -117,11 +118,15 @@ def leaves_something(judged: Weighed) -> bool:
     evidence, windows = judged.evidence, judged.windows.plain
     if evidence.deficient or not (evidence.std > SEARCH.least_force).any():
         return evidence.deficient
-    return best_force(weighed_anew(judged.best, windows), windows) is not None
+    return best_force(nearer(judged.best, windows), windows) is not None
 
 
 def mispredicts(judged: Weighed, clear: Windows) -> bool:
-    """Whether effects that fit their recordings miss held-out windows without events far more."""
+    """Whether effects that fit their recordings miss held-out windows without events far more.
+
+    Those that are too slight to be told help.
+    """
+    judged = judged.whole or judged
     if not judged.best.model.effects or judged.closed(clear).value >= VERDICT.closed:
         return False
     some = clear, judged.windows.plain

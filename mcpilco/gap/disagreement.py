@@ -226,7 +226,7 @@ def _without_spikes(fit: Fit, windows: Windows) -> tuple[Fit, Windows]:
     if touched.any():
         anew = on_windows(fit, clean[touched])
         x0[touched], by_window[touched] = anew.x0, anew.by_window
-    return replace(fit, x0=x0, chi2=float(by_window.sum()), by_window=by_window), clean
+    return replace(fit, x0=x0, by_window=by_window), clean
 
 
 def unforeseen(
@@ -235,8 +235,7 @@ def unforeseen(
     """Those of some spans whose forces no state and command predict, as all other windows tell.
 
     What a contact or a magnet does recurs where the machine comes by again; a push does not. It is
-    sought as a force that is alike everywhere, and as one in a joint over few coordinates, which
-    may be narrow.
+    sought as a force that is alike everywhere, and as a narrow one in a joint over few coordinates.
 
     Args:
         spans: the events.

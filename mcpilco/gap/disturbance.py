@@ -12,8 +12,8 @@ for short intervals, residuals of a window have the covariance
 
 the initial state's part eliminated. The sizes are those of the largest likelihood. A significant
 sigma says in which joint something is missing, and how much; a kappa that is larger than reported,
-in which reading. To first order this is the likelihood of an extended Kalman filter's innovations
-over the window.
+in which reading. To first order, about motions that stay near what was measured, this is the
+likelihood of an extended Kalman filter's innovations over the window.
 
 Reference: Kristensen, Madsen & Jørgensen, Parameter estimation in stochastic grey-box models,
     Automatica 40 (2004); Harville, Maximum likelihood approaches to variance component
@@ -29,7 +29,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import minimize
 
 from mcpilco.gap.data import Windows
-from mcpilco.gap.fit import Fit
+from mcpilco.gap.fit import Fit, nearer
 from mcpilco.gap.sensitivities import impulse_responses, lean
 from mcpilco.gap.thresholds import DISTURBANCE, FORCE, VERDICT
 from mcpilco.recordings import NoiseFilter, Whitening, following
@@ -74,9 +74,8 @@ class Disturbance:
     @classmethod
     def of(cls, fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> Disturbance:
         """The responses along the motions of a fit, to forces held for `hold_s` [s]."""
-        layout, model = fit.model.plant.layout, fit.model
-        hold = max(1, round(hold_s / windows.dt))
-        joints = range(len(layout.joints))
+        fit, layout, model = nearer(fit, windows), fit.model.plant.layout, fit.model
+        hold, joints = max(1, round(hold_s / windows.dt)), range(len(layout.joints))
         responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold)
         each = [
             model.scales[joint].force * response
@@ -87,7 +86,7 @@ class Disturbance:
 
     def evidence(self, fit: Fit) -> Evidence:
         """The evidence for a fit, its initial states and random forces eliminated."""
-        windows = self.windows
+        windows, fit = self.windows, nearer(fit, self.windows)
         lin = lean(fit.model, windows, fit.theta, fit.x0)
         G = np.where(lin.lost[:, :, None], 0.0, self.columns)
         seen = windows.measured.reshape(lin.r.shape)
@@ -98,8 +97,7 @@ class Disturbance:
         """The windows, what the random forces of a model may do weighing little in them.
 
         Noise that is smaller than was reported counts as it is. A model that misses much seems to
-        have more of it in every reading, which is no reason to trust its data less; in some of them
-        it is.
+        have more of it in every reading, which is no reason to trust its data less.
         """
         noise, measured = np.maximum(evidence.noise, DISTURBANCE.least_noise), self.windows.measured
         common = max(float(noise.min()), 1.0)

@@ -28,23 +28,24 @@ class Fit:
     model: PlantModel
     theta: Theta
     x0: InitialStates
-    chi2: float
-    """squared residuals over squared noise, and the prior's"""
     by_window: PerWindow
-    """the squared residuals of each"""
+    """the squared residuals of each, over squared noise"""
+
+    @property
+    def chi2(self) -> float:
+        """Those of all windows, and the prior's."""
+        return float(self.by_window.sum()) + self.model.penalty(self.theta)
 
     def at(self, chosen: Int[np.ndarray, " V"]) -> Fit:
         """This fit, of some of the windows only."""
-        by_window = self.by_window[chosen]
-        return replace(self, x0=self.x0[chosen], by_window=by_window)
+        return replace(self, x0=self.x0[chosen], by_window=self.by_window[chosen])
 
 
 @dataclass(frozen=True)
 class Robust:
     """How windows count: in full up to some times the median misfit, and slowly more beyond.
 
-    A window far beyond has not found its initial state yet, or holds an event; the others must not
-    follow it.
+    A window far beyond lacks its initial state, or holds an event; the others must not follow it.
 
     Reference: Huber & Ronchetti, Robust Statistics (2009), chapter 7, with windows for samples.
     """
@@ -140,7 +141,7 @@ def fit_model(
             break
         if now - then < FIT.converged * now:
             near = None
-    return Fit(model, theta, x0, float(by_window.sum()) + model.penalty(theta), by_window)
+    return Fit(model, theta, x0, by_window)
 
 
 def _gauss_newton_step(
@@ -316,7 +317,16 @@ def refit(fit: Fit, windows: Windows) -> Fit:
 def on_windows(fit: Fit, windows: Windows) -> Fit:
     """A fit as it is on other windows, whose initial states alone are fitted."""
     x0 = fit_initial_states(fit.model, windows, fit.theta)
-    return weighed_anew(Fit(fit.model, fit.theta, x0, 0.0, np.zeros(len(x0))), windows)
+    return Fit(fit.model, fit.theta, x0, misfits(fit.model, windows, fit.theta, x0))
+
+
+def nearer(fit: Fit, windows: Windows) -> Fit:
+    """A fit whose motions begin where they stay near what was measured.
+
+    Where random forces weigh them, a fit may let them go far away.
+    """
+    x0 = _fit_initial_states(fit.model, windows.plain, fit.theta, fit.x0)
+    return weighed_anew(replace(fit, x0=x0), windows.plain)
 
 
 def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
@@ -327,9 +337,7 @@ def residuals(fit: Fit, windows: Windows) -> Float[np.ndarray, "W X T"]:
 
 def weighed_anew(fit: Fit, windows: Windows) -> Fit:
     """A fit with its misfit by other weights of its windows."""
-    by_window = misfits(fit.model, windows, fit.theta, fit.x0)
-    chi2 = float(by_window.sum()) + fit.model.penalty(fit.theta)
-    return replace(fit, chi2=chi2, by_window=by_window)
+    return replace(fit, by_window=misfits(fit.model, windows, fit.theta, fit.x0))
 
 
 def likelier_clock(problems: Sequence[GapProblem], fit: Fit | None = None) -> GapProblem:

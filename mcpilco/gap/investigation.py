@@ -44,7 +44,6 @@ from mcpilco.gap.fit import (
     refit,
     refit_truncated,
     truncated,
-    weighed_anew,
 )
 from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
@@ -75,12 +74,10 @@ def investigate(
     Args:
         plant: nominal.
         recordings: of one sampling time, in the plant's states and inputs.
-        uncertainty: prior std of the uncertain parameters relative to their values, one for all or
-            by name.
+        uncertainty: prior std of uncertain parameters over their values, one for all or by name.
         free: parameters of which nothing is known beforehand, by name.
         noise: std of the measurement noise of some states [their unit]; the others' is estimated.
-        held_out: names of recordings that no fit may see; by default the last ones of three or
-            more.
+        held_out: names of recordings that no fit may see; by default the last of three or more.
         effects: a user's own effects beside those of the catalogue, or Python files with them.
         accepted: suspicions of the recordings that are accepted, which lead the verdict; None: the
             recordings must not look wrong, see `suspicions`.
@@ -118,8 +115,7 @@ def investigate(
     _tell("verdict", explained.best)
     result, null = explained.result, refit(explained.result.null, windows)
     judged = weighed(result, explained.best, null, windows)
-    best, null = (weighed_anew(fit, windows.plain) for fit in (judged.best, judged.null))
-    named = named_effects(result, judged)
+    best, null, named = judged.best, judged.null, named_effects(result, judged)
 
     missed = spans_of(masked, recordings)
     events, final = (*pushes, *missed), best
@@ -300,9 +296,11 @@ def _leave_out_pushes(
     place = recurring(pushes, problem)
     if place is not None or not pushes:
         return problem, explained, (), place
-    everything = _without_spikes(explained.best, quiet.enough_windows())
-    known = explained.result.fits[: SEARCH.hints]
-    anew = _explain(quiet, everything, everything[:0], known)
+    best, known = explained.best, explained.result.fits[: SEARCH.hints]
+    everything = _without_spikes(best, quiet.enough_windows())
+    kept = truncated(best.model, everything, best.theta)
+    far = windows_with_events(on_windows(best, kept), kept)
+    anew = _explain(quiet, everything[~far], everything[far], known)
     problem, pushes = without_bursts(problem, anew.best)
     everything = _without_spikes(anew.best, problem.enough_windows())
     fitted = _fit_all_windows(problem, anew.best, everything, everything[:0])

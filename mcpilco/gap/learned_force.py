@@ -3,8 +3,7 @@
 The force is a sum of few parts. Each acts in one joint and is a Gaussian process over one or two of
 the positions, velocities and actuator forces; which joint and which of these is chosen by how well
 windows are predicted from others, so that it says where something is missing. The parts are found
-in the linear response to small forces, as in `residual_force`, and then fitted to free runs, as any
-effect is.
+in the linear response to small forces, as in `residual_force`, and then fitted to free runs.
 """
 
 from __future__ import annotations
@@ -285,8 +284,7 @@ def _unpredicted(
 class GridPrior:
     """The weights of a grid's splines as a Gaussian process of variance 1 on its knots.
 
-    Its covariance is a product over the axes, and so are its principal directions; R of them are
-    kept.
+    Its covariance is a product over the axes, as are its principal directions; R of them are kept.
 
     Reference: Wilson & Nickisch, Kernel interpolation for scalable structured Gaussian processes,
         ICML (2015). Differs: splines interpolate, so that the force is smooth for an integrator.

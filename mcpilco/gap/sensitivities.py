@@ -75,8 +75,7 @@ def residuals_at(
 def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
     """Samples that one of some simulations did not reach.
 
-    A large residual alone is none of them: behind a fine encoder a wrong model is thousands of
-    noise std away.
+    A large residual is none: behind a fine encoder a wrong model is thousands of noise std away.
     """
     lost = (~np.isfinite(y) & windows.measured).any(axis=0)
     return lost.reshape(len(lost), -1)

@@ -15,8 +15,7 @@ class DataThresholds:
     """How recordings are cut into windows, and what is assumed of plant and noise."""
 
     window_s: float = 1.06
-    """length of a window [s]: an effect shows far above the noise, and a swinging pole has
-    not diverged yet"""
+    """length of a window [s]: an effect shows far above the noise, and no pole has diverged yet"""
     past_s: float = 0.4
     """of commands that a recording must have before its first window [s]: an actuator's lag and
     delay answer to them"""
@@ -26,8 +25,7 @@ class DataThresholds:
     """for which a command is held in a simulation, where the log has shorter ones [s]: of those,
     their mean, which keeps the impulse; what a joint moves meanwhile is far below any encoder"""
     compared_s: float = 0.01
-    """between samples that are compared, where a log has more [s]: one between two others tells
-    nothing new of a motion"""
+    """between samples that are compared, where a log has more [s]: one between tells nothing"""
     latency_s: float = 0.06
     """at the start of a window that is not compared [s]: a sensor that lags sees what was before"""
     least_measured: float = 0.8
@@ -57,8 +55,7 @@ class DataThresholds:
     clock_iterations: int = 5
     """of the fit that decides when commands went out"""
     clock_errors: float = 2.0
-    """standard errors by which commands must fit better with the samples' stamps than by a clock
-    [-]: about 95 %"""
+    """standard errors by which commands must fit better with samples' stamps than by a clock [-]"""
 
 
 @dataclass(frozen=True)
@@ -260,8 +257,7 @@ class ForceThresholds:
     hold_s: float = 0.06
     """for which a force is held that stands for the one that is missed [s]"""
     lengthscales: tuple[float, float] = (0.05, 0.2)
-    """of the missed force over coordinates that range over about 2 [-]: a contact is sharp, a
-    spring is not"""
+    """of the missed force over coordinates that range over about 2 [-]: a contact is sharp"""
     strengths: tuple[float, ...] = (1e-2, 1e-1, 1.0)
     """std of the missed force that are tried, in usual forces of a joint [-]"""
     slow: float = 0.1

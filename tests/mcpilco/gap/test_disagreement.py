@@ -44,7 +44,7 @@ def nominal(
     short = cut(recordings, np.array([STD, 1.0]), FORCE.short_s, 0.5 * FORCE.short_s)
     plant = envs.PLANTS["mcpilco/Pendulum-v0"]()
     model = PlantModel(plant, (), {}, usual_scales(plant, short))
-    return Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short))), short, recordings
+    return Fit(model, np.zeros(0), short.guess, np.zeros(len(short))), short, recordings
 
 
 def test_a_weak_push_is_found_when_it_was() -> None:
@@ -150,7 +150,7 @@ def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_readi
         one = Recording("swing", time, states, u, layout.states, layout.inputs)
         windows = cut([one], std)
         model = PlantModel(plant, (), {}, usual_scales(plant, windows))
-        guess = Fit(model, np.zeros(0), windows.guess, 0.0, np.zeros(len(windows)))
+        guess = Fit(model, np.zeros(0), windows.guess, np.zeros(len(windows)))
         seen = without_spikes(on_windows(guess, windows), windows).measured
         numbers = (windows.start_s[:, None] / dt + np.arange(windows.y.shape[2])).round()
         of_these = np.isin(numbers.astype(int), misread)[:, None] & windows.measured
@@ -183,7 +183,7 @@ def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst()
     one = Recording("swing", time, states, u, plant.layout.states, plant.layout.inputs)
     short = cut([one], std, FORCE.short_s, 0.5 * FORCE.short_s)
     model = PlantModel(plant, (), {}, usual_scales(plant, short))
-    fit = Fit(model, np.zeros(0), short.guess, 0.0, np.zeros(len(short)))
+    fit = Fit(model, np.zeros(0), short.guess, np.zeros(len(short)))
     assert bursts(fit, short, [one]) == ()
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, toeplitz
 import envs
 from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance
-from mcpilco.gap.fit import Fit, misfits
+from mcpilco.gap.fit import Fit, fit_nominal, misfits, nearer
 from mcpilco.gap.sensitivities import lean, residual, run
 from mcpilco.gap.thresholds import FORCE
 from tests.mcpilco.gap.lagging import fitted, problem
@@ -68,7 +68,7 @@ def dense_deviance(
 ) -> float:
     """-2 log likelihood of the residuals' parts that no start makes, by their whole covariance."""
     windows = disturbance.windows
-    lin = lean(fit.model, windows, fit.theta, fit.x0)
+    lin = lean(fit.model, windows, fit.theta, nearer(fit, windows).x0)
     total = 0.0
     for w in range(len(windows)):
         seen = windows.measured[w].ravel()
@@ -120,6 +120,20 @@ def test_the_sizes_that_made_the_data_are_recovered(
     read = np.atleast_1d(noise)
     told = np.mean([each.noise[: len(read)] for each in found], axis=0)
     assert told == pytest.approx(read, rel=0.1)
+
+
+def test_the_evidence_is_of_motions_near_the_measured_ones_wherever_a_fit_has_left_them() -> None:
+    """A double pendulum's motion of a second is far from linear in where it begins."""
+    known = problem(envs.PLANTS["mcpilco/DoublePendulum-v0"](), [])
+    fit, windows = fit_nominal(known.model(known.windows()), known.windows())
+    found = fit.by_window < windows.samples  # but where the motion is lost from the start
+    fit, windows = fit.at(np.flatnonzero(found)), windows[found]
+    moved = replace(fit, x0=fit.x0 + np.random.default_rng(0).normal(0.0, 0.02, fit.x0.shape))
+    left = misfits(fit.model, windows, fit.theta, moved.x0)
+    assert left.sum() > 100.0 * fit.by_window.sum()
+    near, far = (Disturbance.of(each, windows).evidence(each) for each in (fit, moved))
+    assert far.deviance == pytest.approx(near.deviance, abs=1.0)
+    np.testing.assert_allclose(far.std, near.std, atol=1e-4)
 
 
 def test_where_nothing_is_missing_no_force_is_left() -> None:

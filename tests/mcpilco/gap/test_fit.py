@@ -81,7 +81,7 @@ def test_a_model_that_fits_tells_what_a_missing_effect_hides() -> None:
     sent = problems_of(plant.having([(friction, (0.15, 2e-3))]), by_clock=False)
     nominal = sent[0].model(sent[0].windows())
     model, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (0.15, 2e-3))
-    known = Fit(model, theta, np.zeros((0, 2)), 0.0, np.zeros(0))
+    known = Fit(model, theta, np.zeros((0, 2)), np.zeros(0))
     assert likelier_clock(sent, known) is sent[0]
 
 
