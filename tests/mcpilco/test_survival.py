@@ -206,7 +206,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(disk)], check=True)
 
 
-@pytest.mark.parametrize("room", [20_000, 120_000, 200_000])
+@pytest.mark.parametrize("room", [20_000, pytest.param(120_000, marks=pytest.mark.slow), 200_000])
 def test_a_full_disk_leaves_what_was_there(
     small_disk: Path, undisturbed: Path, capsys: pytest.CaptureFixture[str], room: int
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 from again import first_difference, samples_of
 from evidence import TABLES, Table, findings
 
+pytestmark = pytest.mark.xdist_group("provenance")  # one process reads all code for all of them
 TABLE = Table(
     "tried", "results/*/*.json", ("mcpilco.sweep:parse_seeds",), again="--row {0} --seeds {seed}"
 )

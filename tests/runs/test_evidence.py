@@ -19,6 +19,7 @@ from mcpilco.config import Config
 from mcpilco.sweep import Settings
 from tests.mcpilco.test_sweep import HereEngine
 
+pytestmark = pytest.mark.xdist_group("provenance")  # one process reads all code for all of them
 RUNS = provenance.RUNS
 SLIM = Table("limits", "results/slim/*.json", ("mcpilco.sweep:parse_seeds",), "0:3,7")
 OTHER = Table("limits", "results/other/*.json", ("mcpilco.kernels:RBF",))

@@ -13,6 +13,7 @@ from provenance import Code
 
 from mcpilco.config import PolicyConfig, SearchConfig
 
+pytestmark = pytest.mark.xdist_group("provenance")  # one process reads all code for all of them
 FILES = {
     "mcpilco/__init__.py": "",
     "mcpilco/gap/__init__.py": "import lazy_loader\n",

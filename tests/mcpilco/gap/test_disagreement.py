@@ -158,7 +158,7 @@ def test_what_a_wrong_plant_misses_of_a_fast_swing_is_no_spike_but_a_wrong_readi
         assert (of_these & ~seen).sum() >= 0.8 * of_these.sum()
 
 
-@pytest.mark.parametrize("last", [1, 2, 3])
+@pytest.mark.parametrize("last", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_wrong_reading_near_the_end_of_a_window_is_one_and_its_neighbours_are_none(
     last: int,
 ) -> None:

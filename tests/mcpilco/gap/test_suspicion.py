@@ -182,7 +182,7 @@ def test_time_that_runs_otherwise_is_doubted() -> None:
     assert "time in another unit" in suspicions(PLANTS["cart_pole"], slow)[-1]
 
 
-@pytest.mark.parametrize("gain", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("gain", [0.5, pytest.param(1.0, marks=pytest.mark.slow), 1.5])
 @pytest.mark.parametrize("machine", list(PLANTS))
 def test_another_gain_is_no_suspicion(machine: str, gain: float) -> None:
     measured = recorded(machine, 2, gain=gain)
@@ -212,12 +212,11 @@ def test_a_sensor_that_reads_too_much_is_no_suspicion(scale: float) -> None:
 @pytest.mark.parametrize(
     ("force", "how"),
     [
-        (rods.dry_friction(0.4), {}),
-        (lambda q, v: -2.0 * q, {}),
-        (lambda q, v: 0.5, {}),
-        (lambda q, v: 0.0, {"delay": 0.2}),
+        pytest.param(rods.dry_friction(0.4), {}, id="friction"),
+        pytest.param(lambda q, v: -2.0 * q, {}, id="spring", marks=pytest.mark.slow),
+        pytest.param(lambda q, v: 0.5, {}, id="offset", marks=pytest.mark.slow),
+        pytest.param(lambda q, v: 0.0, {"delay": 0.2}, id="delay"),
     ],
-    ids=["friction", "spring", "offset", "delay"],
 )
 def test_strong_effects_are_no_suspicion(force: rods.Force, how: dict[str, float]) -> None:
     rng = np.random.default_rng(6)

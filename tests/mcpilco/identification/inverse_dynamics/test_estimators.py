@@ -41,7 +41,14 @@ def models(robot, data):
     }
 
 
-@pytest.mark.parametrize("kinds", [TWO, ("slide", "hinge"), ("hinge", "hinge")])
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        pytest.param(TWO, marks=pytest.mark.slow),
+        ("slide", "hinge"),
+        pytest.param(("hinge", "hinge"), marks=pytest.mark.slow),
+    ],
+)
 def test_gip_reproduces_a_random_robot_of_which_it_knows_the_kinds_of_joints_alone(kinds):
     rng = np.random.default_rng(3)
     robot = random_robot(kinds, rng)
