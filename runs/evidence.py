@@ -373,7 +373,7 @@ TABLES = (
             "model_components",
             f"{system}/*/seeds/*.json",
             ("run:run", *AGENT, env),
-            ":",
+            "0:4400",
             again=f"--systems {system} --cells {{0}} {SEED}",
         )
         for system, env in {"analytic": CART_POLE, "mujoco": MUJOCO}.items()

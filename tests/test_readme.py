@@ -180,19 +180,19 @@ QUOTES = (
     ),
     (
         "model.md",
-        "98.4 % of the swing-ups succeed after 3 s and 99.8 % after 6 s; with `default`, in a "
-        "fifth of the time, 82.6 and 92.7 %",
+        "99.6 % of the swing-ups succeed after 3 s and 99.8 % after 6 s; with `default`, in two "
+        "thirds of the time, 47 and 83 %",
         "model_components",
         (
-            "| `physics+rbf-thorough` | 30 | 98.4 (96–100) | 99.8 (100–100) |",
-            "| `physics+rbf` | 30 | 82.6 (71–93) | 92.7 (87–97) |",
+            "| `physics+rbf-thorough` | 10 | 99.6 (99–100) | 99.8 (99–100) |",
+            "| `physics+rbf` | 10 | 46.8 (20–73) | 83.0 (59–100) |",
         ),
     ),
     (
         "model.md",
-        "98, 99 and 97 % of the swing-ups succeed after 12, 15 and 15 s",
+        "98, 99 and 98 % of the swing-ups succeed after 12, 15 and 15 s",
         "model_components",
-        ("84.9 (75–94) | 98.5 (97–100) |", "| 99.3 (98–100) |", "| 96.8 (95–99) |"),
+        ("84.9 (75–94) | 98.5 (97–100) |", "| 99.3 (98–100) |", "| 98.2 (96–100) |"),
     ),
     (
         "identification.md",
