@@ -233,6 +233,22 @@ def test_effects_that_leave_the_held_out_error_are_not_what_is_missing(
     assert not decide.mispredicts(judging(nominal, windows, []), clear)
 
 
+def test_effects_that_are_too_slight_to_be_told_help_where_held_out_windows_are_judged(
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nominal, windows = rubbing
+    clear, whole = windows[:5], judging(nominal, windows, [FRICTION, SPRING])
+    told = judging(nominal, windows, [FRICTION])
+
+    def misfit(fit: Fit, some: Windows, _: Evidence) -> float:
+        return 4.0 if some is clear and fit is told.best else 1.0
+
+    monkeypatch.setattr(decide, "error_reduction", lambda *_: Interval(0.3, 0.0, 1.0))
+    monkeypatch.setattr(decide, "misfit_over_expected", misfit)
+    assert decide.mispredicts(told, clear)
+    assert not decide.mispredicts(replace(told, whole=whole), clear)
+
+
 @pytest.mark.parametrize(
     ("closed", "low", "most"), [(0.9, 0.7, True), (0.3, 0.2, False), (0.9, -0.1, False)]
 )

@@ -15,7 +15,9 @@ import envs
 import mcpilco.gap
 from mcpilco.cli import main
 from mcpilco.gap import Gap, investigate, investigation
-from mcpilco.gap.data import GapProblem
+from mcpilco.gap.data import Event, GapProblem, Windows
+from mcpilco.gap.disturbance import Evidence
+from mcpilco.gap.fit import fit_nominal
 from mcpilco.gap.report import summary, to_json
 from mcpilco.gap.search import SearchResult
 from mcpilco.mjcf import mjcf_of_plant
@@ -321,3 +323,33 @@ def test_where_the_commands_went_out_otherwise_the_search_begins_with_what_was_f
     (first, result), (then, _) = begun
     assert first == ()
     assert then == result.fits[: len(then)] != []
+
+
+def test_the_search_after_pushes_begins_without_windows_that_hold_an_event(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(0)
+    measured = [record(rng, nothing, number) for number in range(2)]
+    problem = GapProblem.of(PLANT(), measured, 0.01, (), {})
+    fit, windows = fit_nominal(problem.model(problem.windows()), problem.windows())
+    evidence = Evidence(0.0, np.zeros(1), np.ones(2), 1000, np.zeros(2))
+    result = SearchResult(fit, fit, ((fit, 0.0),), (), windows, evidence)
+    explained = investigation._Explanation(result, fit, windows, windows[:0])
+    searched = []
+
+    def spied(_: GapProblem, everything: Windows, masked: Windows, *hints: Any) -> Any:
+        searched.append((everything.start_s, masked.start_s))
+        return explained
+
+    pushes = (Event("recording_0", 4.0, 5.0),)
+    monkeypatch.setattr(investigation, "_explain", spied)
+    monkeypatch.setattr(investigation, "without_bursts", lambda *_: (problem, pushes))
+    monkeypatch.setattr(investigation, "recurring", lambda *_: None)
+    monkeypatch.setattr(
+        investigation, "windows_with_events", lambda fit, some: np.arange(len(some)) == 3
+    )
+    *_, found, place = investigation._leave_out_pushes(problem, explained)
+    start = problem.enough_windows().start_s
+    np.testing.assert_array_equal(searched[0][0], np.delete(start, 3))
+    np.testing.assert_array_equal(searched[0][1], start[3:4])
+    assert (found, place) == (pushes, None)
