@@ -213,13 +213,13 @@ class _GivenNoise:
         """Deviance, its slope, and the common factor of the noise, at logs of variances."""
         s, M, inverse, z = self._forces(log_ratio)
         left = self.r - np.einsum("wni,wi->wn", self.G, s * z)
-        quad = float(np.square(left).sum() + np.square(z).sum()) + 1e-300
+        quad = float(np.square(left).sum() + np.square(z).sum())
+        variance = max(quad / self.samples, (DISTURBANCE.least_noise / self.noise.min()) ** 2)
         logs = 2.0 * np.log(np.einsum("wii->wi", np.linalg.cholesky(M))).sum()
         slope = (1.0 - np.einsum("wii->wi", inverse)).sum(axis=0)
-        slope -= np.square(z).sum(axis=0) * self.samples / quad
-        deviance = self.samples * (np.log(quad / self.samples) + 1.0) + logs + self.constant
-        noise = float(np.sqrt(quad / self.samples))
-        return float(deviance), np.bincount(self.joint, slope, len(log_ratio)), noise
+        slope -= np.square(z).sum(axis=0) / variance
+        deviance = self.samples * np.log(variance) + quad / variance + logs + self.constant
+        return float(deviance), np.bincount(self.joint, slope, len(log_ratio)), variance**0.5
 
     def by_state(self, log_ratio: Float[np.ndarray, " J"]) -> Float[np.ndarray, "4 X"]:
         """Squares that each state's readings leave, and their freedom; products with those before.

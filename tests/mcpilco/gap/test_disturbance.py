@@ -14,7 +14,7 @@ from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, fit_nominal, misfits, nearer
 from mcpilco.gap.sensitivities import lean, residual, run
-from mcpilco.gap.thresholds import FORCE
+from mcpilco.gap.thresholds import DISTURBANCE, FORCE
 from tests.mcpilco.gap.lagging import fitted, problem
 
 STD = 0.03
@@ -134,6 +134,16 @@ def test_the_evidence_is_of_motions_near_the_measured_ones_wherever_a_fit_has_le
     near, far = (Disturbance.of(each, windows).evidence(each) for each in (fit, moved))
     assert far.deviance == pytest.approx(near.deviance, abs=1.0)
     np.testing.assert_allclose(far.std, near.std, atol=1e-4)
+
+
+def test_noise_far_below_the_reported_one_is_rounding_and_tells_nothing_of_a_model() -> None:
+    fit, windows, _ = disturbed(2, 0.0)
+    y = run(fit.model, windows, fit.theta[None], fit.x0[None])[0]
+    ripples = [1.0 + size * np.sin(np.arange(windows.y.shape[2])) for size in (1e-7, 1e-6)]
+    exact = [replace(windows, y=np.where(windows.measured, y * each, np.nan)) for each in ripples]
+    better, worse = (Disturbance.of(fit, each).evidence(fit) for each in exact)
+    assert better.noise.min() == worse.noise.min() == pytest.approx(DISTURBANCE.least_noise)
+    assert worse.deviance == pytest.approx(better.deviance, abs=1.0)
 
 
 def test_where_nothing_is_missing_no_force_is_left() -> None:
