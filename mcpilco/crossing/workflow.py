@@ -51,7 +51,7 @@ from mcpilco.crossing.outcomes import (
 )
 from mcpilco.crossing.rollouts import record_rollouts
 from mcpilco.files import make_folder, require_own
-from mcpilco.gap import Gap, investigate, suspicions
+from mcpilco.gap import Gap, investigate
 from mcpilco.gap import write_json as write_gap
 from mcpilco.logbook import RunFolder, read_json, write_json
 from mcpilco.plant import (
@@ -205,7 +205,7 @@ class Workflow:
                 recordings,
                 uncertainty=self.settings.uncertainty,
                 free=self.settings.free,
-                accepted=suspicions(self.plant, recordings) if accept else None,
+                accepted=() if accept else None,
             )
             self.gap.mkdir(parents=True, exist_ok=True)
             write_gap(found, self.gap / "gap.json")

@@ -284,13 +284,12 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
     """The effects of the best model with their intervals, probabilities, shares and families."""
     best, windows = judged.best, judged.windows
-    layout = best.model.plant.layout
     low, high = (best.model.effect_values(end[None]) for end in intervals(best, windows))
     named = []
     for (instance, values), (_, lows), (_, highs) in zip(
         best.model.effect_values(best.theta[None]), low, high, strict=True
     ):
-        units = instance.effect.units(layout, instance.target)
+        units = instance.effect.units(best.model.plant.layout, instance.target)
         estimates = {
             symbol.name: EstimatedParameter(float(value), float(least), float(most), unit)
             for symbol, value, least, most, unit in zip(

@@ -197,9 +197,8 @@ def spans_of(windows: Windows, recordings: Sequence[Recording]) -> tuple[Event, 
     for n, start in zip(windows.recording, windows.start_s, strict=True):
         name, end = recordings[n].name, float(start + length)
         if spans and spans[-1].recording == name and start - spans[-1].end_s < 1.5 * windows.dt:
-            spans[-1] = Event(name, spans[-1].start_s, end)
-        else:
-            spans.append(Event(name, float(start), end))
+            start = spans.pop().start_s
+        spans.append(Event(name, float(start), end))
     return tuple(spans)
 
 

@@ -79,8 +79,8 @@ def investigate(
         noise: std of the measurement noise of some states [their unit]; the others' is estimated.
         held_out: names of recordings that no fit may see; by default the last of three or more.
         effects: a user's own effects beside those of the catalogue, or Python files with them.
-        accepted: suspicions of the recordings that are accepted, which lead the verdict; None: the
-            recordings must not look wrong, see `suspicions`.
+        accepted: suspicions of the recordings that are accepted, which lead the verdict; empty: all
+            that there are; None: the recordings must not look wrong, see `suspicions`.
 
     Raises:
         InputError: the recordings do not fit the plant or one another, or look wrong.
@@ -94,9 +94,10 @@ def investigate(
     problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
     if at_rest(recordings, problems[0].std):
         return _too_poor(problems[0], AT_REST, remarks)
+    doubts = tuple(accepted or suspicions(plant.finely(problems[0].finer), recordings))
     if accepted is None:
-        require_plausible(suspicions(plant.finely(problems[0].finer), recordings))
-    doubts = (*(accepted or ()), *unchanging(recordings))
+        require_plausible(doubts)
+    doubts += unchanging(recordings)
     _tell("fit of the nominal plant")
     problem = likelier_clock(problems)
     everything = problem.enough_windows()

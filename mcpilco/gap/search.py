@@ -222,22 +222,24 @@ class Tried:
     def confuse(self) -> None:
         """Fits the best model with what does the same to its motions in the place of an effect.
 
-        In a horizontal plane an arm's mass and its center are an inertia: either may be named.
+        In a horizontal plane an arm's mass and its center are an inertia: either may be named. So
+        may a pendulum's mass or its gain, where all else may give way.
         """
         best, share = self.best(), self.null.model.budget.share(1.0)
         lin = linearise(best.model, self.windows, best.theta, best.x0)
         scores = screen(best, lin, self.windows, _further(best, self.candidates))
         same = [score.instance for score in scores if score.sensitivity == 0.0]
-        for instance in best.model.effects if same else ():
+        for instance in best.model.effects:
             model, theta = shrunk(best, instance, self.null)
             rest = replace(best, model=model, theta=theta)  # the others stay as they are
             self._add(rest, same, len(same), share, SEARCH.same_bic)
+            self.relieve(self.keep(without(best, instance, self.windows, self.null)), instance)
 
-    def relieve(self, fit: Fit) -> None:
-        """Fits a model with effects of masses where it takes these far from their priors."""
+    def relieve(self, fit: Fit, but: EffectInstance | None = None) -> None:
+        """Fits a model with effects of masses, but one, where it takes these far from priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
-            frees = fit.model.frees
-            meant = [c for c in self.candidates if c.effect.place == "body" or frees(c) is not None]
+            some, frees = [c for c in self.candidates if c != but], self.null.model.frees
+            meant = [c for c in some if c.effect.place == "body" or frees(c) is not None]
             self._add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
     def _exchange(
@@ -460,8 +462,7 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     rest = [fit for fit in open_ if fit is not best and not closed]
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
     keys = [key for each in best.model.effects for key in tried.special(ours, each)]
-    new = [key for key in keys if (key, False) not in tried.grown]
-    special = [tried.fits[key] for key in new if key in tried.fits]
+    special = [tried.fits[k] for k in keys if k in tried.fits and (k, False) not in tried.grown]
     chosen = [*(fit for fit in open_ if fit is best), *special, *rest[: SEARCH.beam]]
     return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
 

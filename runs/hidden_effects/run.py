@@ -140,6 +140,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "found": told["effects"],
         "where": told["where"],
         "error": told["error"],
+        "left": told["left"],
         "events": told["events"],
         "cpu_s": spent,
         "machine": machine(),

@@ -325,6 +325,25 @@ def test_what_does_the_same_to_every_motion_is_as_likely_as_what_was_found() -> 
     assert frozenset({ARMATURE, LAG}) not in tried.fits
 
 
+def test_a_gain_and_a_mass_are_as_likely_where_friction_may_be_anything() -> None:
+    """A pendulum that is heavier all over moves as one whose motor and friction are weaker."""
+    gain, mass = active("actuator_gain", "actuator"), active("body_mass", "pendulum")
+    hidden = (gain, [0.8]), (active("viscous_friction", "pendulum"), [0.03])
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), hidden)
+    windows = known.windows()
+    null = fitted(known.model(windows), windows, np.zeros(known.model(windows).nuisances))
+    model, theta = null.model, null.theta
+    for effect, values in hidden:
+        model, theta = model.grown(theta, effect, values)
+    tried = Tried.begun(null, windows, [effect for effect, _ in hidden] + [mass, LAG])
+    right = tried.keep(fitted(model, tried.windows, theta))
+    other = frozenset({mass, hidden[1][0]})
+    assert tried.best() is right
+    tried.confuse()
+    assert abs(tried.bic(tried.fits[other]) - tried.bic(right)) < VERDICT.tied
+    assert not any(LAG in effects for effects in tried.fits)
+
+
 def test_an_effect_that_came_first_is_exchanged_for_one_that_promises_as_much_in_its_place(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:

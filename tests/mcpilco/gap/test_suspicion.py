@@ -229,9 +229,10 @@ def test_suspicious_recordings_are_refused_until_they_are_accepted() -> None:
     with pytest.raises(InputError, match="look wrong: negate torque?"):
         investigate(PLANTS["pendulum"], wrong)
     short = [one_part(one) for one in wrong[:1]]
-    gap = investigate(PLANTS["pendulum"], short, accepted=("negate torque?",))
-    assert gap.verdict == "too_poor"
-    assert verdict_sentence(gap).startswith("this looks wrong: negate torque?")
+    for accepted in (("negate torque?",), ()):  # who names none has accepted all that there are
+        gap = investigate(PLANTS["pendulum"], short, accepted=accepted)
+        assert gap.verdict == "too_poor"
+        assert verdict_sentence(gap).startswith("this looks wrong: negate torque?")
 
 
 def one_part(recording: Recording) -> Recording:
@@ -323,8 +324,9 @@ def test_a_dead_column_of_commands_names_nothing_without_saying_so(value: float)
 @pytest.mark.slow
 def test_a_pendulums_log_as_a_cart_poles_names_nothing_without_saying_so() -> None:
     gap: Gap = investigate(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)), accepted=())
-    assert gap.verdict == "unknown"
-    assert "is the plant the right one?" in verdict_sentence(gap)
+    assert gap.verdict in ("partly", "unknown")
+    said = verdict_sentence(gap)
+    assert said.startswith("this looks wrong: cart_position and pole_angle hold the same values")
 
 
 @pytest.mark.slow
