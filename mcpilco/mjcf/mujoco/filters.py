@@ -20,6 +20,7 @@ from mcpilco.plant import (
     SCALE,
     SOURCES,
     drive,
+    filters_at,
     grid_place,
     joint_force,
     learned_force,
@@ -121,18 +122,19 @@ def _compiled(source: str):
                 y[b, tables.learned.joint[k]] += learned_force(tables.learned, s, k, x0, x1)
 
     @njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
-    def observe(tables, system, q, v, steps, dt, every, y):
+    def observe(tables, system, window, path, q, v, steps, dt, every, y):
         """Fills y (B, X, T) with what the sensors see of motions q, v (B, n + 1, J).
 
         There are `steps` timesteps while a command is held for dt [s], and `every` commands a
-        sample; between two timesteps positions are a cubic.
+        sample; between two timesteps positions are a cubic. path (W, lead + 1, X) is how each
+        window's motion came to its start, as measured; or (W, 0, X).
         """
         source  # noqa: B018
         h, T, J = dt / steps, y.shape[2], q.shape[2]
         filters, at, speed = np.empty((2 * J, 3)), np.empty(J), np.empty(J)
         for b in range(len(system)):
             s = system[b]
-            filters[:] = np.nan
+            filters_at(tables, s, path[window[b]], dt, filters)
             for x in range(2 * J):
                 start = v[b, 0, x // 2] if x % 2 else q[b, 0, x // 2]
                 late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))

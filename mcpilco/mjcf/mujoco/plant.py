@@ -231,9 +231,10 @@ class MujocoPlant(Plant):
             model.opt.timestep = self.model.opt.timestep if exact else dt / steps
         T = (commands.shape[1] - lead) // every
         y = np.full((len(start), start.shape[1], T), np.nan)
+        given = commands, np.empty((len(commands), 0, start.shape[1])) if path is None else path
         for first in range(0, len(start), MOTIONS):
             some = slice(first, first + MOTIONS)
-            how = _Motions(self, tables, system[some], window[some], commands, lead, dt, steps)
+            how = _Motions(self, tables, system[some], window[some], *given, lead, dt, steps)
             with warnings_of_mujoco():  # what flies apart is NaN
                 y[some] = how.measured(start[some], T, every)
         if taken is not None:
@@ -292,6 +293,7 @@ class _Motions:
     system: Int[np.ndarray, " B"]
     window: Int[np.ndarray, " B"]
     commands: Float[np.ndarray, "W T_all U"]
+    path: Float[np.ndarray, "W lead_plus_1 X"] | Float[np.ndarray, "W 0 X"]
     lead: int
     dt: float
     steps: int
@@ -314,7 +316,8 @@ class _Motions:
             y = states(q, v)[:, :: every * self.steps].transpose(0, 2, 1).copy()
         else:
             y = np.full((*start.shape, T), np.nan)
-            observe(self.around, self.system, q, v, self.steps, self.dt, every, y)
+            known = self.window, np.ascontiguousarray(self.path)
+            observe(self.around, self.system, *known, q, v, self.steps, self.dt, every, y)
         gone = np.pad(np.maximum.accumulate(lost, axis=1), ((0, 0), (1, 0)))
         gone |= ~(np.abs(v) < RUNAWAY).all(axis=2)
         y[np.broadcast_to(gone[:, None, :: every * self.steps], y.shape)] = np.nan

@@ -334,8 +334,9 @@ def filtered(filter, of_velocity, q, v, dt, T):
     Position and velocity at both ends make the motion between a cubic, of which
     x - T Dx + T^2 D^2 x - T^3 D^3 x, with D for d/dt, solves the equation.
     """
-    if filter[0] != filter[0]:  # at first it lags behind a motion that goes on as it is
-        filter[2] = v if of_velocity else q - T * v
+    if filter[0] != filter[0]:
+        if filter[2] != filter[2]:  # it lags behind a motion that went on as it is
+            filter[2] = v if of_velocity else q - T * v
     else:
         mean = (q - filter[0]) / dt
         jerk = 6.0 * (filter[1] + v - 2.0 * mean) / dt**2
@@ -347,6 +348,26 @@ def filtered(filter, of_velocity, q, v, dt, T):
         filter[2] = ended + (filter[2] - begun) * math.exp(-dt / T)
     filter[0], filter[1] = q, v
     return filter[2]
+
+
+@njit(**INLINED)
+def filters_at(tables, s, path, dt, filters):
+    """Enters what the sensors' filters made of a measured path (n, X), where there is one.
+
+    Its positions have come out of the filters, its velocities are made of positions.
+    """
+    for x in range(len(filters)):
+        filters[x] = np.nan
+        T, last = tables.sensors[s, x, FILTER], len(path) - 1
+        if T > 0.0 and last >= 0:
+            scale, j = tables.sensors[s, x, SCALE], x // 2
+            filters[x, 2] = (path[last, x] - tables.sensors[s, x, OFFSET]) / scale
+            first = max(0, last - math.ceil(FORGOTTEN * T / dt)) if x % 2 else last + 1
+            for i in range(first, last + 1):
+                if i == first:
+                    filters[x, 2] = path[i, x]
+                filtered(filters[x], True, path[i, 2 * j], path[i, 2 * j + 1], dt, T)
+            filters[x, 0] = np.nan
 
 
 @njit(**INLINED)
@@ -451,7 +472,8 @@ def _compiled(source: str):
             dt: time for which a command is held [s].
             every: commands a sample.
             accuracy: error allowed in a step, in units of the tolerances [-].
-            path: (W, lead + 1, X), how each window's motion came to its start; or (W, 0, X).
+            path: (W, lead + 1, X), how each window's motion came to its start, as measured; or
+                (W, 0, X).
             y: the result.
             w: work space of `mcpilco.bodies.compiled.scratch`.
             room: that of `room_for`.
@@ -481,8 +503,7 @@ def _compiled(source: str):
                 hold(tables, s, forces, i, dt, actuated)
                 drives_joints(tables, s, then[0::2], then[1::2], actuated, 0.0, w.load)
                 recall(tables, s, path[n, i : i + 2], dt, past, w.load)
-            for x in range(len(filters)):
-                filters[x, 0] = np.nan
+            filters_at(tables, s, path[n], dt, filters)
             for x in range(2 * len(q)):  # before the first look of a sensor that lags behind
                 offset, scale = tables.sensors[s, x, OFFSET], tables.sensors[s, x, SCALE]
                 late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))
@@ -552,7 +573,7 @@ def simulate(
         taken: the steps of the integrator are added to it.
         every: commands a sample; a machine may be driven faster than its motion is compared.
         path: the states at each command before the start and at it, as measured: forces that
-            remember follow them; None: they begin with the motion.
+            remember and filters of sensors follow them; None: they begin with the motion.
         accuracy: error allowed in a step of the integrator, in units of its tolerances [-].
 
     Raises:

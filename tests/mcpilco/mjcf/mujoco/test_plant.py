@@ -119,6 +119,24 @@ def test_an_effect_is_that_of_the_equations(effect, target, values, tmp_path):
     assert np.abs(ours - theirs).max() < 0.05 * moved + 0.02
 
 
+@pytest.mark.parametrize("target", ["elbow_position", "elbow_velocity"])
+def test_a_filter_of_a_sensor_begins_as_in_the_equations(target, tmp_path):
+    """Where it is known how the motion came to its start."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    active, lead = EffectInstance(CATALOGUE["sensor_lag"], target), 25
+    start, x = np.array([[0.5, 0.3, -0.4, -0.5]]), 2 + target.endswith("velocity")
+    path = start + np.linspace(-0.2, 0.1, lead + 1)[None, :, None] ** 2
+    found = []
+    for kind in ("equations", "mujoco"):
+        plant = read_plant(tmp_path / "arm.xml", kind).having([(active, [0.03])])
+        tables, each = plant.tables(plant.nominal[None]), np.zeros(1, dtype=int)
+        given = tables, each, start, each, commands(plant)[None], lead, DT
+        found += [plant.run(*given, path=known)[0, x] for known in (path, None)]
+    np.testing.assert_allclose(found[0], found[2], rtol=0.02, atol=0.02)  # MuJoCo's steps
+    assert found[0][0] == pytest.approx(found[2][0], abs=1e-6)
+    assert abs(found[0][0] - found[1][0]) > 5e-3
+
+
 def test_effects_of_contacts_are_what_they_say():
     """A block slides to rest in v^2 / (2 mu g); it stands where the ground is."""
     text = """

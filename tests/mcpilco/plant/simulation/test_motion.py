@@ -178,6 +178,20 @@ def test_a_filter_lags_behind_a_state_as_scipy_says(lag):
     assert np.abs(found[:, 0] / 1.3 - angle[::20]).max() > 5e-3
 
 
+@pytest.mark.parametrize("state", ["angle", "velocity"])
+def test_a_filter_begins_with_what_a_measured_path_says_of_it(state):
+    """Alike whether a motion is followed from its start, or from the middle with its path."""
+    half, x = T // 2, ["angle", "velocity"].index(state)
+    plant = having(("sensor_lag", state, [0.03]), ("sensor_scale", state, [1.3]))
+    tables, each = plant.tables(plant.nominal[None]), np.zeros(1, dtype=int)
+    whole, motion = followed(plant), followed(pendulum())
+    path = np.stack([(whole if x == 0 else motion)[: half + 1, 0], motion[: half + 1, 1]], axis=1)
+    given = motion[half][None], each, PULSES[None, :, None], half, DT
+    known = simulate(tables, each, *given, path=path[None])[0]
+    np.testing.assert_allclose(known[x], whole[half:-1, x], rtol=0.0, atol=2e-3)
+    assert np.abs(simulate(tables, each, *given)[0, x] - whole[half:-1, x]).max() > 0.02
+
+
 def test_an_eccentric_disc_is_seen_at_its_angle():
     angle = followed(pendulum())[:, 0]
     found = followed(having(("eccentric_encoder", "angle", [0.1, -0.05])))[:, 0]
