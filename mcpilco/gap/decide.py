@@ -269,15 +269,16 @@ class Rival:
 
 
 def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
-    """The models of a search as likely as its best one, but with another effect for one of it."""
-    ours = set(result.best.model.effects)
-    listed = []
+    """The models of a search as likely as its best one, but with another effect for one of it.
+
+    Or with one in the place of several that it may stand for, or the other way round.
+    """
+    ours, least, listed = {*result.best.model.effects}, result.ranked[0][1], []
     for fitted, b in result.ranked:
-        theirs = set(fitted.model.effects)
-        behind, other = b - result.ranked[0][1], theirs - ours
-        one = instance not in theirs and len(theirs) == len(ours) and len(other) == 1
-        if one and behind < VERDICT.tied:
-            listed.append(Rival(next(iter(other)), fitted, behind))
+        gone, new = ours - {*fitted.model.effects}, {*fitted.model.effects} - ours
+        one = len(gone) == len(new) == 1 or all(x.holds(y) or y.holds(x) for x in gone for y in new)
+        if instance in gone and one and b - least < VERDICT.tied:
+            listed += [Rival(other, fitted, b - least) for other in new]
     return listed
 
 

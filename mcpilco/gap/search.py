@@ -212,7 +212,7 @@ class Tried:
         for plain in self.candidates:
             for own in [own for own in values if own.holds(plain)]:
                 self._exchange(best, [own], plain, own.values_as(plain, values[own]))
-            parts = [part for part in values if plain.repeats(part)]
+            parts = [part for part in values if plain.repeats(part) or plain.holds(part)]
             made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
             if made is not None:
                 self._exchange(best, parts, plain, made)
@@ -222,8 +222,7 @@ class Tried:
     def confuse(self) -> None:
         """Fits the best model with what does the same to its motions in the place of an effect.
 
-        In a horizontal plane an arm's mass and its center are an inertia: either may be named. So
-        may a pendulum's mass or its gain, where all else may give way.
+        An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass.
         """
         best, share = self.best(), self.null.model.budget.share(1.0)
         lin = linearise(best.model, self.windows, best.theta, best.x0)

@@ -6,7 +6,7 @@ becomes of it on a short way, `follow`. Whatever simulates it keeps the memory f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -142,6 +142,12 @@ class BackEMF(RememberingForce):
         first = g - T * (g1 - 2.0 * T * g2)
         last = first + since * (g1 - 2.0 * T * g2 + since * g2)
         return last + (memory[0] - first) * exp(-since / T), 0.0
+
+    def made_of(self, parts: Mapping[str, Sequence[float]]) -> list[float] | None:
+        """Values with which it does about what a viscous friction and a lag do together."""
+        if parts.keys() != {"viscous_friction", "actuator_lag"}:
+            return None
+        return [*parts["viscous_friction"], *parts["actuator_lag"]]
 
     def probes(self, scale: Scale) -> list[Probe]:
         small = SMALL * scale.force / scale.velocity

@@ -23,6 +23,7 @@ from mcpilco.gap.decide import (
     left_forces,
     named_effects,
     on_bounds,
+    rivals,
     shifted_parameters,
     slight_effects,
     spread_of,
@@ -338,6 +339,30 @@ def test_a_parameter_far_from_its_prior_is_told(
         assert each.stds == pytest.approx(stds)
         assert each.value == pytest.approx(each.nominal * (1.0 + stds * std))
         assert each.stds > VERDICT.shifted
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_family_holds_what_stands_for_several_effects_together(turned: bool) -> None:
+    """A motor under a voltage is about a viscous friction and a lag."""
+
+    def fit(*effects: EffectInstance) -> Any:
+        return SimpleNamespace(model=SimpleNamespace(effects=effects))
+
+    motor, viscous, lag, delay = (
+        EffectInstance(
+            CATALOGUE[name], "pendulum" if name in ("back_emf", "viscous_friction") else "actuator"
+        )
+        for name in ("back_emf", "viscous_friction", "actuator_lag", "actuator_delay")
+    )
+    one, two, others = fit(motor), fit(viscous, lag), fit(viscous, delay)
+    first, second = (two, one) if turned else (one, two)
+    ranked = (first, 0.0), (second, 0.5 * VERDICT.tied), (others, 0.6 * VERDICT.tied)
+    result: Any = SimpleNamespace(best=first, ranked=ranked)
+    told = {each: {r.instance for r in rivals(result, each)} for each in first.model.effects}
+    if turned:
+        assert told == {viscous: {motor}, lag: {motor, delay}}
+    else:
+        assert told == {motor: {viscous, lag}}
 
 
 def test_what_lies_on_a_bound_is_told(rubbing: tuple[PlantModel, Windows]) -> None:

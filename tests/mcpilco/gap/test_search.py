@@ -125,6 +125,18 @@ def test_two_effects_are_told_as_the_one_that_they_make() -> None:
     assert {*tried.best().model.effects} == {UNEVEN}
 
 
+def test_a_friction_and_a_lag_are_tried_as_a_motor_under_a_voltage() -> None:
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(MOTOR, (0.05, 0.04))])
+    windows, viscous = known.windows(), active("viscous_friction", "pendulum")
+    null, windows = fit_nominal(known.model(windows), windows)
+    tried = Tried.begun(null, windows, [viscous, LAG, MOTOR])
+    model, theta = null.model.grown(null.theta, viscous, [0.05])
+    model, theta = model.grown(theta, LAG, [0.04])
+    tried.keep(fitted(model, tried.windows, theta))
+    tried.simplify()
+    assert {*tried.best().model.effects} == {MOTOR}
+
+
 def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the_priors(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
