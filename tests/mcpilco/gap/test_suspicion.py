@@ -321,11 +321,23 @@ def test_a_dead_column_of_commands_names_nothing_without_saying_so(value: float)
     assert verdict_sentence(gap).startswith(f"this looks wrong: torque is {value:g} throughout")
 
 
+@cache
+def pendulum_as_cart_pole() -> Gap:
+    """What is said of a pendulum's log, read as a cart-pole's, whose doubts are accepted."""
+    return investigate(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)), accepted=())
+
+
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="five effects imitate 94 % of it: the verdict is `partly`")
 def test_a_pendulums_log_as_a_cart_poles_names_nothing_without_saying_so() -> None:
-    gap: Gap = investigate(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)), accepted=())
-    assert gap.verdict in ("partly", "unknown")
-    said = verdict_sentence(gap)
+    gap = pendulum_as_cart_pole()
+    assert gap.verdict == "unknown"
+    assert "is the plant the right one?" in verdict_sentence(gap)
+
+
+@pytest.mark.slow
+def test_doubts_that_are_accepted_unnamed_lead_the_verdict() -> None:
+    said = verdict_sentence(pendulum_as_cart_pole())
     assert said.startswith("this looks wrong: cart_position and pole_angle hold the same values")
 
 
