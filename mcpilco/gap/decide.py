@@ -59,6 +59,8 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     """
     tried = Tried(null, (), Disturbance.of(best, windows), windows)
     tried.windows = tried.disturbance.whitened(tried.disturbance.evidence(best))
+    for fit in (best, null):  # a closer fit by these weights may be less likely
+        tried.keep(weighed_anew(fit, tried.windows))
     best, null = (
         tried.keep(fit_model(fit.model, tried.windows, fit.theta, fit.x0, iterations=15))
         for fit in (best, null)

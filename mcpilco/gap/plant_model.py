@@ -52,7 +52,7 @@ class ComputeBudget:
     @classmethod
     def at(cls, dt: float, most: float = BUDGET.steps) -> ComputeBudget:
         """The steps that may be taken with commands that are held for so long [s]."""
-        return cls(most * min(max(1.0, BUDGET.usual_dt_s / dt), BUDGET.more))
+        return cls(most * max(1.0, BUDGET.usual_dt_s / dt))
 
     def share(self, part: float) -> BudgetShare:
         """A part of the steps that are left, for a stage that begins now."""

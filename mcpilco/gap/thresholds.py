@@ -69,10 +69,7 @@ class BudgetThresholds:
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
-    """time for which a command is held from which on this is so [s]; a simulation takes a step for
-    each, so that of shorter ones it may take more"""
-    more: float = 2.0
-    """times as many, at most"""
+    """time for which a command is held from which on this is so [s]: each takes a step at least"""
     fit: float = 0.2
     """part of the steps left beyond which a fit makes no further iteration [-]"""
     search: float = 0.7

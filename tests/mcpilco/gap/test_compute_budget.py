@@ -41,10 +41,10 @@ def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
     assert budget.share(0.5).until == 80.0
 
 
-def test_commands_that_are_held_shorter_may_take_more_steps_up_to_twice_as_many() -> None:
+def test_commands_that_are_held_shorter_may_take_as_many_more_steps() -> None:
     assert ComputeBudget.at(0.1).most == ComputeBudget.at(0.02).most == ComputeBudget().most
     assert ComputeBudget.at(0.016, 10.0).most == pytest.approx(12.5)
-    assert ComputeBudget.at(0.005, 10.0).most == pytest.approx(20.0)
+    assert ComputeBudget.at(0.005, 10.0).most == pytest.approx(40.0)
 
 
 def test_of_an_effort_that_is_spent_every_share_is_used_up() -> None:
