@@ -22,6 +22,8 @@ import torch
 import mcpilco
 from mcpilco.policies import cart_pole_cost
 
+pytestmark = pytest.mark.xdist_group("project")  # each file of the code is parsed once
+
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 

@@ -57,7 +57,13 @@ def make_agent(name: str) -> MCPILCO:
     return MCPILCO("SumOfGaussians", env(), config=numbers(name), seed=4)
 
 
-DEARER = ("missing forces", "missing forces, memory", "physics, memory")
+DEARER = (
+    "features",
+    "part of a delay",
+    "missing forces",
+    "missing forces, memory",
+    "physics, memory",
+)
 """parts that others have too, and that take seconds together"""
 
 
@@ -145,7 +151,7 @@ def test_a_policy_of_a_late_actuator_sees_the_state_that_its_input_will_act_on(m
     assert seen[0].shape == (2, 4)
 
 
-@pytest.mark.parametrize("name", ["delay", "part of a delay"])
+@pytest.mark.parametrize("name", ["delay", pytest.param("part of a delay", marks=pytest.mark.slow)])
 def test_policies_of_a_late_actuator_are_searched_behind_what_they_will_act_behind(name):
     agent = make_agent(name).learn(2 * STEPS)
     observer = agent._problem(2, None).observer

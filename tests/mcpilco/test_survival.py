@@ -244,6 +244,7 @@ def read_only(disk: Path) -> Iterator[None]:
 # --- going on
 
 
+@pytest.mark.slow
 def test_more_trials_are_what_a_longer_run_would_have_had(finished: Path, tmp_path: Path) -> None:
     assert exit_code([*resume(finished), "--trials", "5"]) == 0
     assert exit_code(train(tmp_path / "longer", trials=5)) == 0

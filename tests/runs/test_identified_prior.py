@@ -18,7 +18,7 @@ def test_a_drawing_is_wrong_by_up_to_a_fifth_in_its_masses_alone(run):
     assert np.abs(errors).max(0).min() > 0.8 * run.WRONG
 
 
-@pytest.mark.parametrize("name", ["least-squares", "eiv"])
+@pytest.mark.parametrize("name", ["least-squares", pytest.param("eiv", marks=pytest.mark.slow)])
 def test_without_noise_recordings_tell_the_forces_of_the_arm(run, monkeypatch, name):
     monkeypatch.setattr(run, "NOISE", 1e-5)
     drawing = run.drawn(1000)

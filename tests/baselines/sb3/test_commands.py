@@ -55,7 +55,9 @@ class KilledError(Exception):
     pass
 
 
-@pytest.mark.parametrize("moment", ["practice", "rollout", "row"])
+@pytest.mark.parametrize(
+    "moment", ["practice", pytest.param("rollout", marks=pytest.mark.slow), "row"]
+)
 def test_a_killed_run_goes_on_and_ends_as_one_that_was_not(moment, tmp_path, monkeypatch):
     assert train(tmp_path / "whole", "--trials", "3") == 0
 
@@ -85,6 +87,7 @@ def test_the_replay_buffer_is_kept_with_the_run(tmp_path):
     assert np.isfinite(arrays["memory/observations"]).all()
 
 
+@pytest.mark.slow
 def test_a_run_is_reported_without_predictions(tmp_path):
     pytest.importorskip("matplotlib")
     assert train(tmp_path / "run") == 0

@@ -106,7 +106,13 @@ def agrees_in_c(agent, path: Path, vectors: int, chosen: list[list[str]]) -> Non
 
 @pytest.mark.skipif(not compilers(), reason="no C compiler")
 @pytest.mark.parametrize(
-    ("kind", "compiler"), [("past", -1), ("part", 0), ("past_braked", 0), ("regulated", 0)]
+    ("kind", "compiler"),
+    [
+        ("past", -1),
+        ("part", 0),
+        ("past_braked", 0),
+        pytest.param("regulated", 0, marks=pytest.mark.slow),
+    ],
 )
 def test_compiled_c_answers_as_numpy(kind: str, compiler: int, agents, tmp_path: Path) -> None:
     agrees_in_c(agents(kind), tmp_path / f"{kind}.h", 150, [compilers()[compiler]])

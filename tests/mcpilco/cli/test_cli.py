@@ -518,6 +518,7 @@ def test_trial_without_recording_is_refused(trained, shown, capsys):
 # report -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_report_lies_in_the_run_folder_unless_told(trained, tmp_path, capsys):
     pytest.importorskip("matplotlib")
     assert main(["report", str(trained)]) == 0

@@ -60,7 +60,9 @@ def test_noise_holds_no_burst() -> None:
     assert bursts(*nominal()) == ()
 
 
-@pytest.mark.parametrize(("width", "size"), [(0.15, 0.6), (0.1, 3.0)])
+@pytest.mark.parametrize(
+    ("width", "size"), [pytest.param(0.15, 0.6, marks=pytest.mark.slow), (0.1, 3.0)]
+)
 def test_what_a_magnet_does_wherever_the_pendulum_comes_by_is_no_event(
     width: float, size: float
 ) -> None:

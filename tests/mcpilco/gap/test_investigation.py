@@ -120,6 +120,7 @@ def test_a_detent_that_is_not_in_the_catalogue_is_unknown() -> None:
     assert gap.verdict == "unknown"
 
 
+@pytest.mark.slow
 def test_an_integrator_of_first_order_is_no_effect() -> None:
     """MuJoCo's default one, in steps of 2 ms, reads velocities half a step late."""
     rng, plant = np.random.default_rng(0), PLANT()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import envs
 from mcpilco.gap.data import Windows, cut, usual_scales
@@ -56,6 +57,7 @@ def test_a_force_that_depends_on_the_place_in_a_turn_is_predicted_over_many_turn
     assert predicted(*fitted(LIGHT, [measured])) > 0.6
 
 
+@pytest.mark.slow
 def test_a_force_that_comes_from_outside_is_not_predicted() -> None:
     phases = np.random.default_rng(2).uniform(0.0, 6.0, 8)
 

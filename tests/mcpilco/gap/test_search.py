@@ -36,6 +36,7 @@ def found(known: GapProblem, candidates: list[EffectInstance]) -> set[EffectInst
     return {*search(known.model(windows), windows, candidates).best.model.effects}
 
 
+@pytest.mark.slow
 def test_an_effect_that_stands_for_another_is_exchanged(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
@@ -356,6 +357,7 @@ def test_a_gain_and_a_mass_are_as_likely_where_friction_may_be_anything() -> Non
     assert not any(LAG in effects for effects in tried.fits)
 
 
+@pytest.mark.slow
 def test_an_effect_that_came_first_is_exchanged_for_one_that_promises_as_much_in_its_place(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:

@@ -177,6 +177,7 @@ def test_a_column_that_is_read_twice_is_doubted() -> None:
     )
 
 
+@pytest.mark.slow
 def test_time_that_runs_otherwise_is_doubted() -> None:
     slow = [replace(one, time=25.0 * one.time) for one in recorded("cart_pole", 0)]
     assert "time in another unit" in suspicions(PLANTS["cart_pole"], slow)[-1]
@@ -215,7 +216,7 @@ def test_a_sensor_that_reads_too_much_is_no_suspicion(scale: float) -> None:
         pytest.param(rods.dry_friction(0.4), {}, id="friction"),
         pytest.param(lambda q, v: -2.0 * q, {}, id="spring", marks=pytest.mark.slow),
         pytest.param(lambda q, v: 0.5, {}, id="offset", marks=pytest.mark.slow),
-        pytest.param(lambda q, v: 0.0, {"delay": 0.2}, id="delay"),
+        pytest.param(lambda q, v: 0.0, {"delay": 0.2}, id="delay", marks=pytest.mark.slow),
     ],
 )
 def test_strong_effects_are_no_suspicion(force: rods.Force, how: dict[str, float]) -> None:

@@ -283,6 +283,7 @@ def test_fit_with_a_prior_ends_where_the_gradient_of_the_posterior_density_vanis
     assert (slope + pull).abs().max() < 0.02
 
 
+@pytest.mark.slow
 def test_adam_and_lbfgs_find_the_same_optimum():
     X, Y = data(12)
     lbfgs, adam = (

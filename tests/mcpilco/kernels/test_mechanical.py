@@ -112,6 +112,7 @@ def test_other_joints_are_refused(kinds):
         GIP(kinds)
 
 
+@pytest.mark.slow
 def test_a_fit_of_six_joints_does_not_stall_where_it_starts():
     """From logarithms of -1 each it does: the whole torque of the shoulder is taken for noise."""
     rng, robot = np.random.default_rng(0), ur10()

@@ -311,7 +311,13 @@ def test_each_step_of_each_rollout_is_told_in_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("last", "trials"), [(None, 3), (STEPS, 0), (STEPS + 1, 1), (2 * STEPS, 1)]
+    ("last", "trials"),
+    [
+        (None, 3),
+        pytest.param(STEPS, 0, marks=pytest.mark.slow),
+        (STEPS + 1, 1),
+        (2 * STEPS, 1),
+    ],
 )
 def test_a_callback_that_answers_false_ends_the_learning_behind_its_rollout(
     last: int | None, trials: int

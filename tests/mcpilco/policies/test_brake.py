@@ -81,7 +81,7 @@ def test_it_learns_the_point_that_the_input_alone_moves(task: TaskSpec, dt: floa
 
 
 @pytest.mark.parametrize("dt", [0.05, 0.1])
-@pytest.mark.parametrize("held", [1, 3, 6])
+@pytest.mark.parametrize("held", [1, 3, pytest.param(6, marks=pytest.mark.slow)])
 def test_bang_bang_commands_stay_within_the_limits(task: TaskSpec, dt: float, held: int) -> None:
     """Rollouts in the true equations, of commands at the bounds that are held for some steps."""
     task, random, crossed = dataclasses.replace(task, dt=dt), np.random.default_rng(held), []

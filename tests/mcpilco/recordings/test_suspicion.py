@@ -38,7 +38,10 @@ def test_no_sample_of_forty_faultless_recordings_is_masked(tmp_path: Path) -> No
     assert not any(masked.values()), {name: n for name, n in masked.items() if n}
 
 
-@pytest.mark.parametrize("fault", ["wrong", "zero", "turned", "row"])
+@pytest.mark.parametrize(
+    "fault",
+    ["wrong", "turned", *(pytest.param(x, marks=pytest.mark.slow) for x in ("zero", "row"))],
+)
 def test_wrong_readings_in_them_are_masked_and_nothing_beside(tmp_path: Path, fault: str) -> None:
     """Of a column, or of all at once; of a velocity that comes with coarse samples not all."""
     rng = np.random.default_rng(0)

@@ -85,6 +85,7 @@ def test_a_model_that_knows_the_forces_brings_velocities_nearer_to_the_true_ones
     assert after < 0.5 * before
 
 
+@pytest.mark.slow
 def test_an_agent_learns_from_states_smoothed_by_its_model() -> None:
     plain, anew = (learned(trials=2, refinements=count) for count in (0, 1))
     first = slice(STEPS)  # the first inputs: the same, whatever is learned from them

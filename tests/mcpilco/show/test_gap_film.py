@@ -49,6 +49,7 @@ def test_states_and_commands_are_shown_with_their_units(
     assert told[0].inputs == {"torque": "N m"}
 
 
+@pytest.mark.slow
 def test_a_free_run_that_runs_away_is_shown_as_far_as_it_goes_and_told(
     found: Gap, tmp_path: Path
 ) -> None:

@@ -46,6 +46,7 @@ def test_a_seed_learns_what_the_agent_learns_from_it():
         assert row["mean_abs_cart_m"] == result.outcome["mean_abs_cart_m"]
 
 
+@pytest.mark.slow
 def test_judging_changes_no_other_number():
     unjudged = dataclasses.replace(SWINGS, fresh=0)
     fresh = ("p", "fresh_return")

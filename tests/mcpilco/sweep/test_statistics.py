@@ -24,7 +24,9 @@ def test_interquartile_mean_is_that_of_the_middle_half():
     assert estimate(values, measure_of("time_up_s"), "median").value == 3.5
 
 
-@pytest.mark.parametrize("statistic", ["mean", "median", "iqm"])
+@pytest.mark.parametrize(
+    "statistic", ["mean", pytest.param("median", marks=pytest.mark.slow), "iqm"]
+)
 def test_intervals_cover_the_truth_at_about_their_level(statistic):
     """All three estimate the middle of a symmetric distribution."""
     rng, covered = np.random.default_rng(0), 0

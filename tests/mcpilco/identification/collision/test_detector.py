@@ -183,7 +183,7 @@ def test_events_are_told_with_their_joints():
     assert first.end_s == found.time[21]
 
 
-@pytest.mark.parametrize("kind", ["PP", "FC"])
+@pytest.mark.parametrize("kind", [pytest.param("PP", marks=pytest.mark.slow), "FC"])
 def test_what_is_loaded_is_what_was_saved(kind, tmp_path):
     model, _ = fitted(kind)
     limits = thresholds(model, samples(2), ThresholdConfig(debounce=4, by_phase=True, quantile=0.9))

@@ -31,7 +31,7 @@ def rmse(kind: str, at_rest: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["PP", "SP", "FC"])
-@pytest.mark.parametrize("what", ["hard", "smooth"])
+@pytest.mark.parametrize("what", ["hard", pytest.param("smooth", marks=pytest.mark.slow)])
 def test_the_fast_form_is_the_posterior(kind, what):
     model, _ = fitted(kind, what)
     test = samples(2)[400:500]
@@ -48,6 +48,7 @@ def test_the_fast_form_is_the_posterior(kind, what):
         )
 
 
+@pytest.mark.slow
 def test_compensated_friction_pays_at_rest_and_costs_nothing_in_motion():
     for kind in ("PP", "SP"):
         assert (rmse("FC", at_rest=True) < 0.25 * rmse(kind, at_rest=True)).all()

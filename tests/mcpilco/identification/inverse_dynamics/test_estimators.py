@@ -153,6 +153,7 @@ def test_spread_of_a_prediction_grows_away_from_the_data(models, data):
     assert (model.std(near) < model.std(far)).all()
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_models(robot, data):
     for name in ("rbf", "nn"):
         first, again, other = (

@@ -83,6 +83,7 @@ def test_forward_dynamics_are_those_of_the_robot(robot, exact, states):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_forward_dynamics_of_a_learned_polynomial_are_close():
     rng = np.random.default_rng(3)
     robot = random_robot(("hinge", "hinge"), rng)

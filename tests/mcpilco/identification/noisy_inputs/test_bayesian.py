@@ -178,6 +178,7 @@ def test_the_reliability_of_inputs_is_where_the_search_starts():
     assert (reliability(low.weights) > low.least_reliability - 0.05).all()
 
 
+@pytest.mark.slow
 def test_leaps_arrive_where_plain_iterations_creep():
     """A hundred inputs, nine of ten redundant."""
     moments, config = redundant_inputs(0), NoisyInputConfig(starts=(0.5,))

@@ -62,7 +62,7 @@ def test_page_tells_everything_in_one_file(found: Gap, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("command", [0.0, 0.3])
+@pytest.mark.parametrize("command", [0.0, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_columns_that_never_change_are_drawn_without_a_warning(
     found: Gap, tmp_path: Path, command: float
 ) -> None:

@@ -157,7 +157,7 @@ def test_folder_of_an_earlier_version_is_told_but_for_the_real_cost(undrawn, run
     ("name", "lost"),
     [
         ("trials/02/gp.npz", "Calibration"),
-        ("trials/01/transitions.npz", "Calibration"),
+        pytest.param("trials/01/transitions.npz", "Calibration", marks=pytest.mark.slow),
         ("trials/02/policy.npz", "Policy"),
         ("policy_steps.jsonl", "Policy search"),
     ],
@@ -171,7 +171,14 @@ def test_part_that_is_gone_is_named_where_it_is_missed(undrawn, run, name, lost)
     assert name in page.text
 
 
-@pytest.mark.parametrize("name", ["metrics.csv", "summary.json", "trials/01/particles.npz"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "metrics.csv",
+        pytest.param("summary.json", marks=pytest.mark.slow),
+        "trials/01/particles.npz",
+    ],
+)
 def test_damaged_file_is_named_among_what_went_wrong(undrawn, run, name) -> None:
     (run.path / name).write_bytes(b"\x00nothing of use")
     page = read(run)
