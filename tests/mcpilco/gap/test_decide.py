@@ -153,6 +153,20 @@ def test_what_moves_less_than_told_errors_of_parameters_is_slight(
     assert slight(1e-5, 0.0) == slight(1e-5, np.inf) == []
 
 
+def test_a_fit_by_its_own_weights_counts_only_where_it_is_likelier(
+    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result, best = searched(*rubbing, [FRICTION])
+
+    def wandering(*given: Any, **how: Any) -> Fit:
+        fit = fit_model(*given, **how)
+        return replace(fit, theta=1.5 * fit.theta)
+
+    monkeypatch.setattr(decide, "fit_model", wandering)
+    judged = weighed(result, best, result.null, rubbing[1])
+    np.testing.assert_array_equal(judged.best.theta, best.theta)
+
+
 def test_what_is_too_slight_to_be_told_is_nothing_that_is_left(
     rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
 ) -> None:

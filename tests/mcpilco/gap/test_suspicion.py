@@ -324,7 +324,7 @@ def test_a_dead_column_of_commands_names_nothing_without_saying_so(value: float)
 
 @cache
 def pendulum_as_cart_pole() -> Gap:
-    """What is said of a pendulum's log, read as a cart-pole's, whose doubts are accepted."""
+    """The gap of a pendulum's log, read as a cart-pole's, with all doubts accepted."""
     return investigate(PLANTS["cart_pole"], as_cart_pole(recorded("pendulum", 0)), accepted=())
 
 
