@@ -45,6 +45,7 @@ from truth import (
     SIN,
     SPEED,
     SPRING,
+    STEP,
     STIFFNESS,
     TILT,
     VISCOUS,
@@ -341,13 +342,19 @@ def tellable(chosen: Sequence[Mapping[str, Any]], system: System) -> bool:
 def hide(
     name: str, system: System, rng: np.random.Generator, size: float, machine: Machine
 ) -> dict[str, Any]:
-    """Puts an effect into a machine; says what it is."""
+    """Puts an effect into a machine; says what it is.
+
+    A spring is told together with that of a cable in the same joint, for no motion tells them
+    apart, and a delay of an actuator is a whole number of the steps of this simulation.
+    """
     body, joint = machine.body, machine.joint
     if name in (*JOINT, "asymmetric_viscous_friction"):
         j, forms = joint_effects(system, rng, size)
         for number, value in forms[name].values():
             joint[j, number] += value
         told = {symbol: float(value) for symbol, (_, value) in forms[name].items()}
+        if name == "spring":
+            told["k"] = float(joint[j, SPRING])
         return {"name": name, "target": system.joints[j], "parameters": told}
     if name in BODY:
         swinging = [j for j in range(len(system.bodies)) if system.swings[j]]
@@ -385,7 +392,7 @@ def hide(
             "actuator_gain": 1.0 + 2 * part * rng.choice([-1, 1]),
             "actuator_dead_zone": part * limit,
             "actuator_saturation": (1.0 - 3 * part) * limit,
-            "actuator_delay": rng.uniform(0.01, 0.05) * size,
+            "actuator_delay": STEP * round(rng.uniform(0.01, 0.05) * size / STEP),
             "actuator_lag": rng.uniform(0.01, 0.08) * size,
             "backlash": part * limit,
         }[name]

@@ -46,7 +46,8 @@ def write_readme(out: Path) -> None:
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
     if found and out == HERE:
-        fill(HERE.parents[1] / "README.md", [by_tier(found), in_short(found)], name="hidden")
+        last = newest(found)
+        fill(HERE.parents[1] / "README.md", [by_tier(last), in_short(last)], name="hidden")
 
 
 def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -81,23 +82,42 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     )
 
 
-def recorded(
+def newest(
     found: Mapping[str, Sequence[Mapping[str, Any]]],
 ) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """The tiers, and after each its cases that say by which code, where others do not."""
+    """The cases of each tier that one version of the method solved: that of the latest seeds.
+
+    Each version solves seeds that follow those of before.
+    """
+    last = Counter(_method(max(cases, key=lambda case: case["seed"])) for cases in found.values())
+    ((version, _),) = last.most_common(1)
+    parts = {t: [case for case in cases if _method(case) == version] for t, cases in found.items()}
+    return {tier: cases for tier, cases in parts.items() if cases}
+
+
+def _method(case: Mapping[str, Any]) -> frozenset[tuple[str, str]]:
+    """The digests of the code that solved a case, without those of the run, which drew it."""
+    parts = case.get("made", {}).get("parts", {})
+    return frozenset(item for item in parts.items() if not item[0].startswith("runs"))
+
+
+def beside_newest(
+    found: Mapping[str, Sequence[Mapping[str, Any]]],
+) -> dict[str, Sequence[Mapping[str, Any]]]:
+    """The tiers, and after each its cases by the newest code, where there are others too."""
     parts: dict[str, Sequence[Mapping[str, Any]]] = {}
+    last = newest(found)
     for tier, cases in found.items():
         parts[tier] = cases
-        known = [case for case in cases if case.get("made", {}).get("digest")]
-        if 0 < len(known) < len(cases):
-            parts[f"{tier}: recorded code"] = known
+        if 0 < len(last.get(tier, ())) < len(cases):
+            parts[f"{tier}: newest code"] = last[tier]
     return parts
 
 
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """How often the verdict is right, beside the peers'."""
     rows = []
-    for tier, cases in recorded(found).items():
+    for tier, cases in beside_newest(found).items():
         names = dict.fromkeys(name for case in cases for name in case.get("peers", ()))
         by_method = {tier: cases}
         by_method |= {
@@ -115,9 +135,16 @@ def _shares(name: str, cases: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
 
 def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Of the tier `rough`, how often the verdict is right by the number of hidden effects."""
+    tables = {"rough": found.get("rough", ()), "newest code": newest(found).get("rough", ())}
+    if tables["rough"] == tables["newest code"]:
+        del tables["newest code"]
+    return "\n\n".join(_by_number(name, cases) for name, cases in tables.items() if cases)
+
+
+def _by_number(name: str, all_cases: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for number in range(1 + TIERS["rough"].effects):
-        cases = [case for case in found.get("rough", ()) if len(case["truth"]) == number]
+        cases = [case for case in all_cases if len(case["truth"]) == number]
         named = sum(case["verdict"] == "named" for case in cases)
         partly = sum(case["verdict"] == "partly" for case in cases)
         counts = f"{len(cases)} ({named}, {partly})"
@@ -125,9 +152,9 @@ def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         flags = [map(right, cases), map(in_family, cases), wrong_names, map(misnamed, cases)]
         if cases:
             rows.append((str(number), counts, *(rate_cell(rate(list(each))) for each in flags)))
-    header = ("rough: hidden effects", "cases (`named`, `partly`)", "right [%]")
+    header = (f"{name}: hidden effects", "cases (`named`, `partly`)", "right [%]")
     header += ("right, or in a family [%]", "a wrong name [%]", "wrong and sure [%]")
-    return markdown(header, rows) if rows else ""
+    return markdown(header, rows)
 
 
 def fits(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -156,7 +183,7 @@ def as_told_by(peer: str, case: Mapping[str, Any]) -> dict[str, Any]:
 def numbers(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Errors and intervals of the parameters, the gap closed, and the time it takes."""
     rows = []
-    for tier, cases in {**recorded(found), **together(found)}.items():
+    for tier, cases in {**beside_newest(found), **together(found)}.items():
         errors, covered = accuracy([case for case in cases if right(case)])
         closed = [c["error"]["closed"]["value"] for c in cases if c["error"] and mended(c)]
         seconds = [case["cpu_s"] for case in cases]

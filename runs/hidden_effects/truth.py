@@ -200,9 +200,9 @@ def simulate(kind, start, commands, feedback, dt, body, joint, actuator, drives,
                     left = math.exp(-STEP * abs(v[j]) / joint[j, REACH])
                     joint[j, WAY] = to + (joint[j, WAY] - to) * left
                 if joint[j, INDUCTANCE] > 0.0:
-                    goal = tau[j] - joint[j, BRAKE] * v[j]
-                    current[j] = goal + (current[j] - goal) * math.exp(-STEP / joint[j, INDUCTANCE])
-                    tau[j] = current[j]
+                    goal, before = tau[j] - joint[j, BRAKE] * v[j], current[j]
+                    current[j] = goal + (before - goal) * math.exp(-STEP / joint[j, INDUCTANCE])
+                    tau[j] = 0.5 * (before + current[j])
             transmit(q, v, tau, joint, angle, speed, through, b1)
             acceleration(kind, q, v, through, body, joint, g, width, a1)
             v2, s2 = v + half * a1, speed + half * b1

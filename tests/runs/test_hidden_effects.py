@@ -118,6 +118,49 @@ def test_an_effect_of_the_further_tier_moves_the_plant_as_its_formula_does(
         assert error < 0.03 * gap, effect
 
 
+@every_plant
+@pytest.mark.parametrize(
+    "effect", ["actuator_delay", "actuator_lag", pytest.param("back_emf", marks=pytest.mark.slow)]
+)
+def test_times_of_a_motor_are_told_as_the_steps_make_them(
+    modules: dict[str, ModuleType], name: str, effect: str
+) -> None:
+    """Half a step of the other simulator would be told as a delay."""
+    cases, truth = modules["cases"], modules["truth"]
+    system, plant = cases.SYSTEMS[name], modules["run"].nominal(name)
+    rng, machine = np.random.default_rng(3), cases.nominal(system)
+    told = cases.hide(effect, system, rng, 1.0, machine)
+    instance = EffectInstance(CATALOGUE[effect], told["target"])
+    start = np.zeros(2 * len(system.joints))
+    commands = np.stack([cases.excitation(rng, u, 1)[:50] for u in system.limit], axis=1)
+    none, drives = np.zeros((len(system.limit), len(start))), np.array(system.drives)
+    arrays = machine.body, machine.joint, machine.actuator, drives, cases.GRAVITY, 2e-3
+    theirs = truth.simulate(system.kind, start, commands.copy(), none, cases.DT, *arrays)
+
+    def ours(**later: float) -> np.ndarray:
+        numbers = {
+            symbol: value + later.get(symbol, 0.0) for symbol, value in told["parameters"].items()
+        }
+        values = [numbers[symbol.name] for symbol in instance.effect.symbols]
+        moved = plant.having([(instance, values)])
+        return moved.simulate(start[None], commands[None, :-1], cases.DT)[0]
+
+    symbol = "d" if effect == "actuator_delay" else "T"
+    half = ours(**{symbol: 0.5 * truth.STEP})
+    error, step = np.abs(theirs - ours()).max(), np.abs(half - ours()).max()
+    assert error < 0.2 * step
+
+
+def test_a_spring_is_told_with_that_of_the_cable(modules: dict[str, ModuleType]) -> None:
+    cases = modules["cases"]
+    system, rng = cases.SYSTEMS["mcpilco/Pendulum-v0"], np.random.default_rng(0)
+    tied = cases.nominal(system)
+    cases.bind(system, rng, tied)
+    cable = tied.joint[0, cases.SPRING]
+    told = cases.hide("spring", system, rng, 1.0, tied)
+    assert told["parameters"]["k"] == tied.joint[0, cases.SPRING] > 2.0 * cable > 0.0
+
+
 def test_no_two_hidden_effects_add_up_to_a_third(modules: dict[str, ModuleType]) -> None:
     cases = modules["cases"]
     system = cases.SYSTEMS["mcpilco/CartPoleSwingUp-v0"]
@@ -381,9 +424,22 @@ def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
     assert ("coulomb_friction", "pendulum") in named.terms[identified.FROZEN]
 
 
-def test_cases_of_recorded_code_have_a_row_of_their_own_where_others_have_none(
+def test_cases_of_the_newest_method_have_a_row_of_their_own_where_there_are_others(
     modules: dict[str, ModuleType],
 ) -> None:
-    old, new = {"seed": 1}, {"seed": 2, "made": {"digest": "abc"}}
-    parts = modules["page"].recorded({"one": [old, new], "none": [new], "two": [old]})
-    assert parts == {"one": [old, new], "one: recorded code": [new], "none": [new], "two": [old]}
+    """A change of what draws the cases is none of the method."""
+
+    def made(seed: int, gap: str, run: str) -> dict[str, Any]:
+        return {"seed": seed, "made": {"parts": {"mcpilco.gap": gap, "runs.hidden_effects": run}}}
+
+    unknown, old, new, drawn = {"seed": 1}, made(2, "a", "x"), made(3, "b", "x"), made(4, "b", "y")
+    found = {"one": [unknown, new, drawn], "none": [drawn], "two": [old], "three": [old, new]}
+    assert modules["page"].beside_newest(found) == {
+        "one": [unknown, new, drawn],
+        "one: newest code": [new, drawn],
+        "none": [drawn],
+        "two": [old],
+        "three": [old, new],
+        "three: newest code": [new],
+    }
+    assert "two" not in modules["page"].newest(found)
