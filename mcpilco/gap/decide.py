@@ -39,17 +39,25 @@ class Weighed:
 
     def share(self, instance: EffectInstance) -> float:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
-        null = self.null.model
-        free = np.isinf([*null.priors.values()])  # what is free has no nominal value
-        nominal = null, np.where(free, self.null.theta, 0.0)
         fewer = _taken_out(self.best, instance, self.null)
-        ends = (replace(self.best, model=m, theta=t) for m, t in (fewer, nominal))
+        ends = (replace(self.best, model=m, theta=t) for m, t in (fewer, self._nominal))
         opened, gap = (_missed(f, self.windows) - _missed(self.best, self.windows) for f in ends)
         return float(np.clip(opened / max(gap, 1e-12), 0.0, 1.0))
 
     def closed(self, clear: Windows) -> Interval:
-        """The part of the error on held-out windows without events that the effects take away."""
-        return error_reduction(self.null, self.best, clear, self.evidence)
+        """The part of the error on held-out windows without events that the effects take away.
+
+        From the refitted plant; where that alone left what its priors allow, from the nominal one.
+        """
+        astray = shifted_parameters(self.null) and not shifted_parameters(self.best)
+        before = replace(self.null, theta=self._nominal[1]) if astray else self.null
+        return error_reduction(before, self.best, clear, self.evidence)
+
+    @property
+    def _nominal(self) -> tuple[PlantModel, Theta]:
+        """The nominal plant; what is free has no nominal value."""
+        free = np.isinf([*self.null.model.priors.values()])
+        return self.null.model, np.where(free, self.null.theta, 0.0)
 
 
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
@@ -189,18 +197,15 @@ class ShiftedParameter:
 
 def shifted_parameters(fit: Fit) -> tuple[ShiftedParameter, ...]:
     """The parameters that lie farther from their nominal values than a prior allows."""
-    plant = fit.model.plant
-    known = {parameter.name: parameter for parameter in plant.parameters}
-    return tuple(
-        ShiftedParameter(
-            name,
-            known[name].value,
-            float(known[name].value * (1.0 + change)),
-            known[name].unit,
-            float(abs(change) / std),
-        )
-        for (name, std), change in zip(fit.model.priors.items(), fit.theta, strict=False)
+    known, told = {each.name: each for each in fit.model.plant.parameters}, fit.model.priors
+    far = {
+        known[name]: (change, std)
+        for (name, std), change in zip(told.items(), fit.theta.tolist(), strict=False)
         if np.isfinite(std) and abs(change) > VERDICT.shifted * std
+    }
+    return tuple(
+        ShiftedParameter(p.name, p.value, p.value * (1.0 + change), p.unit, abs(change) / std)
+        for p, (change, std) in far.items()
     )
 
 
@@ -357,16 +362,15 @@ def covariance(best: Fit, windows: Windows) -> Float[np.ndarray, "p p"]:
     Reference: MacKinnon & White, Some heteroskedasticity-consistent covariance matrix estimators,
         Journal of Econometrics 29 (1985), HC3, with windows as clusters.
     """
-    model = best.model
-    lin = linearise(model, windows, best.theta, best.x0)
+    lin, prior = linearise(best.model, windows, best.theta, best.x0), np.diag(best.model.precision)
     P = lin.cleaned(lin.Jp)
     by_window = np.einsum("wni,wnj->wij", P, P)
-    H = by_window.sum(axis=0) + np.diag(model.precision)
+    H = by_window.sum(axis=0) + prior
     others = np.linalg.pinv(H - by_window, hermitian=True)
     moved = np.einsum("wij,wnj,wn->wi", others, P, lin.r)
     independent, inverse = len(windows) / windows.overlap, np.linalg.pinv(H)
     spread = windows.overlap * moved.T @ moved * max(independent - 1.0, 1.0) / independent
-    return spread + inverse @ np.diag(model.precision) @ inverse
+    return spread + inverse @ prior @ inverse
 
 
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:
@@ -377,11 +381,8 @@ def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member
     windows, chosen = judged.windows, judged.best
     if final.model.effects != chosen.model.effects:
         return (_member(judged.null, windows, 1.0, final.theta),)
-    tied = {
-        id(rival.fit): rival
-        for instance in chosen.model.effects
-        for rival in rivals(result, instance)
-    }
+    alike = [rival for instance in chosen.model.effects for rival in rivals(result, instance)]
+    tied = {id(rival.fit): rival for rival in alike}
     weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
     total = 1.0 + sum(weights)
     others = [on_windows(rival.fit, windows) for rival in tied.values()]

@@ -258,9 +258,8 @@ def _explain(
     windows = everything[everything.of(problem.train)]
     searched = min(len(windows), problem.searched)
     some = windows[np.linspace(0, len(windows) - 1, searched).round().astype(int)]
-    candidates = problem.candidates(windows)
     _tell("search for effects")
-    result = search(problem.model(everything), some, candidates, hints)
+    result = search(problem.model(everything), some, problem.candidates(windows), hints)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
 
 

@@ -304,6 +304,7 @@ def test_an_effect_closes_the_gap_though_a_refit_by_absurd_parameters_would_do_s
     refit, corrected = (fit.by_window.sum() for fit in (judged.null, judged.best))
     assert refit < 2.0 * corrected
     assert judged.share(GAIN) > 0.9
+    assert decide.closes_most(judged, windows)
 
 
 @pytest.mark.parametrize("helps", [True, False])
