@@ -3,6 +3,7 @@
     python runs/again.py                               # two results of each code of each such table
     python runs/again.py --runs gip limits --sample 1
     python runs/again.py --runs limits --beside        # by the code before as well, in this place
+    python runs/again.py --runs limits --of 35d58c78138f  # results of this code alone
 
 Most changes of code change no result. Of each code that made results of a table, a sample is made
 again by the code that is here, in another folder, with the command that made it. Where all of it is
@@ -59,6 +60,8 @@ class Arguments:
     """folders of runs; by default all"""
     having: str = ""
     """part of the name of the results: of these tables only, such as `default`"""
+    of: tuple[str, ...] = ()
+    """digests of code whose results are made again; by default all that is not here"""
     sample: int = 2
     """results of each code that made some of a table"""
     beside: bool = False
@@ -87,7 +90,12 @@ def main() -> int:
     if arguments.sample < 1:
         raise SystemExit(f"--sample must be 1 or more, got {arguments.sample}.")
     asked = [t for t in named(TABLES, arguments.runs) if arguments.having in t.results]
-    samples = [sample for table in asked for sample in samples_of(table, arguments.sample)]
+    samples = [
+        sample
+        for table in asked
+        for sample in samples_of(table, arguments.sample)
+        if not arguments.of or sample.of in arguments.of
+    ]
     differing = 0
     with (
         TemporaryDirectory() as scratch,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from cases import TIERS
 from confusion import write_confusion
+from evidence import read_samples
 from harness import code_that_made, fill
 from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, only_right, right
 
@@ -85,20 +86,27 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 def newest(
     found: Mapping[str, Sequence[Mapping[str, Any]]],
 ) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """The cases of each tier that one version of the method solved: that of the latest seeds.
+    """The cases of each tier that one version of the code solved: that of the latest seeds.
 
-    Each version solves seeds that follow those of before.
+    Each version solves seeds that follow those of before. Versions of which one has made samples of
+    another's cases again, with equal results, are one.
     """
-    last = Counter(_method(max(cases, key=lambda case: case["seed"])) for cases in found.values())
+    last = Counter(_version(max(cases, key=lambda case: case["seed"])) for cases in found.values())
     ((version, _),) = last.most_common(1)
-    parts = {t: [case for case in cases if _method(case) == version] for t, cases in found.items()}
+    parts = {t: [case for case in cases if _version(case) == version] for t, cases in found.items()}
     return {tier: cases for tier, cases in parts.items() if cases}
 
 
-def _method(case: Mapping[str, Any]) -> frozenset[tuple[str, str]]:
-    """The digests of the code that solved a case, without those of the run, which drew it."""
-    parts = case.get("made", {}).get("parts", {})
-    return frozenset(item for item in parts.items() if not item[0].startswith("runs"))
+def _version(case: Mapping[str, Any]) -> str:
+    """The digest of the code that solved a case, or of that which made its samples again."""
+    digest = str(case.get("made", {}).get("digest", ""))
+    tables = read_samples(HERE.name).values()
+    confirmed = {of: sample["by"] for table in tables for of, sample in table.items()}
+    seen = {""}
+    while digest not in seen:
+        seen.add(digest)
+        digest = confirmed.get(digest, digest)
+    return digest
 
 
 def beside_newest(

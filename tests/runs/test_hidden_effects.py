@@ -424,20 +424,22 @@ def test_mujocos_toolbox_names_a_dry_friction_when_what_is_unsure_is_frozen(
     assert ("coulomb_friction", "pendulum") in named.terms[identified.FROZEN]
 
 
-def test_cases_of_the_newest_method_have_a_row_of_their_own_where_there_are_others(
-    modules: dict[str, ModuleType],
+def test_cases_of_the_newest_code_have_a_row_of_their_own_where_there_are_others(
+    modules: dict[str, ModuleType], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A change of what draws the cases is none of the method."""
+    """Code that made samples of other code's cases again, with equal results, is the same."""
 
-    def made(seed: int, gap: str, run: str) -> dict[str, Any]:
-        return {"seed": seed, "made": {"parts": {"mcpilco.gap": gap, "runs.hidden_effects": run}}}
+    def made(seed: int, digest: str) -> dict[str, Any]:
+        return {"seed": seed, "made": {"digest": digest}}
 
-    unknown, old, new, drawn = {"seed": 1}, made(2, "a", "x"), made(3, "b", "x"), made(4, "b", "y")
-    found = {"one": [unknown, new, drawn], "none": [drawn], "two": [old], "three": [old, new]}
+    unknown, old, equal, new = {"seed": 1}, made(2, "old"), made(3, "equal"), made(4, "new")
+    samples = {"results/one/*.json": {"equal": {"of": "equal", "by": "new"}}}
+    monkeypatch.setattr(modules["page"], "read_samples", lambda _: samples)
+    found = {"one": [unknown, equal, new], "none": [new], "two": [old], "three": [old, new]}
     assert modules["page"].beside_newest(found) == {
-        "one": [unknown, new, drawn],
-        "one: newest code": [new, drawn],
-        "none": [drawn],
+        "one": [unknown, equal, new],
+        "one: newest code": [equal, new],
+        "none": [new],
         "two": [old],
         "three": [old, new],
         "three: newest code": [new],
