@@ -47,8 +47,7 @@ def write_readme(out: Path) -> None:
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
     if found and out == HERE:
-        last = newest(found)
-        fill(HERE.parents[1] / "README.md", [by_tier(last), in_short(last)], name="hidden")
+        fill(HERE.parents[1] / "README.md", [by_tier(found), in_short(found)], name="hidden")
 
 
 def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
