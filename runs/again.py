@@ -96,6 +96,10 @@ def main() -> int:
         for sample in samples_of(table, arguments.sample)
         if not arguments.of or sample.of in arguments.of
     ]
+    if unknown := set(arguments.of) - {sample.of for sample in samples}:
+        raise SystemExit(
+            f"--of must name code whose results are to be made, got {sorted(unknown)}."
+        )
     differing = 0
     with (
         TemporaryDirectory() as scratch,

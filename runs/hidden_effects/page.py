@@ -90,22 +90,19 @@ def newest(
     Each version solves seeds that follow those of before. Versions of which one has made samples of
     another's cases again, with equal results, are one.
     """
-    last = Counter(_version(max(cases, key=lambda case: case["seed"])) for cases in found.values())
-    ((version, _),) = last.most_common(1)
-    parts = {t: [case for case in cases if _version(case) == version] for t, cases in found.items()}
-    return {tier: cases for tier, cases in parts.items() if cases}
-
-
-def _version(case: Mapping[str, Any]) -> str:
-    """The digest of the code that solved a case, or of that which made its samples again."""
-    digest = str(case.get("made", {}).get("digest", ""))
     tables = read_samples(HERE.name).values()
     confirmed = {of: sample["by"] for table in tables for of, sample in table.items()}
-    seen = {""}
-    while digest not in seen:
-        seen.add(digest)
-        digest = confirmed.get(digest, digest)
-    return digest
+
+    def version(case: Mapping[str, Any]) -> str:
+        digest = str(case.get("made", {}).get("digest", ""))
+        for _ in confirmed:  # which may be confirmed by another one in turn
+            digest = confirmed.get(digest, digest)
+        return digest
+
+    last = Counter(version(max(cases, key=lambda case: case["seed"])) for cases in found.values())
+    ((latest, _),) = last.most_common(1)
+    parts = {t: [case for case in cases if version(case) == latest] for t, cases in found.items()}
+    return {tier: cases for tier, cases in parts.items() if cases}
 
 
 def beside_newest(
@@ -142,10 +139,8 @@ def _shares(name: str, cases: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
 
 def by_number(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Of the tier `rough`, how often the verdict is right by the number of hidden effects."""
-    tables = {"rough": found.get("rough", ()), "newest code": newest(found).get("rough", ())}
-    if tables["rough"] == tables["newest code"]:
-        del tables["newest code"]
-    return "\n\n".join(_by_number(name, cases) for name, cases in tables.items() if cases)
+    tables = {n: cases for n, cases in beside_newest(found).items() if n.startswith("rough")}
+    return "\n\n".join(_by_number(name, cases) for name, cases in tables.items())
 
 
 def _by_number(name: str, all_cases: Sequence[Mapping[str, Any]]) -> str:

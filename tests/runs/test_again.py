@@ -128,6 +128,8 @@ def test_tables_are_named_by_their_results_too(tried, monkeypatch, capsys):
 def test_results_of_named_code_alone_are_made_again(tried, monkeypatch):
     assert made_again(monkeypatch, "--of", "old", "--sample", "1") == 0
     assert states() == {"confirmed": 4, "unknown": 2}
+    with pytest.raises(SystemExit, match="--of must name code .*, got .'other'."):
+        made_again(monkeypatch, "--of", "other")
 
 
 def test_a_command_that_fails_is_told_with_its_last_words(tried, monkeypatch, capsys):

@@ -137,17 +137,15 @@ def test_times_of_a_motor_are_told_as_the_steps_make_them(
     arrays = machine.body, machine.joint, machine.actuator, drives, cases.GRAVITY, 2e-3
     theirs = truth.simulate(system.kind, start, commands.copy(), none, cases.DT, *arrays)
 
-    def ours(**later: float) -> np.ndarray:
-        numbers = {
-            symbol: value + later.get(symbol, 0.0) for symbol, value in told["parameters"].items()
-        }
-        values = [numbers[symbol.name] for symbol in instance.effect.symbols]
-        moved = plant.having([(instance, values)])
+    time = "d" if effect == "actuator_delay" else "T"
+
+    def ours(later: float = 0.0) -> np.ndarray:
+        numbers = {**told["parameters"], time: told["parameters"][time] + later}
+        moved = plant.having([(instance, [numbers[s.name] for s in instance.effect.symbols])])
         return moved.simulate(start[None], commands[None, :-1], cases.DT)[0]
 
-    symbol = "d" if effect == "actuator_delay" else "T"
-    half = ours(**{symbol: 0.5 * truth.STEP})
-    error, step = np.abs(theirs - ours()).max(), np.abs(half - ours()).max()
+    exact, half = ours(), ours(0.5 * truth.STEP)
+    error, step = np.abs(theirs - exact).max(), np.abs(half - exact).max()
     assert error < 0.2 * step
 
 
