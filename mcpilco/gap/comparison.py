@@ -312,13 +312,8 @@ def _factors(left: Float[np.ndarray, "W ..."], windows: Windows) -> Float[np.nda
 def rms_interval(squares: Float[np.ndarray, "W J"], windows: Windows) -> Interval:
     """Mean over the joints of the root of the mean over windows, with its interval."""
     left = _mean_rms(squares, 1.0 - np.eye(len(windows)))
-    return _ratio_interval(_rms(squares), left, windows)
-
-
-def _ratio_interval(value: float, left: Float[np.ndarray, " W"], windows: Windows) -> Interval:
-    """A positive number with its interval, from what it is without each of the windows."""
-    low, high = value * _factors(left, windows)
-    return Interval(float(value), float(low), float(high))
+    value = _rms(squares)
+    return Interval(value, *(float(end) for end in value * _factors(left, windows)))
 
 
 def _rms(squares: Float[np.ndarray, "W J"]) -> float:
@@ -368,14 +363,10 @@ def closed_interval(
 
     (value,), left = rest(np.ones((1, len(windows)))), rest(1.0 - np.eye(len(windows)))
     if value > 0.0 and (left > 0.0).all():
-        return _without(_ratio_interval(value, left, windows))
-    half = float(_half_width(left, windows))
-    return _without(Interval(float(value), float(value) - half, float(value) + half))
-
-
-def _without(rest: Interval) -> Interval:
-    """The part that is gone, of the part that is left."""
-    return Interval(1.0 - rest.value, 1.0 - rest.high, 1.0 - rest.low)
+        low, high = value * _factors(left, windows)
+    else:
+        low, high = value + _half_width(left, windows) * np.array([-1.0, 1.0])
+    return Interval(*(float(1.0 - part) for part in (value, high, low)))
 
 
 @dataclass(frozen=True)

@@ -292,8 +292,8 @@ class GapProblem:
         priors = priors_of(plant, uncertainty, free, DATA.uncertainty)
         train, unseen = divided(recordings, held_out, DATA.held_out, DATA.fewest_to_split)
         most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
-        held_s = BUDGET.usual_dt_s if plant.costly else recordings[0].dt / _holds(recordings)
-        budget = ComputeBudget.at(held_s, most)
+        held_s = recordings[0].dt / _holds(recordings)
+        budget = ComputeBudget.at(held_s, plant.costly, most)
         found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
         windows = found.windows()
         given = windows.commands, windows.lead, windows.held_s, windows.every

@@ -55,9 +55,8 @@ class Weighed:
 
     @property
     def _nominal(self) -> tuple[PlantModel, Theta]:
-        """The nominal plant; what is free has no nominal value."""
-        free = np.isinf([*self.null.model.priors.values()])
-        return self.null.model, np.where(free, self.null.theta, 0.0)
+        """The nominal plant."""
+        return self.null.model, self.null.model.nominal(self.null.theta)
 
 
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:
@@ -77,7 +76,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     while True:
         slight = slight_effects(best, null, tried.windows)
         effects, seen = best.model.effects, tried.windows
-        fewer = {each: tried.keep(without(best, each, seen, result.null)) for each in effects}
+        fewer = {each: tried.keep(without(best, [each], seen, result.null)) for each in effects}
         enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
         if not enough:  # about motions near what was measured all is closest to linear
             best, null = nearer(told.best, windows), nearer(null, windows)
@@ -88,7 +87,7 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
 
 def _taken_out(best: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, Theta]:
     """The best model and its theta with one effect left out, or with the nominal parameter."""
-    model, theta = shrunk(best, instance, null)
+    model, theta = shrunk(best, [instance], null)
     if (told := null.model.frees(instance)) is not None:
         theta = np.where(np.arange(len(theta)) == told, 0.0, theta)
     return model, theta
@@ -197,15 +196,15 @@ class ShiftedParameter:
 
 def shifted_parameters(fit: Fit) -> tuple[ShiftedParameter, ...]:
     """The parameters that lie farther from their nominal values than a prior allows."""
-    known, told = {each.name: each for each in fit.model.plant.parameters}, fit.model.priors
-    far = {
-        known[name]: (change, std)
-        for (name, std), change in zip(told.items(), fit.theta.tolist(), strict=False)
-        if np.isfinite(std) and abs(change) > VERDICT.shifted * std
-    }
+    known = {each.name: each for each in fit.model.plant.parameters}
+    told = [
+        (known[name], change, abs(change) / std)
+        for (name, std), change in zip(fit.model.priors.items(), fit.theta.tolist(), strict=False)
+    ]
     return tuple(
-        ShiftedParameter(p.name, p.value, p.value * (1.0 + change), p.unit, abs(change) / std)
-        for p, (change, std) in far.items()
+        ShiftedParameter(p.name, p.value, p.value * (1.0 + change), p.unit, stds)
+        for p, change, stds in told
+        if stds > VERDICT.shifted
     )
 
 

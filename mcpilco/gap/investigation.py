@@ -315,7 +315,7 @@ def _learn_force(
     None where it does not surely shrink the error of the held-out windows that decide.
     """
     windows, masked = explained.windows.plain, explained.masked
-    budget = ComputeBudget.at(windows.held_s, BUDGET.learning_steps)
+    budget = ComputeBudget.at(windows.held_s, problem.plant.costly, BUDGET.learning_steps)
     base = replace(base, model=replace(base.model, budget=budget))
 
     def usable(some: Windows) -> Windows:

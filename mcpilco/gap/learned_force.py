@@ -51,8 +51,8 @@ def with_learned_force(fit: Fit, windows: Windows, short: Windows) -> Fit:
     """
     share = fit.model.budget.share(BUDGET.learning)
     part = on_windows(fit, short)
-    for _ in share.while_left(range(FORCE.parts)):
-        force = best_force(part, short)
+    for number in range(FORCE.parts):
+        force = None if number and share.used_up else best_force(part, short)
         if force is None:
             break
         model = replace(part.model, learned=(*part.model.learned, force))
@@ -240,13 +240,11 @@ def _judged(
     """
     misfit = response.by_window / response.samples
     size = np.sqrt(np.maximum(1.0, FORCE.inflation * misfit))[:, None]
-    A, b = (
-        np.empty((FORCE.folds, *columns.shape[2:] * 2)),
-        np.empty((FORCE.folds, columns.shape[2])),
-    )
+    R = columns.shape[2]
+    A, b = np.empty((FORCE.folds, R, R)), np.empty((FORCE.folds, R))
     for k in range(FORCE.folds):
         own = fold == k
-        flat = (columns[own] / size[own, :, None]).reshape(-1, columns.shape[2])
+        flat = (columns[own] / size[own, :, None]).reshape(-1, R)
         A[k], b[k] = flat.T @ flat, flat.T @ (response.r[own] / size[own]).ravel()
     before = log_misfit(misfit, response.samples)
     unpredicted = [

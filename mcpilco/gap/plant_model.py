@@ -8,10 +8,9 @@ to equal results. Every stage gets a part of the steps that are left.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -29,8 +28,6 @@ from mcpilco.plant import (
     Symbol,
     Tables,
 )
-
-T = TypeVar("T")
 
 Theta = Float[np.ndarray, " p"]
 """uncertain parameters, then values of effects, then coordinates of learned forces"""
@@ -50,9 +47,12 @@ class ComputeBudget:
     """counted by the simulation"""
 
     @classmethod
-    def at(cls, dt: float, most: float = BUDGET.steps) -> ComputeBudget:
-        """The steps that may be taken with commands that are held for so long [s]."""
-        return cls(most * max(1.0, BUDGET.usual_dt_s / dt))
+    def at(cls, held_s: float, costly: bool, most: float = BUDGET.steps) -> ComputeBudget:
+        """The steps that may be taken with commands that are held for so long [s].
+
+        MuJoCo, where a simulation is costly, takes steps of its own, however long that is.
+        """
+        return cls(most * (1.0 if costly else max(1.0, BUDGET.usual_dt_s / held_s)))
 
     def share(self, part: float) -> BudgetShare:
         """A part of the steps that are left, for a stage that begins now."""
@@ -72,13 +72,6 @@ class BudgetShare:
     def used_up(self) -> bool:
         """Whether the stage has to end with what it has."""
         return bool(self.budget.used[0] >= self.until)
-
-    def while_left(self, items: Iterable[T]) -> Iterator[T]:
-        """Items of which the stage treats one after the other: the first, and then while it may."""
-        for number, item in enumerate(items):
-            if number and self.used_up:
-                break
-            yield item
 
 
 @dataclass(frozen=True)
@@ -181,18 +174,17 @@ class PlantModel:
         """Values of all its effects, of S vectors."""
         parameters, values = self.decode(theta)
         names = [parameter.name for parameter in self.plant.parameters]
-        freed = []
+        told = []
         for instance in self.freed:
             column = names.index(self._parameter(instance))
             nominal = self.plant.nominal[column]
             value = parameters[:, column : column + 1]
             relative = instance.effect.neutral[0] == 1.0  # as of a gain
-            freed.append((instance, value / nominal if relative else value - nominal))
-        added = [
-            (instance, _within(instance.effect.symbols, value))
-            for instance, value in zip(self.added, values, strict=True)
-        ]
-        return freed + added
+            told.append((instance, value / nominal if relative else value - nominal))
+        for instance, value in zip(self.added, values, strict=True):
+            low, high = zip(*((s.low, s.high) for s in instance.effect.symbols), strict=True)
+            told.append((instance, np.clip(value, low, high)))  # exp(log(high)) is not quite high
+        return told
 
     @property
     def nuisances(self) -> int:
@@ -293,6 +285,11 @@ class PlantModel:
         """-2 log of the prior density at theta, without a constant."""
         return float((self.precision * theta**2).sum())
 
+    def nominal(self, theta: Theta) -> Theta:
+        """Theta with the nominal parameters; what is free has none."""
+        held = np.isfinite([*self.priors.values(), *np.full(len(theta) - self.nuisances, np.inf)])
+        return np.where(held, 0.0, theta)
+
     def decode(
         self, theta: Float[np.ndarray, "S n"]
     ) -> tuple[Float[np.ndarray, "S P"], list[Float[np.ndarray, "S symbols"]]]:
@@ -347,10 +344,3 @@ class PlantModel:
 
 def _positive(symbol: Symbol) -> bool:
     return symbol.low > 0.0
-
-
-def _within(
-    symbols: Sequence[Symbol], values: Float[np.ndarray, "S n"]
-) -> Float[np.ndarray, "S n"]:
-    """The values; at a bound, the exponential of its logarithm may lie beyond it by rounding."""
-    return np.clip(values, [s.low for s in symbols], [s.high for s in symbols])

@@ -10,9 +10,9 @@ Reference: Miller, Subset Selection in Regression (2002), section 3.5: sequentia
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float
@@ -26,6 +26,7 @@ from mcpilco.gap.fit import (
     fit_nominal,
     initial_state_step,
     misfits,
+    on_windows,
     recovered,
     weighed_anew,
 )
@@ -200,56 +201,81 @@ class Tried:
     def simplify(self) -> None:
         """Fits the best model in plainer forms, from where its own values are.
 
-        Without what its other effects made needless, with special cases, with one effect in place
-        of those that make it, and with effects of masses that it takes from their priors.
+        Without what others made needless, with special cases, with one effect for those that make
+        it or for all of masses, and with effects of masses where it takes these from their priors.
         """
         best = self.best()
         if not best.model.plant.costly:
             self.relieve(best)
+            self._gather(best)
         for instance in best.model.effects if not best.model.plant.costly else ():
-            self.keep(without(best, instance, self.windows, self.null))
+            self.keep(without(best, [instance], self.windows, self.null))
         values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
         for plain in self.candidates:
             for own in [own for own in values if own.holds(plain)]:
-                self._exchange(best, [own], plain, own.values_as(plain, values[own]))
+                self._exchange(best, [own], {plain: own.values_as(plain, values[own])})
             parts = [part for part in values if plain.repeats(part) or plain.holds(part)]
             made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
             if made is not None:
-                self._exchange(best, parts, plain, made)
+                self._exchange(best, parts, {plain: made})
         if self.best() is not best:
             self.simplify()
 
     def confuse(self) -> None:
         """Fits the best model with what does the same to its motions in the place of an effect.
 
-        An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass.
+        An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass; and a
+        motor under a voltage a friction and a lag.
         """
         best, share = self.best(), self.null.model.budget.share(1.0)
+        for instance, (values, *_) in best.model.effect_values(best.theta[None]):
+            for pair in combinations([c for c in self.candidates if instance.holds(c)], 2):
+                if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
+                    parts = {part: instance.values_as(part, values) for part in pair}
+                    self._exchange(best, [instance], parts)
         lin = linearise(best.model, self.windows, best.theta, best.x0)
         scores = screen(best, lin, self.windows, _further(best, self.candidates))
         same = [score.instance for score in scores if score.sensitivity == 0.0]
         for instance in best.model.effects:
-            model, theta = shrunk(best, instance, self.null)
+            model, theta = shrunk(best, [instance], self.null)
             rest = replace(best, model=model, theta=theta)  # the others stay as they are
             self._add(rest, same, len(same), share, SEARCH.same_bic)
-            self.relieve(self.keep(without(best, instance, self.windows, self.null)), instance)
+            self.relieve(self.keep(without(best, [instance], self.windows, self.null)), instance)
 
     def relieve(self, fit: Fit, but: EffectInstance | None = None) -> None:
         """Fits a model with effects of masses, but one, where it takes these far from priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
-            some, frees = [c for c in self.candidates if c != but], self.null.model.frees
-            meant = [c for c in some if c.effect.place == "body" or frees(c) is not None]
+            meant = [c for c in self._of_masses(self.candidates) if c != but]
             self._add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
+    def _gather(self, fit: Fit) -> None:
+        """Fits a model with one effect of masses in the place of several, which may imitate it.
+
+        It begins with the nominal masses: without the several a fit bends these to do the same.
+        """
+        several, meant = map(self._of_masses, (fit.model.effects, self.candidates))
+        model, theta = shrunk(fit, several, self.null)
+        ours, share = frozenset(model.effects), model.budget.share(1.0)
+        if len(several) > 1 and (ours, True, several[0]) not in self.grown:
+            self.grown.add((ours, True, several[0]))
+            rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), self.windows)
+            self._add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
+
+    def _of_masses(self, effects: Iterable[EffectInstance]) -> list[EffectInstance]:
+        """Those that change bodies, or parameters that a prior holds."""
+        frees = self.null.model.frees
+        return [e for e in effects if e.effect.place == "body" or frees(e) is not None]
+
     def _exchange(
-        self, fit: Fit, gone: Sequence[EffectInstance], new: EffectInstance, values: list[float]
+        self, fit: Fit, gone: Sequence[EffectInstance], new: Mapping[EffectInstance, list[float]]
     ) -> None:
-        """Fits a model with another effect in the place of some, from these values of it."""
-        for instance in gone:
-            model, theta = shrunk(fit, instance, self.null)
-            fit = replace(fit, model=model, theta=theta)
-        if not any(new == other or new.repeats(other) for other in fit.model.effects):
-            model, theta = fit.model.grown(fit.theta, new, values)
+        """Fits a model with others in the place of some effects, from these values of them."""
+        model, theta = shrunk(fit, gone, self.null)
+        for instance, values in new.items():
+            if any(instance == other or instance.repeats(other) for other in model.effects):
+                return
+            model, theta = model.grown(theta, instance, values)
+        if len(model.effects) <= SEARCH.most_effects:
             self.keep(fit_model(model, self.windows, theta, fit.x0, iterations=8))
 
     def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
@@ -269,7 +295,7 @@ class Tried:
         for instance in fit.model.effects if part and not share.used_up else ():
             near = (ours - {instance}, False) in self.grown if costly else fit is before
             there = self.fits.get(ours - {instance}) if near else None
-            rests[instance] = there or self.keep(without(fit, instance, self.windows, self.null))
+            rests[instance] = there or self.keep(without(fit, [instance], self.windows, self.null))
         order = sorted(rests.items(), key=lambda pair: pair[1].chi2)
         for related, (instance, rest) in product((True, False), order):  # first what explains least
             known = costly and (ours - {instance}, False) in self.grown  # its best were fitted
@@ -500,16 +526,19 @@ def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[St
     return [begun[n] for n in order if np.log(missed[n]).sum() < least]
 
 
-def without(fit: Fit, instance: EffectInstance, windows: Windows, null: Fit) -> Fit:
-    """The fit of a model without one of its effects."""
-    model, theta = shrunk(fit, instance, null)
+def without(fit: Fit, gone: Iterable[EffectInstance], windows: Windows, null: Fit) -> Fit:
+    """The fit of a model without some of its effects."""
+    model, theta = shrunk(fit, gone, null)
     return fit_model(model, windows, theta, fit.x0, iterations=12, hasty=True)
 
 
-def shrunk(fit: Fit, instance: EffectInstance, null: Fit) -> tuple[PlantModel, Theta]:
-    """The model without one of its effects, and theta; a parameter gets the prior of no effect."""
-    parameter = fit.model.plant.parameter_of(instance)
-    return fit.model.shrunk(fit.theta, instance, null.model.priors.get(parameter or "", np.inf))
+def shrunk(fit: Fit, gone: Iterable[EffectInstance], null: Fit) -> tuple[PlantModel, Theta]:
+    """The model without some of its effects, and theta; a parameter gets the prior of no effect."""
+    model, theta = fit.model, fit.theta
+    for instance in gone:
+        parameter = model.plant.parameter_of(instance)
+        model, theta = model.shrunk(theta, instance, null.model.priors.get(parameter or "", np.inf))
+    return model, theta
 
 
 def nested_fits(result: SearchResult, best: Fit) -> tuple[Fit, ...]:

@@ -259,8 +259,9 @@ def impulse_responses(
     """
     (W, X, T), every, lead, J = windows.y.shape, windows.every, windows.lead, len(joints)
     tables, plant = model.tables(theta[None]), model.plant
-    for joint in joints:
-        tables = _with_pulsed_joint(tables, joint)
+    added = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), J, 1))  # one a joint
+    actuators = np.concatenate([tables.actuators, added], axis=1)
+    tables = tables._replace(drives=np.append(tables.drives, joints), actuators=actuators)
     commands = np.pad(windows.commands, ((0, 0), (0, 0), (0, J)))
 
     def moved(tables: Tables, first: int, start: np.ndarray, pulses: np.ndarray) -> np.ndarray:
@@ -294,15 +295,6 @@ def impulse_responses(
         change[..., first:, k] = (ups - downs) / (2.0 * sizes[:, None, None, None])
     change *= windows.measured[..., None] / windows.std[:, None, None]
     return list(np.nan_to_num(change, posinf=0.0, neginf=0.0).reshape(J, W, X * T, -1))
-
-
-def _with_pulsed_joint(tables: Tables, joint: int) -> Tables:
-    """The system with one input more, an ideal actuator of a joint."""
-    ideal = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), 1, 1))
-    return tables._replace(
-        drives=np.append(tables.drives, joint),
-        actuators=np.concatenate([tables.actuators, ideal], axis=1),
-    )
 
 
 def learned_force_columns(

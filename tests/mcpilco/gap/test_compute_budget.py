@@ -42,9 +42,11 @@ def test_a_share_is_a_part_of_the_steps_that_are_left() -> None:
 
 
 def test_commands_that_are_held_shorter_may_take_as_many_more_steps() -> None:
-    assert ComputeBudget.at(0.1).most == ComputeBudget.at(0.02).most == ComputeBudget().most
-    assert ComputeBudget.at(0.016, 10.0).most == pytest.approx(12.5)
-    assert ComputeBudget.at(0.005, 10.0).most == pytest.approx(40.0)
+    most = [ComputeBudget.at(held_s, False).most for held_s in (0.1, 0.02)]
+    assert most == [ComputeBudget().most] * 2
+    assert ComputeBudget.at(0.016, False, 10.0).most == pytest.approx(12.5)
+    assert ComputeBudget.at(0.005, False, 10.0).most == pytest.approx(40.0)
+    assert ComputeBudget.at(0.005, True, 10.0).most == 10.0
 
 
 def test_of_an_effort_that_is_spent_every_share_is_used_up() -> None:

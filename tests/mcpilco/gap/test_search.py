@@ -138,6 +138,43 @@ def test_a_friction_and_a_lag_are_tried_as_a_motor_under_a_voltage() -> None:
     assert {*tried.best().model.effects} == {MOTOR}
 
 
+def test_a_motor_under_a_voltage_may_as_well_be_a_friction_and_a_lag() -> None:
+    viscous = active("viscous_friction", "pendulum")
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(viscous, (0.05,)), (LAG, (0.04,))])
+    windows = known.windows()
+    null, windows = fit_nominal(known.model(windows), windows)
+    tried = Tried.begun(null, windows, [viscous, LAG, MOTOR, FRICTION])
+    model, theta = null.model.grown(null.theta, MOTOR, [0.05, 0.04])
+    motor = tried.keep(fitted(model, tried.windows, theta))
+    assert tried.best() is motor
+    tried.confuse()
+    both = tried.fits[frozenset({viscous, LAG})]
+    assert tried.bic(both) < tried.bic(motor) + VERDICT.tied
+    assert not any(FRICTION in effects for effects in tried.fits)
+
+
+def test_one_effect_of_masses_is_tried_in_the_place_of_several_that_imitate_it() -> None:
+    """From the nominal masses: without the several a fit bends these to do the same."""
+    center, inertia, mass = (
+        active(name, body)
+        for name, body in (
+            ("center_of_mass", "lower"),
+            ("body_inertia", "upper"),
+            ("body_mass", "lower"),
+        )
+    )
+    plant = envs.PLANTS["mcpilco/DoublePendulum-v0"]()
+    known = problem(plant, [(center, (-0.05,))])
+    null, windows = fit_nominal(known.model(known.windows()), known.windows())
+    tried = Tried.begun(null, windows, [center, inertia, mass])
+    model, theta = null.model.grown(null.theta, inertia, [0.002])
+    model, theta = model.grown(theta, mass, [-0.05])
+    tried.keep(fitted(model, tried.windows, theta))
+    assert {*tried.best().model.effects} == {inertia, mass}
+    tried.simplify()
+    assert {*tried.best().model.effects} == {center}
+
+
 def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the_priors(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
@@ -272,7 +309,7 @@ def test_a_model_without_a_parameter_s_effect_has_its_prior_back(
     number = null.model.frees(gain)
     assert number is not None
     freed = replace(null, model=null.model.having(gain))
-    back = without(freed, gain, windows, null)
+    back = without(freed, [gain], windows, null)
     assert list(back.model.priors.items()) == list(null.model.priors.items())
     assert not back.model.effects
 
@@ -441,8 +478,8 @@ def test_where_a_simulation_is_dear_no_model_goes_on_beside_one_that_leaves_noth
     best = tried.keep(fitted(model, tried.windows, theta))
     tried.weigh_by(best)
     best = tried.best()
-    tried.keep(without(best, LAG, tried.windows, null))
-    tried.keep(without(best, FRICTION, tried.windows, null))
+    tried.keep(without(best, [LAG], tried.windows, null))
+    tried.keep(without(best, [FRICTION], tried.windows, null))
     assert tried.best() is best
     none = replace(tried.judged(best), std=np.zeros(1), noise=np.ones(2))
     tried.evidence[frozenset({LAG, FRICTION})] = none
