@@ -25,7 +25,6 @@ import tyro
 sys.path.append(str(Path(__file__).parents[1]))  # harness.py, wherever it is run from
 
 from harness import fill, folder, hasty, kept, once, parse_seeds, places, use_one_thread
-from pendubot_swingup.run import CONFIG
 
 import envs
 from envs import SwingUp
@@ -33,7 +32,7 @@ from envs.arms import record_sinusoids
 from envs.double_pendulum import DoublePendulumEnv
 from envs.plants import register_env
 from mcpilco import MCPILCO
-from mcpilco.config import Config, ModelConfig
+from mcpilco.config import Config, ModelConfig, Phase, PolicyConfig, SearchConfig
 from mcpilco.identification import (
     Identified,
     Recipe,
@@ -65,6 +64,21 @@ FRESH = 50
 """episodes that each is judged by"""
 WRONG = 0.2
 """a mass of the drawing is wrong by up to this part of it, in either direction"""
+CONFIG = Config(
+    policy=PolicyConfig(lengthscale=8.0, squash=1.0, weight=0.3),
+    search=SearchConfig(
+        particles=48,
+        evaluation_particles=96,
+        restarts=(1,),
+        rates=(1.0, 1.0, 0.7, 0.5, 0.3),
+        failing=0.02,
+        phases=(Phase(0.04, until=0.5), Phase(0.02, until=0.75), Phase(0.008)),
+        widening=2.0,
+        correlations=(0.0,),
+    ),
+    precision="float32",
+)
+"""that with which the seeds were chosen; the pendubot's own is another since then"""
 MASSES = ("upper_mass", "lower_mass")
 NOISE = 0.01
 """of the encoders in the recordings [rad]"""
