@@ -80,8 +80,7 @@ CONFIG = Config(
     ),
     excitation="random",
 )
-"""that with which this page was planned: other numbers of `default`, tuned on a cart-pole since then,
-swing this arm up less often"""
+"""that with which this page was planned; the preset `default` has other numbers since then"""
 MASSES = ("upper_mass", "lower_mass")
 NOISE = 0.01
 """of the encoders in the recordings [rad]"""
