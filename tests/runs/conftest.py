@@ -44,3 +44,19 @@ def hasty(monkeypatch):
     )
     preset = dataclasses.replace(PRESETS["default"], config=config)
     monkeypatch.setitem(PRESETS, "default", preset)
+
+
+@pytest.fixture
+def page_of_two(run, tmp_path, monkeypatch):
+    """Runs it twice with --quick; the page that both write, for the second has nothing to do."""
+
+    def pages(*arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["run.py", "--quick", *arguments, "--out", str(tmp_path)])
+        texts = []
+        for _ in range(2):
+            assert run.main() == 0
+            texts.append((tmp_path / "README.md").read_text())
+        assert texts[0] == texts[1]
+        return texts[0]
+
+    return pages

@@ -3,7 +3,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import sys
 
 import pytest
 import torch
@@ -111,22 +110,18 @@ def test_a_task_differs_from_the_envs_in_its_cost_only(name, home):
 
 
 @pytest.mark.slow
-def test_quick_runs_a_seed_of_each_base_and_goes_on(run, tmp_path, monkeypatch, capsys):
+def test_quick_runs_a_seed_of_each_base_and_goes_on(
+    run, page_of_two, tmp_path, monkeypatch, capsys
+):
     engine = HereEngine()
     monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: engine)
-    arguments = ["run.py", "--quick", "--rows", "base", "dropout", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
-    texts = []
-    for _ in range(2):
-        assert run.main() == 0
-        texts.append((tmp_path / "README.md").read_text())
-    assert texts[0] == texts[1]
+    page = page_of_two("--rows", "base", "dropout")
     assert capsys.readouterr().out.count("1 of 1 seeds are there already") == 4
     for base in run.BASES:
         about = json.loads((tmp_path / "results" / base / "dropout" / "sweep.json").read_text())
         assert about["preset"] == f"{base}-dropout"
-        assert f"### Changes of `{base}`" in texts[0]
-    assert texts[0].count("| `dropout` | 1 | 0.0 |") == 4  # success, and its difference
+        assert f"### Changes of `{base}`" in page
+    assert page.count("| `dropout` | 1 | 0.0 |") == 4  # success, and its difference
 
 
 def test_page_names_every_row_and_has_its_marked_lines(run, home):

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 
 import numpy as np
 import pytest
@@ -37,17 +36,10 @@ def test_an_actuator_is_late_or_lags_as_its_cell_says(run):
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("compiled")  # what it compiles
-def test_quick_runs_a_seed_of_a_cell_and_goes_on(run, tmp_path, monkeypatch):
+def test_quick_runs_a_seed_of_a_cell_and_goes_on(page_of_two, tmp_path, monkeypatch):
     monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: HereEngine())
-    cells = ["physics+rbf", "delay-1-predicted"]
-    arguments = ["run.py", "--quick", "--cells", *cells, "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
-    texts = []
-    for _ in range(2):
-        assert run.main() == 0
-        texts.append((tmp_path / "README.md").read_text())
-    assert texts[0] == texts[1]
-    assert "| `physics+rbf` | 1 |" in texts[0]
+    page = page_of_two("--cells", "physics+rbf", "delay-1-predicted")
+    assert "| `physics+rbf` | 1 |" in page
     about = json.loads((tmp_path / "results/analytic/delay-1-predicted/sweep.json").read_text())
     assert about["env_kwargs"]["effects"]["effects"][0]["parameters"] == {"d": 0.1}
     assert about["config"]["model"]["delay"] == 0.1

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -142,17 +140,11 @@ def test_a_particle_follows_until_it_is_once_too_far_or_stands_still(run):
 
 
 @pytest.mark.slow  # trains, if quickly
-def test_quick_writes_tables_and_pictures_and_goes_on(run, tmp_path, monkeypatch, capsys):
-    arguments = ["run.py", "--quick", "--systems", "cartpole", "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
-    texts = []
-    for _ in range(2):
-        assert run.main() == 0
-        texts.append((tmp_path / "README.md").read_text())
-    assert texts[0] == texts[1]
+def test_quick_writes_tables_and_pictures_and_goes_on(page_of_two, tmp_path, capsys):
+    page = page_of_two("--systems", "cartpole")
     assert capsys.readouterr().out.count("cartpole, seed 0") == 1
-    assert "### `mcpilco/CartPoleSwingUp-v0`, 1 seed\n" in texts[0]
-    assert texts[0].count("| RBF + MPK |") == 2 * 4
+    assert "### `mcpilco/CartPoleSwingUp-v0`, 1 seed\n" in page
+    assert page.count("| RBF + MPK |") == 2 * 4
     for name in ("example", "errors"):
         assert (tmp_path / f"cartpole-{name}.png").read_bytes()[:4] == b"\x89PNG"
 

@@ -127,18 +127,12 @@ def test_the_agent_learns_the_plant_of_its_regulator_and_its_cost(run):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["pendubot", "acrobot"])
-def test_quick_learns_a_seed_and_goes_on(run, robot, tmp_path, monkeypatch):
-    arguments = ["run.py", "--quick", "--robots", robot, "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", arguments)
-    texts = []
-    for _ in range(2):
-        assert run.main() == 0
-        texts.append((tmp_path / "README.md").read_text())
-    assert texts[0] == texts[1]
+def test_quick_learns_a_seed_and_goes_on(page_of_two, robot, tmp_path):
+    page = page_of_two("--robots", robot)
     found = json.loads((tmp_path / "results" / f"{robot}-full-0000.json").read_text())
     assert found["over"]
     assert [row["experience_s"] for row in found["trials"]] == [2.5, 5.0]
-    assert f"| {robot} | full | 0 | 2 |" in texts[0]
+    assert f"| {robot} | full | 0 | 2 |" in page
 
 
 @pytest.mark.slow

@@ -1,12 +1,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from mcpilco.show.plots.identification import plot_torque
-
-matplotlib = pytest.importorskip("matplotlib")
-matplotlib.use("Agg")
 
 
 def test_torques_are_drawn_measured_and_predicted_with_a_band():

@@ -4,21 +4,11 @@ import builtins
 
 import numpy as np
 import pytest
+from matplotlib import pyplot as plt
 
 from mcpilco.policies.costs import costs_along
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_states
 from mcpilco.typing import InputError
-
-matplotlib = pytest.importorskip("matplotlib")
-matplotlib.use("Agg")
-
-from matplotlib import pyplot as plt  # noqa: E402
-
-
-@pytest.fixture(autouse=True)
-def _closed_figures():
-    yield
-    plt.close("all")
 
 
 def line(ax, label):

@@ -17,17 +17,6 @@ from mcpilco.show.plots.training import (
 )
 from mcpilco.typing import InputError
 
-matplotlib = pytest.importorskip("matplotlib")
-matplotlib.use("Agg")
-
-from matplotlib import pyplot as plt  # noqa: E402
-
-
-@pytest.fixture(autouse=True)
-def _closed_figures():
-    yield
-    plt.close("all")
-
 
 def test_learning_fills_the_marks_of_successes_only(results) -> None:
     ax = plot_learning(results)

@@ -5,17 +5,6 @@ import pytest
 
 from mcpilco.show.plots.identification import plot_lags, plot_prediction, plot_response
 
-matplotlib = pytest.importorskip("matplotlib")
-matplotlib.use("Agg")
-
-from matplotlib import pyplot as plt  # noqa: E402
-
-
-@pytest.fixture(autouse=True)
-def _closed_figures():
-    yield
-    plt.close("all")
-
 
 def test_the_largest_magnitude_is_black_and_zero_is_white() -> None:
     (image,) = plot_lags(np.array([[0.0, -4.0], [2.0, 1.0]]), "h").get_images()
