@@ -48,6 +48,16 @@ def test_of_a_free_mass_the_order_of_magnitude_is_known() -> None:
     assert loose["friction"] == pytest.approx(0.01**-2)
 
 
+def test_what_is_free_and_what_effects_are_have_no_nominal_value() -> None:
+    spring = EffectInstance(CATALOGUE["spring"], "pendulum")
+    grown, theta = model().grown(np.array([0.2, 0.3, 0.4, 0.5]), spring, (0.1,))
+    held = [name not in FREE for name in grown.priors]
+    assert sum(held) == 2
+    nominal = grown.nominal(theta)
+    np.testing.assert_array_equal(nominal[:4], np.where(held, 0.0, theta[:4]))
+    assert nominal[4:].tolist() == [0.1]
+
+
 def test_a_correction_at_the_bounds_of_its_values_can_be_read_again(tmp_path: Path) -> None:
     nominal = model()
     nobody = np.zeros(nominal.nuisances)
