@@ -40,7 +40,8 @@ class Weighed:
     def share(self, instance: EffectInstance) -> float:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
         fewer = _taken_out(self.best, instance, self.null)
-        ends = (replace(self.best, model=m, theta=t) for m, t in (fewer, self._nominal))
+        nominal = self.null.model, self.null.model.nominal(self.null.theta)
+        ends = (replace(self.best, model=m, theta=t) for m, t in (fewer, nominal))
         opened, gap = (_missed(f, self.windows) - _missed(self.best, self.windows) for f in ends)
         return float(np.clip(opened / max(gap, 1e-12), 0.0, 1.0))
 
@@ -49,14 +50,10 @@ class Weighed:
 
         From the refitted plant; where that alone left what its priors allow, from the nominal one.
         """
-        astray = shifted_parameters(self.null) and not shifted_parameters(self.best)
-        before = replace(self.null, theta=self._nominal[1]) if astray else self.null
+        null, nominal = self.null, self.null.model.nominal(self.null.theta)
+        astray = shifted_parameters(null) and not shifted_parameters(self.best)
+        before = replace(null, theta=nominal) if astray else null
         return error_reduction(before, self.best, clear, self.evidence)
-
-    @property
-    def _nominal(self) -> tuple[PlantModel, Theta]:
-        """The nominal plant."""
-        return self.null.model, self.null.model.nominal(self.null.theta)
 
 
 def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Weighed:

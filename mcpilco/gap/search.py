@@ -213,40 +213,19 @@ class Tried:
         values = {e: list(v[0]) for e, v in best.model.effect_values(best.theta[None])}
         for plain in self.candidates:
             for own in [own for own in values if own.holds(plain)]:
-                self._exchange(best, [own], {plain: own.values_as(plain, values[own])})
+                self.exchange(best, [own], {plain: own.values_as(plain, values[own])})
             parts = [part for part in values if plain.repeats(part) or plain.holds(part)]
             made = plain.effect.made_of({part.effect.name: values[part] for part in parts})
             if made is not None:
-                self._exchange(best, parts, {plain: made})
+                self.exchange(best, parts, {plain: made})
         if self.best() is not best:
             self.simplify()
-
-    def confuse(self) -> None:
-        """Fits the best model with what does the same to its motions in the place of an effect.
-
-        An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass; and a
-        motor under a voltage a friction and a lag.
-        """
-        best, share = self.best(), self.null.model.budget.share(1.0)
-        for instance, (values, *_) in best.model.effect_values(best.theta[None]):
-            for pair in combinations([c for c in self.candidates if instance.holds(c)], 2):
-                if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
-                    parts = {part: instance.values_as(part, values) for part in pair}
-                    self._exchange(best, [instance], parts)
-        lin = linearise(best.model, self.windows, best.theta, best.x0)
-        scores = screen(best, lin, self.windows, _further(best, self.candidates))
-        same = [score.instance for score in scores if score.sensitivity == 0.0]
-        for instance in best.model.effects:
-            model, theta = shrunk(best, [instance], self.null)
-            rest = replace(best, model=model, theta=theta)  # the others stay as they are
-            self._add(rest, same, len(same), share, SEARCH.same_bic)
-            self.relieve(self.keep(without(best, [instance], self.windows, self.null)), instance)
 
     def relieve(self, fit: Fit, but: EffectInstance | None = None) -> None:
         """Fits a model with effects of masses, but one, where it takes these far from priors."""
         if fit.model.penalty(fit.theta) > SEARCH.strained:
             meant = [c for c in self._of_masses(self.candidates) if c != but]
-            self._add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
+            self.add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
     def _gather(self, fit: Fit) -> None:
         """Fits a model with one effect of masses in the place of several, which may imitate it.
@@ -259,14 +238,14 @@ class Tried:
         if len(several) > 1 and (ours, True, several[0]) not in self.grown:
             self.grown.add((ours, True, several[0]))
             rest = on_windows(replace(fit, model=model, theta=model.nominal(theta)), self.windows)
-            self._add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
+            self.add(rest, meant, SEARCH.shortlist, share, SEARCH.promising)
 
     def _of_masses(self, effects: Iterable[EffectInstance]) -> list[EffectInstance]:
         """Those that change bodies, or parameters that a prior holds."""
-        frees = self.null.model.frees
-        return [e for e in effects if e.effect.place == "body" or frees(e) is not None]
+        null = self.null.model
+        return [e for e in effects if e.effect.place == "body" or null.frees(e) is not None]
 
-    def _exchange(
+    def exchange(
         self, fit: Fit, gone: Sequence[EffectInstance], new: Mapping[EffectInstance, list[float]]
     ) -> None:
         """Fits a model with others in the place of some effects, from these values of them."""
@@ -288,7 +267,7 @@ class Tried:
         """
         ours, scores = frozenset(fit.model.effects), []
         if (ours, False) not in self.grown:
-            scores = self._add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
+            scores = self.add(fit, self.candidates, SEARCH.shortlist, share, SEARCH.promising)
         self.grown |= {(ours, False), (ours, part > 0.0)}
         costly, before = fit.model.plant.costly, self.best()
         rests: dict[EffectInstance, Fit] = {}
@@ -308,10 +287,10 @@ class Tried:
                 some = [c for c in some if c.holds(instance) or instance.holds(c)]
             least = (SEARCH.part_of_exchanged if related else part) * (rest.chi2 - fit.chi2)
             most = len(some) if related else SEARCH.exchanges
-            self._add(rest, some, most, share, max(SEARCH.promising, least))
+            self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
-    def _add(
+    def add(
         self,
         fit: Fit,
         candidates: Sequence[EffectInstance],
@@ -402,12 +381,34 @@ def search(
     if share.used_up:
         scores = _reconsider(tried, model.budget.share(BUDGET.search)) or scores
     if not model.plant.costly:
-        tried.confuse()
+        confuse(tried)
     best = tried.best()
     ranked = [(fit, tried.bic(fit)) for fit in tried.ranked if math.isfinite(tried.bic(fit))]
     ranked.sort(key=lambda pair: pair[0] is not best)
     told = tuple(ranked), tuple(scores), tried.windows, tried.judged(best)
     return SearchResult(best, tried.null, *told)
+
+
+def confuse(tried: Tried) -> None:
+    """Fits the best model with what does the same to its motions in the place of an effect.
+
+    An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass; and a
+    motor under a voltage a friction and a lag.
+    """
+    best, share = tried.best(), tried.null.model.budget.share(1.0)
+    for instance, (values, *_) in best.model.effect_values(best.theta[None]):
+        for pair in combinations([c for c in tried.candidates if instance.holds(c)], 2):
+            if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
+                parts = {part: instance.values_as(part, values) for part in pair}
+                tried.exchange(best, [instance], parts)
+    lin = linearise(best.model, tried.windows, best.theta, best.x0)
+    scores = screen(best, lin, tried.windows, _further(best, tried.candidates))
+    same = [score.instance for score in scores if score.sensitivity == 0.0]
+    for instance in best.model.effects:
+        model, theta = shrunk(best, [instance], tried.null)
+        rest = replace(best, model=model, theta=theta)  # the others stay as they are
+        tried.add(rest, same, len(same), share, SEARCH.same_bic)
+        tried.relieve(tried.keep(without(best, [instance], tried.windows, tried.null)), instance)
 
 
 def _reconsider(tried: Tried, share: BudgetShare) -> list[Score]:
