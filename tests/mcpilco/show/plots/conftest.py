@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-matplotlib = pytest.importorskip("matplotlib")
-matplotlib.use("Agg")
-
-from matplotlib import pyplot as plt  # noqa: E402
-
 
 @pytest.fixture(autouse=True)
 def _closed_figures():
+    plt = pytest.importorskip("matplotlib.pyplot")
+    plt.switch_backend("Agg")
     yield
     plt.close("all")

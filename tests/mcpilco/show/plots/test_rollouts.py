@@ -4,11 +4,12 @@ import builtins
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 
 from mcpilco.policies.costs import costs_along
 from mcpilco.show.plots.rollouts import plot_costs, plot_input, plot_states
 from mcpilco.typing import InputError
+
+plt = pytest.importorskip("matplotlib.pyplot")
 
 
 def line(ax, label):
