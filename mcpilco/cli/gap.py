@@ -96,9 +96,9 @@ class Gap(options.Command):
     def _investigate(self, stages: Stages) -> int:
         from envs import plant_named
         from mcpilco.files import make_folder, write_bytes
-        from mcpilco.gap import investigate, repetitions, require_plausible, suspicions, write_json
+        from mcpilco.gap import investigate, repetitions, write_json
         from mcpilco.plant import correction_of, write_correction
-        from mcpilco.recordings import read_for_plant
+        from mcpilco.recordings import misreadings, read_for_plant, require_plausible
 
         nominal = plant_named("--plant", self.plant, physics=self.physics, keyframe=self.keyframe)
         plant = nominal.where(**options.named_numbers("--set", self.set))
@@ -116,7 +116,7 @@ class Gap(options.Command):
         for note in notes:
             print(note, file=sys.stderr)
         stages.begin("check of the recordings")
-        doubts = suspicions(plant, recordings, self._limits(plant))
+        doubts = misreadings(plant, recordings, self._limits(plant))
         if not self.accept:
             require_plausible(doubts)
         make_folder(self.out, *FILES)

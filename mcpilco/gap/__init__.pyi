@@ -27,7 +27,6 @@ from .report import (
 )
 from .search import SearchResult
 from .stability import Stability, repetitions
-from .suspicion import require_plausible, suspicions
 from .thresholds import COMPARISON, DATA
 
 __all__ = [
@@ -57,11 +56,9 @@ __all__ = [
     "missing_force",
     "percent",
     "repetitions",
-    "require_plausible",
     "scaled_errors",
     "squares_at_end",
     "summary",
-    "suspicions",
     "three_digits",
     "time_map",
     "to_json",

@@ -47,12 +47,19 @@ from mcpilco.gap.fit import (
 )
 from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
-from mcpilco.gap.report import Gap, experiments
+from mcpilco.gap.report import Gap, experiments, far_from_noise
 from mcpilco.gap.search import SearchResult, nested_fits, search
-from mcpilco.gap.suspicion import at_rest, far_from_noise, require_plausible, suspicions
 from mcpilco.gap.thresholds import BUDGET, DATA, FORCE, SEARCH
 from mcpilco.plant import Own, Plant, own_effects
-from mcpilco.recordings import Recording, distinct, possible_clocks, unchanging
+from mcpilco.recordings import (
+    Recording,
+    at_rest,
+    distinct,
+    misreadings,
+    possible_clocks,
+    require_plausible,
+    unchanging,
+)
 
 _LOG = logging.getLogger(__name__)
 """tells each stage that begins, and in `found` what is known by then"""
@@ -80,7 +87,7 @@ def investigate(
         held_out: names of recordings that no fit may see; by default the last of three or more.
         effects: a user's own effects beside those of the catalogue, or Python files with them.
         accepted: suspicions of the recordings that are accepted, which lead the verdict; empty: all
-            that there are; None: the recordings must not look wrong, see `suspicions`.
+            that there are; None: the recordings must not look wrong, see `misreadings`.
 
     Raises:
         InputError: the recordings do not fit the plant or one another, or look wrong.
@@ -94,7 +101,7 @@ def investigate(
     problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
     if at_rest(recordings, problems[0].std):
         return _too_poor(problems[0], AT_REST, remarks)
-    doubts = tuple(accepted or suspicions(plant.finely(problems[0].finer), recordings))
+    doubts = tuple(accepted or misreadings(plant.finely(problems[0].finer), recordings))
     if accepted is None:
         require_plausible(doubts)
     doubts += unchanging(recordings)

@@ -330,6 +330,20 @@ def cautions(gap: Gap) -> list[str]:
     return said
 
 
+def far_from_noise(compared: Comparison, more: bool) -> tuple[str, ...]:
+    """A sentence where the corrected plant is far from explaining the recordings.
+
+    There may be `more` that acts on this machine than effects explain.
+    """
+    most = VERDICT.unlearned if more else VERDICT.unexplained
+    if compared.corrected <= most * compared.noise_floor:
+        return ()
+    return (
+        f"the corrected plant misses the recordings by {three_digits(compared.corrected)} noise "
+        f"std, noise alone by {three_digits(compared.noise_floor)}: is the plant the right one?",
+    )
+
+
 def three_digits(value: float) -> str:
     """A number with three digits, large ones without an exponent."""
     return f"{value:.0f}" if 1000.0 <= abs(value) < 1e7 else f"{value:.3g}"

@@ -339,62 +339,15 @@ class VerdictThresholds:
     """change of the motions by an effect below which it is not told, in that by the parameter that
     changes them most, were it as wrong as is told or by 1 % [-]: MuJoCo's default integrator in
     steps of 2 ms makes 0.1 to 0.4 out of lags and drag, `runs/hidden_effects` hides from 0.55 on"""
-    unseen: float = 1.0
-    """sensitivity to an effect of usual size below which recordings have little power to detect one
-    five times as large [noise std]"""
-
-
-@dataclass(frozen=True)
-class SuspicionThresholds:
-    """When recordings seem to hold a column in another unit, another machine, or nothing.
-
-    Sound recordings of `runs/hidden_effects` miss up to 0.1 with effects of the catalogue, and up
-    to 0.65 with a force that is not in it; no other reading of theirs misses less than they do.
-    """
-
-    span_s: float = 0.1
-    """over which the plant foretells a motion [s]: it changes in that time, and none diverges"""
-    smooth_s: float = 0.06
-    """to each side, of the cubics that smooth the ends of a span [s]; at least three samples"""
-    spans: int = 160
-    """that are looked at, of all recordings alike, for the cost"""
-    thinned: int = 32
-    """one in so many is looked at first where a simulation is dear"""
-    swapped: int = 30
-    """columns up to which any two may have been swapped, for the cost"""
-    moving: float = 3.0
-    """noise std by which a state changes over a span from which on it counts"""
-    counted: float = 0.9
-    """part of the spans that counts: those missed most may hold a push [-]"""
-    farthest: float = 1e6
-    """largest misfit of a span, in squared changes [-]: a motion that runs away"""
-    missed: float = 0.05
-    """part of the motion that a plant must miss for its columns to be doubted [-]"""
-    better: float = 6.0
-    """times as much that it must miss as recorded as with another reading [-]"""
-    explained: float = 0.2
-    """part of the motion that it may miss with that other reading [-]: effects may lack besides"""
-    alike: float = 1.5
-    """times the least misfit up to which readings are alike, and the simplest is tried [-]"""
-    changes: int = 3
-    """of the reading, at most, one after the other"""
-    foreign: float = 1.0
-    """part of the motion that a plant misses from which on it is another machine's [-]: who says
-    that nothing moves misses as much"""
-    idle: float = 2.5
-    """times as much that a plant must miss with the commands as without them, likewise [-]"""
-    inconsistent: float = 0.5
-    """part of the motion of a position that its velocity must miss to be no derivative of it [-]"""
-    beyond_limit: float = 5.0
-    """times the largest command of an actuator from which on commands are in another unit [-]"""
-    at_rest: float = 5.0
-    """noise std that 95 % of a position's values span at most where it rests; 4 for noise alone"""
     unexplained: float = 20.0
     """times what noise alone does that a corrected plant may miss without a word [-]: with effects
     of the catalogue it is 16 at most"""
     unlearned: float = 200.0
     """likewise where more is missing than effects [-]; sound recordings have up to 160. Not where a
-    joint's random force is larger than its usual one (`VERDICT.whole`)"""
+    joint's random force is larger than its usual one (`whole`)"""
+    unseen: float = 1.0
+    """sensitivity to an effect of usual size below which recordings have little power to detect one
+    five times as large [noise std]"""
 
 
 DATA = DataThresholds()
@@ -407,4 +360,3 @@ EVENT = EventThresholds()
 FORCE = ForceThresholds()
 COMPARISON = ComparisonThresholds()
 VERDICT = VerdictThresholds()
-SUSPICION = SuspicionThresholds()

@@ -21,6 +21,7 @@ from .joints import (
     read_joint_recordings,
 )
 from .markers import MarkerRecording, marker_recording, read_markers, rotation, write_markers
+from .misread import at_rest, misreadings, require_plausible
 from .noise import NoiseFilter, Whitening, following
 from .reader import read_recording, read_recordings
 from .recording import (
@@ -66,6 +67,7 @@ __all__ = [
     "Series",
     "Whitening",
     "arm_samples",
+    "at_rest",
     "bridged",
     "check_joint_data",
     "columns_of",
@@ -85,6 +87,7 @@ __all__ = [
     "load_robot",
     "local_cubics",
     "marker_recording",
+    "misreadings",
     "motion_cutoff",
     "noise_of",
     "noise_std",
@@ -98,6 +101,7 @@ __all__ = [
     "read_robot",
     "read_series",
     "read_twice",
+    "require_plausible",
     "rotation",
     "runs",
     "sampling_time",

@@ -12,8 +12,8 @@ import mcpilco.agent.agent
 from mcpilco.cli import cross as command
 from mcpilco.cli import main
 from mcpilco.crossing import workflow
-from mcpilco.gap import require_plausible
 from mcpilco.logbook import RunFolder
+from mcpilco.recordings import require_plausible
 from mcpilco.sweep import job
 from tests.mcpilco.cli.test_cli import refused
 from tests.mcpilco.fakes import FakeAgent

@@ -8,10 +8,9 @@ import numpy as np
 
 from mcpilco.gap.data import GapProblem
 from mcpilco.gap.fit import fit_model
-from mcpilco.gap.suspicion import suspicions
 from mcpilco.mjcf import plant_of
 from mcpilco.plant import Plant
-from mcpilco.recordings import Recording, read_for_plant
+from mcpilco.recordings import Recording, misreadings, read_for_plant
 
 MASS, VISCOUS, COULOMB, OFFSET = 90.0, 180.0, 22.0, -4.0
 ENCODER_M = 2e-6
@@ -76,4 +75,4 @@ def test_a_model_that_is_far_off_a_fine_encoder_is_fitted_all_the_same(tmp_path:
 
 
 def test_a_drive_that_spends_its_force_on_friction_is_no_other_machine(tmp_path: Path) -> None:
-    assert suspicions(*problem(tmp_path, 0.005)) == ()
+    assert misreadings(*problem(tmp_path, 0.005)) == ()

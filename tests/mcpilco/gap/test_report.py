@@ -21,7 +21,8 @@ from mcpilco.gap import (
     to_json,
 )
 from mcpilco.gap.comparison import Interval
-from mcpilco.gap.report import HIDDEN
+from mcpilco.gap.report import HIDDEN, far_from_noise
+from mcpilco.gap.thresholds import VERDICT
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import record
 
@@ -164,3 +165,13 @@ def test_what_comes_closest_is_told_with_its_numbers_though_it_is_not_named(foun
     assert told["effects"][0]["parameters"]["f_c"] == vars(found.named[0].parameters["f_c"])
     assert told["reduction"] == {"value": 0.78, "low": -0.09, "high": 0.96}
     assert to_json(found)["closest"] is None
+
+
+def test_a_corrected_plant_that_is_far_from_the_noise_is_told(found: Gap) -> None:
+    assert found.comparison is not None
+    assert far_from_noise(found.comparison, more=False) == ()
+    far = 2.0 * VERDICT.unexplained * found.comparison.noise_floor
+    missed = replace(found.comparison, corrected=far)
+    (told,) = far_from_noise(missed, more=False)
+    assert "is the plant the right one?" in told
+    assert far_from_noise(missed, more=True) == ()  # which is told as unknown
