@@ -84,6 +84,19 @@ class Disturbance:
         joint = np.repeat(np.arange(len(each)), each[0].shape[2])
         return cls(windows.plain, np.concatenate(each, axis=2), joint)
 
+    def response(
+        self, joint: int, forces: Float[np.ndarray, "k W m"], windows: Windows
+    ) -> Float[np.ndarray, "W n k"]:
+        """The response to some forces in a joint, each a train of pulses, weighed as `windows`.
+
+        They are given midway between samples [usual forces].
+        """
+        first = np.arange(0, forces.shape[2], max(1, round(FORCE.hold_s / windows.dt)))
+        train = np.add.reduceat(forces, first, axis=2) / np.diff(np.append(first, forces.shape[2]))
+        change = np.einsum("wni,kwi->kwn", self.columns[:, :, self.joint == joint], train)
+        change = change if windows.whitening is None else windows.whitening(change)
+        return change.transpose(1, 2, 0)
+
     def evidence(self, fit: Fit) -> Evidence:
         """The evidence for a fit, its initial states and random forces eliminated."""
         windows, fit = self.windows, nearer(fit, self.windows)

@@ -13,7 +13,7 @@ from mcpilco.gap.disturbance import Disturbance
 from mcpilco.gap.fit import Fit, Robust, misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.sensitivities import Linearised, motion_midway, residual, run
-from mcpilco.gap.thresholds import FORCE, SCREEN
+from mcpilco.gap.thresholds import SCREEN
 from mcpilco.plant import EffectInstance, JointForce, Probe
 
 
@@ -112,17 +112,12 @@ def _trains(
     """The same as `signatures` for a force in a joint, as pulses along the measured motion."""
     model, windows, target = view.fit.model, view.windows, instance.target
     assert isinstance(instance.effect, JointForce)
-    j = model.plant.layout.joints.index(target)
-    at, G = motion_midway(model, view.fit.theta, windows), pulses.columns[:, :, pulses.joint == j]
-    first = np.arange(0, at.shape[1], max(1, round(FORCE.hold_s / windows.dt)))
-    lengths = np.diff(np.append(first, at.shape[1])) * model.scales[target].force
+    j, at = model.plant.layout.joints.index(target), motion_midway(model, view.fit.theta, windows)
     q, v, columns = at[:, :, 2 * j], at[:, :, 2 * j + 1], []
     for probe in probes:
         forces = [instance.effect.force(q, v, *values) + 0.0 * q for values in probe.values]
-        train = np.add.reduceat(forces, first, axis=2)
-        change = np.einsum("wni,kwi->kwn", G, train / lengths)
-        change = change if windows.whitening is None else windows.whitening(change)
-        columns.append(change.transpose(1, 2, 0))
+        usual = np.stack(forces) / model.scales[target].force
+        columns.append(pulses.response(j, usual, windows))
     return columns
 
 
