@@ -36,7 +36,8 @@ import tyro
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import SAMPLES, TABLES, Table, confirmed_by, named, read_made, read_samples, state_of
+from all_tables import TABLES, Table, named
+from evidence import SAMPLES, confirmed_by, read_made, read_samples, state_of
 from provenance import COMMIT, ROOT, RUNS, git
 
 from mcpilco.files import write_bytes

@@ -22,7 +22,8 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import TABLES, Table, read_made
+from all_tables import TABLES, Table
+from evidence import read_made
 from harness import fill
 from provenance import ROOT
 

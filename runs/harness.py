@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
-from evidence import Stamp, stamp, table_of
+from all_tables import table_of
+from evidence import Stamp, stamp
 from threadpoolctl import threadpool_limits
 
 import baselines  # noqa: F401  registers its algorithms

@@ -23,7 +23,8 @@ import tyro
 
 sys.path.append(str(Path(__file__).parent))
 
-from evidence import TABLES, Finding, State, findings, named
+from all_tables import TABLES, named
+from evidence import Finding, State, findings
 from provenance import git
 
 

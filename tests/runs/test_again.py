@@ -7,10 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import again
+import all_tables
 import evidence
 import pytest
 from again import first_difference, samples_of
-from evidence import TABLES, Table, findings
+from all_tables import TABLES, Table
+from evidence import findings
 
 pytestmark = pytest.mark.xdist_group("provenance")  # one process reads all code for all of them
 TABLE = Table(
@@ -64,7 +66,7 @@ def tried(tmp_path, monkeypatch):
     """A run whose code makes the seed times a factor, with six results of two older codes."""
     folder = tmp_path / "runs/tried"
     (folder / "results/row").mkdir(parents=True)
-    for module in (again, evidence):
+    for module in (again, all_tables, evidence):
         monkeypatch.setattr(module, "RUNS", tmp_path / "runs")
         monkeypatch.setattr(module, "TABLES", (TABLE,))
     monkeypatch.setattr(again, "ROOT", tmp_path)
@@ -104,7 +106,7 @@ def test_what_is_made_again_is_confirmed_until_the_code_changes(tried, monkeypat
     (found,) = findings([replace(TABLE)])
     assert found.state == "confirmed"
     assert list(samples_of(TABLE, 2)) == []
-    monkeypatch.setattr(evidence.Code, "digest", "another")
+    monkeypatch.setattr(all_tables.Code, "digest", "another")
     assert states() == {"stale": 4, "unknown": 2}
 
 

@@ -82,7 +82,7 @@ def test_a_seed_that_broke_off_keeps_its_checkpoint_and_is_listed(run, command, 
 
 
 def test_no_row_is_tuned_on_the_seeds_that_are_shown(run):
-    from evidence import table_of
+    from all_tables import table_of
 
     from mcpilco.sweep import parse_seeds
 

@@ -7,11 +7,13 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
+import all_tables
 import evidence
 import provenance
 import pytest
 import stale
-from evidence import SAMPLES, TABLES, Stamp, Table, findings, stamp, state_of, table_of
+from all_tables import Table
+from evidence import Stamp, findings, stamp, state_of
 from harness import keep, kept, swept
 
 import mcpilco.sweep
@@ -20,62 +22,14 @@ from mcpilco.sweep import Settings
 from tests.mcpilco.test_sweep import HereEngine
 
 pytestmark = pytest.mark.xdist_group("provenance")  # one process reads all code for all of them
-RUNS = provenance.RUNS
 SLIM = Table("limits", "results/slim/*.json", ("mcpilco.sweep:parse_seeds",), "0:3,7")
 OTHER = Table("limits", "results/other/*.json", ("mcpilco.kernels:RBF",))
-
-
-def tracked() -> list[Path]:
-    """The files of runs/ that git knows; all, where there is no git."""
-    listed = provenance.git("ls-files", "runs").splitlines()
-    return [provenance.ROOT / line for line in listed] or sorted(RUNS.rglob("*"))
-
-
-def test_every_result_is_of_one_table():
-    data = [path for path in tracked() if path.suffix in (".json", ".csv")]
-    data = [path for path in data if path.name not in ("sweep.json", "summary.json", SAMPLES)]
-    beside = {path.with_suffix(".json") for path in data if path.suffix == ".csv"}
-    assert data
-    for path in set(data) - beside:
-        run = path.relative_to(RUNS).parts[0]
-        holding = [table.title for table in TABLES if table.run == run and table.holds(path)]
-        assert len(holding) == 1, (path, holding)
-
-
-@pytest.mark.parametrize(
-    "table",
-    {(table.run, table.made_by): table for table in TABLES}.values(),
-    ids=lambda table: table.title,
-)
-def test_the_code_of_every_table_is_found(table):
-    assert len(table.code.parts) > 1
-
-
-def test_every_run_that_keeps_results_has_a_table():
-    runs = {path.parent.name for path in RUNS.glob("*/README.md")}
-    assert {table.run for table in TABLES} <= runs
-    without = runs - {table.run for table in TABLES}
-    assert without == {"identified_double_pendulum"}, "what a page shows is to be kept"
-
-
-@pytest.mark.parametrize(
-    ("name", "role"), [("0002", "chosen on"), ("0003", "tested on"), ("pd-7", "chosen on")]
-)
-def test_a_seed_was_chosen_on_or_is_tested_on(name, role):
-    assert SLIM.role(Path(f"results/slim/{name}.json")) == role
-
-
-def test_what_has_no_seed_has_no_role():
-    assert SLIM.role(Path("results/slim/faults.json")) == "none"
-    timed = Table("limits", "results/*.json", (), seeded=False)
-    assert timed.role(Path("results/timing-100.json")) == "none"
-    assert Table("limits", "results/*.json", (), ":").role(Path("results/8.json")) == "chosen on"
 
 
 @pytest.fixture
 def slim(monkeypatch):
     """Two tables of little code in place of all."""
-    monkeypatch.setattr(evidence, "TABLES", (SLIM, OTHER))
+    monkeypatch.setattr(all_tables, "TABLES", (SLIM, OTHER))
     stamp.cache_clear()
     yield
     stamp.cache_clear()
@@ -95,12 +49,8 @@ def test_a_result_that_is_kept_says_code_machine_and_role(tmp_path):
 
 @pytest.mark.usefixtures("slim")
 def test_a_result_of_a_run_without_such_a_table_is_refused(tmp_path):
-    with pytest.raises(LookupError, match=r"runs/evidence\.py"):
+    with pytest.raises(LookupError, match=r"runs/all_tables\.py"):
         keep(tmp_path / "results/fat/0001.json", {}, "limits")
-
-
-def test_what_stands_beside_a_csv_file_is_of_its_table(tmp_path):
-    assert table_of("model_learning", tmp_path / "results/cartpole/0001.json").seeded
 
 
 @pytest.mark.usefixtures("slim")
@@ -133,7 +83,7 @@ def test_each_seed_of_a_sweep_says_its_code(tmp_path, monkeypatch):
     monkeypatch.setattr(mcpilco.sweep, "LocalEngine", lambda workers: HereEngine())
     path = tmp_path / "results/slim"
     table = Table("limits", "results/slim/seeds/*.json", SLIM.made_by, "0:1")
-    monkeypatch.setattr(evidence, "TABLES", (table,))
+    monkeypatch.setattr(all_tables, "TABLES", (table,))
 
     def job(settings, seed):
         about = {"format": 1, "seed": seed, "trials": [], "machine": {}, "versions": {}}
@@ -151,7 +101,8 @@ def test_each_seed_of_a_sweep_says_its_code(tmp_path, monkeypatch):
 @pytest.fixture
 def stored(tmp_path, monkeypatch):
     """Results of both tables, of today's code."""
-    monkeypatch.setattr(evidence, "RUNS", tmp_path)
+    for module in (all_tables, evidence):
+        monkeypatch.setattr(module, "RUNS", tmp_path)
     for table in (SLIM, OTHER):
         path = tmp_path / "limits" / table.results.replace("*", "0001")
         path.parent.mkdir(parents=True)

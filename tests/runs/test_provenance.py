@@ -168,7 +168,7 @@ def executed(job: Callable[[], object]) -> set[tuple[Path, str]]:
 
 
 def jobs() -> Iterator[object]:
-    from evidence import TABLES
+    from all_tables import TABLES
 
     by_title = {f"{table.run} {table.results}": table for table in TABLES}
 
