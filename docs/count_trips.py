@@ -187,7 +187,7 @@ TRIPS = (
             ),
             Stop(
                 "mcpilco/gap/decide.py",
-                "what is left over, which effects are named, how surely",
+                "what is left over, which effects are named",
                 (
                     "leaves_something",
                     "mispredicts",
@@ -196,7 +196,6 @@ TRIPS = (
                     "weighed",
                     "NamedEffect",
                     "named_effects",
-                    "intervals",
                 ),
             ),
             Stop("mcpilco/gap/thresholds.py", "every threshold, with unit and reason"),

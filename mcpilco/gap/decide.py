@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 from scipy import stats
 
 from mcpilco.gap.comparison import Interval, error_reduction, misfit_over_expected
@@ -16,11 +15,12 @@ from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_model, nearer, on_windows, weighed_anew
 from mcpilco.gap.learned_force import best_force
 from mcpilco.gap.plant_model import PlantModel, Theta
+from mcpilco.gap.posterior import Considered, intervals, lasting, member
 from mcpilco.gap.screen import bounded
 from mcpilco.gap.search import SearchResult, Tried, shrunk, without
-from mcpilco.gap.sensitivities import linearise, motion_midway, residual, run
+from mcpilco.gap.sensitivities import linearise, residual, run
 from mcpilco.gap.thresholds import DATA, SEARCH, VERDICT
-from mcpilco.plant import EffectInstance, Member, Plant, name_of
+from mcpilco.plant import EffectInstance, Member, Plant
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,9 @@ class Weighed:
         """The responses to random forces along the motions of the best model."""
         return Disturbance.of(self.best, self.windows)
 
-    def covariance(self, fit: Fit, left: Evidence) -> Float[np.ndarray, "p p"]:
-        """Of the errors of theta, a part of the force that is `left` over alike in all windows."""
-        std = VERDICT.lasting * left.std
-        return covariance(
-            fit, self.windows, lasting(self.disturbance, self.best, self.windows, std)
-        )
+    def lasting(self, left: Evidence) -> Considered:
+        """The response to forces that are alike in all windows, if a part of what is `left` is."""
+        return lasting(self.disturbance, self.best, self.windows, VERDICT.lasting * left.std)
 
     def share(self, instance: EffectInstance) -> float:
         """The part of the nominal plant's gap that opens again where it alone is taken out [-]."""
@@ -301,7 +298,8 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
     """The effects of the best model with their intervals, probabilities, shares and families."""
     best = judged.best
-    low, high = (best.model.effect_values(end[None]) for end in intervals(judged))
+    ends = intervals(best, judged.windows, judged.lasting(judged.evidence))
+    low, high = (best.model.effect_values(end[None]) for end in ends)
     named = []
     for (instance, values), (_, lows), (_, highs) in zip(
         best.model.effect_values(best.theta[None]), low, high, strict=True
@@ -353,108 +351,24 @@ def _present(instance: EffectInstance, estimates: dict[str, EstimatedParameter])
     return max(sure)
 
 
-def intervals(judged: Weighed) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the 95 % intervals of theta; windows, not samples, count as independent."""
-    best, windows = judged.best, judged.windows
-    std = np.sqrt(np.maximum(np.diag(judged.covariance(best, judged.evidence)), 0.0))
-    independent = len(windows) / windows.overlap
-    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
-    ends = np.stack([best.theta - factor * std, best.theta + factor * std])
-    low, high = np.clip(ends, *best.model.bounds)
-    return low, high
-
-
-def covariance(
-    best: Fit, windows: Windows, considered: Float[np.ndarray, "W n k"]
-) -> Float[np.ndarray, "p p"]:
-    """Of the errors of theta: the jackknife, and what forces do that no model has.
-
-    Of few windows, some with far more influence than others, White's sandwich is too narrow. And
-    what is alike in all windows shows in none that is left out, and is `considered` by its std.
-
-    Reference: MacKinnon & White, Some heteroskedasticity-consistent covariance matrix estimators,
-        Journal of Econometrics 29 (1985), HC3, with windows as clusters; Tapley, Schutz & Born,
-        Statistical Orbit Determination (2004), chapter 6, for what is considered.
-    """
-    lin, prior = linearise(best.model, windows, best.theta, best.x0), np.diag(best.model.precision)
-    P = lin.cleaned(lin.Jp)
-    by_window = np.einsum("wni,wnj->wij", P, P)
-    H = by_window.sum(axis=0) + prior
-    others = np.linalg.pinv(H - by_window, hermitian=True)
-    moved = np.einsum("wij,wnj,wn->wi", others, P, lin.r)
-    independent, inverse = len(windows) / windows.overlap, np.linalg.pinv(H)
-    spread = windows.overlap * moved.T @ moved * max(independent - 1.0, 1.0) / independent
-    response = inverse @ np.einsum("wni,wnk->ik", P, considered)
-    return spread + inverse @ prior @ inverse + response @ response.T
-
-
-def lasting(
-    disturbance: Disturbance, fit: Fit, windows: Windows, std: Float[np.ndarray, " J"]
-) -> Float[np.ndarray, "W n k"]:
-    """The response to forces that are alike in all windows, weighed as these are.
-
-    In each joint one that is constant, and some in proportion to position, speed and its sign.
-
-    Args:
-        disturbance: the responses to forces along the motions.
-        fit: that makes these.
-        windows: in which they are.
-        std: of each force over all windows, by joint [usual forces].
-    """
-    at, columns = motion_midway(fit.model, fit.theta, windows), []
-    for j, size in enumerate(std):
-        q, v = at[:, :, 2 * j], at[:, :, 2 * j + 1]
-        forces = np.stack([np.ones_like(q), q - q.mean(), v, np.sign(v)])
-        rms = np.sqrt(np.square(forces).mean(axis=(1, 2), keepdims=True))
-        columns.append(disturbance.response(j, size * forces / np.maximum(rms, 1e-12), windows))
-    return np.concatenate(columns, axis=2)
-
-
 def spread_of(result: SearchResult, judged: Weighed, final: Fit) -> tuple[Member, ...]:
     """The joint posterior of parameters and effects: of the final model, and of models as likely.
 
     The final model is the one that the plant gets, with a learned force where there is one.
     """
-    chosen, left = judged.best, judged.evidence
+    chosen, windows, null = judged.best, judged.windows, judged.null
     if final.model.effects != chosen.model.effects:
-        return (_member(judged, judged.null, judged.nominal, 1.0, final.theta),)
+        return (member(null, windows, judged.lasting(judged.nominal), 1.0, final.theta),)
     alike = [rival for instance in chosen.model.effects for rival in rivals(result, instance)]
     tied = {id(rival.fit): rival for rival in alike}
     weights = [math.exp(-0.5 * max(rival.behind, 0.0)) for rival in tied.values()]
     total = 1.0 + sum(weights)
-    others = [on_windows(rival.fit, judged.windows) for rival in tied.values()]
+    others = [on_windows(rival.fit, windows) for rival in tied.values()]
+    lasts = judged.lasting(judged.evidence)
     return (
-        _member(judged, chosen, left, 1.0 / total, final.theta),
+        member(chosen, windows, lasts, 1.0 / total, final.theta),
         *(
-            _member(judged, f, left, w / total, f.theta)
+            member(f, windows, lasts, w / total, f.theta)
             for f, w in zip(others, weights, strict=True)
         ),
-    )
-
-
-def _member(judged: Weighed, fit: Fit, left: Evidence, probability: float, theta: Theta) -> Member:
-    """The distribution around theta of a fit's numbers without forces, in their units."""
-    model = fit.model
-    names, nuisances = list(model.priors), model.nuisances
-    parameters, values = model.decode(theta[None, : len(fit.theta)])
-    columns = [list(model.plant.values).index(name) for name in names]
-    expected, units = list(parameters[0, columns]), list(model.plant.nominal[columns])
-    for instance, found in zip(model.added, values, strict=True):
-        # what only smooths a formula has no name here
-        symbols = instance.effect.symbols
-        names += [name_of(instance, s) if s.reported else "" for s in symbols]
-        expected += list(found[0])
-    units += [1.0] * (len(names) - nuisances)
-    numbers = len(names)
-    scale = np.where(model.logarithmic[:numbers], expected, units)
-    spread = judged.covariance(fit, left)[:numbers, :numbers] * scale * scale[:, None]
-    std = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    told = [n for n, name in enumerate(names) if name]
-    wide = [n for n in told if std[n] > 0.0]
-    correlation = (spread[wide] / std[wide, None])[:, wide] / std[wide]
-    return Member(
-        float(probability),
-        {names[n]: float(expected[n]) for n in told},
-        {names[n]: float(std[n]) for n in wide},
-        tuple(map(tuple, correlation.round(4).tolist())),
     )

@@ -265,10 +265,13 @@ class PlantModel:
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether no effect is larger than is plausible."""
         values = self.decode(theta[None])[1]
-        return all(
-            bool(np.all(value[0] <= instance.effect.largest(self.scales[instance.target])))
-            for instance, value in zip(self.added, values, strict=True)
-        )
+        both = zip(values, self._largest, strict=True)
+        return all(bool(np.all(value[0] <= largest)) for value, largest in both)
+
+    @cached_property
+    def _largest(self) -> list[Float[np.ndarray, " symbols"]]:
+        """Values of each effect beyond which it is larger than is plausible."""
+        return [each.effect.largest(self.scales[each.target]) for each in self.added]
 
     @cached_property
     def precision(self) -> np.ndarray:
@@ -325,6 +328,17 @@ class PlantModel:
 
         The coordinates of learned forces, which stand last in theta, have none.
         """
+        sizes = self._usual_steps.copy()
+        logs = self.logarithmic[: len(sizes)]
+        plain = ~logs & (np.arange(len(sizes)) >= self.nuisances)
+        usual, now = sizes[plain], np.abs(theta[: len(sizes)][plain])
+        sizes[plain] = np.minimum(usual, np.maximum(1e-2 * now, 0.1 * usual))
+        sizes[logs] = 0.03
+        return sizes
+
+    @cached_property
+    def _usual_steps(self) -> Float[np.ndarray, " k"]:
+        """Steps for finite differences by the sizes at which effects are usual."""
         steps = [np.full(self.nuisances, 1e-3)]
         for instance in self.added:
             probes = instance.effect.probes(self.scales[instance.target])
@@ -333,13 +347,7 @@ class PlantModel:
             usual = 0.1 * np.abs(sizes).max(axis=0)
             usual[usual == 0.0] = 1e-2
             steps.append(usual)
-        sizes = np.concatenate(steps)
-        logs = self.logarithmic[: len(sizes)]
-        plain = ~logs & (np.arange(len(sizes)) >= self.nuisances)
-        usual, now = sizes[plain], np.abs(theta[: len(sizes)][plain])
-        sizes[plain] = np.minimum(usual, np.maximum(1e-2 * now, 0.1 * usual))
-        sizes[logs] = 0.03
-        return sizes
+        return np.concatenate(steps)
 
 
 def _positive(symbol: Symbol) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -97,9 +98,10 @@ def _scores(
     for probe, own in zip(probes, columns, strict=True):
         one_sided = first.low >= first.neutral or not probe.proportional
         S, b = view.normal_equations(own)
-        mixes = [_best_mix(S, b, one_sided)]
-        mixes.append(_best_mix(*view.bounding(own).normal_equations(own), one_sided))
-        mix, gain = max(mixes, key=lambda scores: scores[1])
+        mix, gain = _best_mix(S, b, one_sided)
+        if (bounded_view := view.bounding(own)) is not view:
+            other = _best_mix(*bounded_view.normal_equations(own), one_sided)
+            mix, gain = max((mix, gain), other, key=lambda scored: scored[1])
         sensitivity = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
         values = _values(instance, probe, mix)
         scores.append(Score(instance, repeated * gain, values, sensitivity))
@@ -146,7 +148,7 @@ class _Projection:
         if alone < SCREEN.separable * self.H[number, number]:
             return 0.0, 0.0
         g[number] += held * self.fit.theta[number]
-        before = held * self.fit.theta[number] ** 2 + self.g @ np.linalg.solve(self.H, self.g)
+        before = held * self.fit.theta[number] ** 2 + self.g @ self.step
         gain = g @ np.linalg.solve(H, g) - before + 2.0 * held * self.fit.theta[number] ** 2
         return float(gain), 0.1 * float(np.sqrt(alone))
 
@@ -159,9 +161,20 @@ class _Projection:
         P, H, g = lin.normal_equations(fit.theta, weight, precision)
         return cls(fit, lin, windows, weight, P, H, g, precision)
 
+    @cached_property
+    def step(self) -> Float[np.ndarray, " p"]:
+        """That of theta which the fit would take next."""
+        return np.linalg.solve(self.H, self.g)
+
     def bounding(self, columns: Float[np.ndarray, "W n k"]) -> _Projection:
-        """This view, no window of which has far more influence on a signature than the others."""
-        weight = self.weight * bounded(np.square(self.lin.cleaned(columns)).sum(axis=(1, 2)))
+        """This view, no window of which has far more influence on a signature than the others.
+
+        It is this one itself where none has.
+        """
+        bound = bounded(np.square(self.lin.cleaned(columns)).sum(axis=(1, 2)))
+        if (bound == 1.0).all():
+            return self
+        weight = self.weight * bound
         _, H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
         return replace(self, weight=weight, H=H, g=g)
 
@@ -174,7 +187,7 @@ class _Projection:
         HPQ = np.einsum("wni,wnj->ij", WQ, self.P).T
         whole = np.einsum("wni,wnj->ij", WQ, Q)
         S = whole - HPQ.T @ np.linalg.solve(self.H, HPQ)
-        b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ np.linalg.solve(self.H, self.g)
+        b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ self.step
         same = np.diag(S) < SCREEN.separable * np.diag(whole)
         S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b

@@ -1,0 +1,103 @@
+"""The joint errors of a fit's numbers: their covariance, and intervals and distributions of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from mcpilco.gap.data import Windows
+from mcpilco.gap.disturbance import Disturbance
+from mcpilco.gap.fit import Fit
+from mcpilco.gap.plant_model import Theta
+from mcpilco.gap.sensitivities import linearise, motion_midway
+from mcpilco.plant import Member, name_of
+
+Considered = Float[np.ndarray, "W n k"]
+"""what k forces that no model has do to the measurements, each at one std [noise std]"""
+
+
+def intervals(
+    best: Fit, windows: Windows, considered: Considered
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """Ends of the 95 % intervals of theta; windows, not samples, count as independent."""
+    std = np.sqrt(np.maximum(np.diag(covariance(best, windows, considered)), 0.0))
+    independent = len(windows) / windows.overlap
+    factor = float(stats.t.ppf(0.975, max(independent - 1.0, 1.0)))
+    ends = np.stack([best.theta - factor * std, best.theta + factor * std])
+    low, high = np.clip(ends, *best.model.bounds)
+    return low, high
+
+
+def covariance(best: Fit, windows: Windows, considered: Considered) -> Float[np.ndarray, "p p"]:
+    """Of the errors of theta: the jackknife, and what forces do that no model has.
+
+    Of few windows, some with far more influence than others, White's sandwich is too narrow. And
+    what is alike in all windows shows in none that is left out, and is `considered` by its std.
+
+    Reference: MacKinnon & White, Some heteroskedasticity-consistent covariance matrix estimators,
+        Journal of Econometrics 29 (1985), HC3, with windows as clusters; Tapley, Schutz & Born,
+        Statistical Orbit Determination (2004), chapter 6, for what is considered.
+    """
+    lin, prior = linearise(best.model, windows, best.theta, best.x0), np.diag(best.model.precision)
+    P = lin.cleaned(lin.Jp)
+    by_window = np.einsum("wni,wnj->wij", P, P)
+    H = by_window.sum(axis=0) + prior
+    others = np.linalg.pinv(H - by_window, hermitian=True)
+    moved = np.einsum("wij,wnj,wn->wi", others, P, lin.r)
+    independent, inverse = len(windows) / windows.overlap, np.linalg.pinv(H)
+    spread = windows.overlap * moved.T @ moved * max(independent - 1.0, 1.0) / independent
+    response = inverse @ np.einsum("wni,wnk->ik", P, considered)
+    return spread + inverse @ prior @ inverse + response @ response.T
+
+
+def lasting(
+    disturbance: Disturbance, fit: Fit, windows: Windows, std: Float[np.ndarray, " J"]
+) -> Considered:
+    """The response to forces that are alike in all windows, weighed as these are.
+
+    In each joint one that is constant, and some in proportion to position, speed and its sign.
+
+    Args:
+        disturbance: the responses to forces along the motions.
+        fit: that makes these.
+        windows: in which they are.
+        std: of each force over all windows, by joint [usual forces].
+    """
+    at, columns = motion_midway(fit.model, fit.theta, windows), []
+    for j, size in enumerate(std):
+        q, v = at[:, :, 2 * j], at[:, :, 2 * j + 1]
+        forces = np.stack([np.ones_like(q), q - q.mean(), v, np.sign(v)])
+        rms = np.sqrt(np.square(forces).mean(axis=(1, 2), keepdims=True))
+        columns.append(disturbance.response(j, size * forces / np.maximum(rms, 1e-12), windows))
+    return np.concatenate(columns, axis=2)
+
+
+def member(
+    fit: Fit, windows: Windows, considered: Considered, probability: float, theta: Theta
+) -> Member:
+    """The distribution around theta of a fit's numbers without forces, in their units."""
+    model = fit.model
+    names, nuisances = list(model.priors), model.nuisances
+    parameters, values = model.decode(theta[None, : len(fit.theta)])
+    columns = [list(model.plant.values).index(name) for name in names]
+    expected, units = list(parameters[0, columns]), list(model.plant.nominal[columns])
+    for instance, found in zip(model.added, values, strict=True):
+        # what only smooths a formula has no name here
+        symbols = instance.effect.symbols
+        names += [name_of(instance, s) if s.reported else "" for s in symbols]
+        expected += list(found[0])
+    units += [1.0] * (len(names) - nuisances)
+    numbers = len(names)
+    scale = np.where(model.logarithmic[:numbers], expected, units)
+    spread = covariance(fit, windows, considered)[:numbers, :numbers] * scale * scale[:, None]
+    std = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    told = [n for n, name in enumerate(names) if name]
+    wide = [n for n in told if std[n] > 0.0]
+    correlation = (spread[wide] / std[wide, None])[:, wide] / std[wide]
+    return Member(
+        float(probability),
+        {names[n]: float(expected[n]) for n in told},
+        {names[n]: float(std[n]) for n in wide},
+        tuple(map(tuple, correlation.round(4).tolist())),
+    )
