@@ -287,7 +287,7 @@ class GapProblem:
         Raises:
             InputError: the recordings do not fit the plant or one another.
         """
-        _check(plant, recordings)
+        require_recordings_of(plant, recordings)
         std = noise_of(recordings, noise, plant.angles, DATA.least_noise)
         priors = priors_of(plant, uncertainty, free, DATA.uncertainty)
         train, unseen = divided(recordings, held_out, DATA.held_out, DATA.fewest_to_split)
@@ -371,7 +371,8 @@ class GapProblem:
         return [instance for instance in self.plant.candidates() if instance.target not in unseen]
 
 
-def _check(plant: Plant, recordings: Sequence[Recording]) -> None:
+def require_recordings_of(plant: Plant, recordings: Sequence[Recording]) -> None:
+    """Raises InputError where there are none, or some have other states or inputs than a plant."""
     if not recordings:
         raise InputError("investigate needs at least one recording, got none.")
     for recording in recordings:

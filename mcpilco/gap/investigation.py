@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mcpilco.gap.comparison import ComparedModels, compare, error_reduction
-from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of
+from mcpilco.gap.data import Event, GapProblem, Windows, apart, event_of, require_recordings_of
 from mcpilco.gap.decide import (
     Closest,
     Weighed,
@@ -59,6 +59,7 @@ from mcpilco.recordings import (
     possible_clocks,
     require_plausible,
     unchanging,
+    without_unpowered,
 )
 
 _LOG = logging.getLogger(__name__)
@@ -94,6 +95,9 @@ def investigate(
     """
     recordings, remarks = distinct([_thinned(recording) for recording in recordings])
     plant = plant.knowing(own_effects(effects))
+    require_recordings_of(plant, recordings)
+    recordings, off = without_unpowered(plant, recordings)
+    remarks += off
     problems = [
         GapProblem.of(plant, timed, uncertainty, free, noise or {}, held_out)
         for timed in possible_clocks(recordings)

@@ -198,8 +198,8 @@ class SearchThresholds:
     moves a motion far, and underrates friction in a joint that sticks"""
     starts: int = 2
     """of these, the best, from which an effect is fitted: a joint that sticks has several optima"""
-    most_effects: int = 5
-    """in a model, at most"""
+    most_effects: int = 7
+    """in a model, at most: each velocity that a rig filters is one already"""
     parts: int = 4
     """of a window, which are searched where the best model of whole windows misses much"""
     hints: int = 4

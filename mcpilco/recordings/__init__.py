@@ -12,8 +12,8 @@ read becomes one of
 - `Series`: inputs and outputs, sample by sample (`read_series`).
 
 Read `table`, `reader`, `recording`; then `resample`, `smoothing`, `noise` and `suspicion`, or the
-module of the kind that you need. `misread` asks a plant whether the columns are the right ones, and
-`excitations` makes inputs that are worth recording.
+module of the kind that you need. `misread` asks a plant whether the columns are the right ones,
+`unpowered` where its actuators were off; `excitations` makes inputs that are worth recording.
 """
 
 import lazy_loader

@@ -48,6 +48,7 @@ from .robot_log import (
 from .series import Series, lagged, read_series, suspicions, usable
 from .smoothing import first_state, noise_of, noise_std, smoothed, states_at_commands
 from .suspicion import doubts, read_twice, stuck, unchanging
+from .unpowered import unpowered_spans, without_unpowered
 
 __all__ = [
     "ARRAYS",
@@ -110,7 +111,9 @@ __all__ = [
     "stuck",
     "suspicions",
     "unchanging",
+    "unpowered_spans",
     "usable",
+    "without_unpowered",
     "write_markers",
     "write_recording",
     "zero_phase",

@@ -193,27 +193,25 @@ class Spans:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> Spans:
-        """Spans of all recordings alike; cubics smooth their ends."""
-        dt = recordings[0].dt
-        n, r = (max(k, round(s / dt)) for k, s in ((1, MISREAD.span_s), (3, MISREAD.smooth_s)))
+        """Spans of all recordings alike."""
+        every = [(k, first) for k, one in enumerate(recordings) for first in span_starts(one)]
+        some = np.linspace(0, len(every) - 1, min(len(every), MISREAD.spans)).astype(int)
+        return cls.at(recordings, [every[k] for k in some])
+
+    @classmethod
+    def at(cls, recordings: Sequence[Recording], places: Sequence[tuple[int, int]]) -> Spans:
+        """Those that begin at some samples of recordings, by number; cubics smooth their ends."""
+        dt, (n, r) = recordings[0].dt, _lengths(recordings[0].dt)
         tables = [np.hstack([one.states, one.inputs]) for one in recordings]
         measured = np.any([np.isfinite(table).any(axis=0) for table in tables], axis=0)
-        whole = [
-            table[first - r : first + n + r + 1]
-            for one, table in zip(recordings, tables, strict=True)
-            for part in one.segments()
-            for first in range(part.start + r, part.stop - n - r)
-            if np.isfinite(table[first - r : first + n + r + 1, measured]).all()
-        ]
-        some = np.linspace(0, len(whole) - 1, min(len(whole), MISREAD.spans)).astype(int)
-        spans = np.nan_to_num([whole[k] for k in some])
-        spans = spans.reshape(len(some), n + 2 * r + 1, len(measured))
+        spans = np.nan_to_num([tables[k][first - r : first + n + r + 1] for k, first in places])
+        spans = spans.reshape(len(places), n + 2 * r + 1, len(measured))
         powers = np.vander(np.arange(-r, r + 1.0), 4, increasing=True)
         around = np.stack([spans[:, : 2 * r + 1], spans[:, n:]])
         cubic = np.einsum("pk,eskc->pesc", np.linalg.pinv(powers), around)
         left = around - np.einsum("kp,pesc->eskc", powers, cubic)
         noise = np.sqrt((left**2).sum(axis=(0, 2)) / (4 * r - 6))
-        usual = np.median(noise, axis=0) if len(some) else noise.sum(axis=0)
+        usual = np.median(noise, axis=0) if len(places) else noise.sum(axis=0)
         return cls(cubic[0], cubic[1] / dt, spans[:, r : r + n], usual, measured, dt)
 
     def times(self, factors: Mapping[int, float], shift: float = 0.0) -> Spans:
@@ -252,6 +250,24 @@ class Spans:
         noise = np.where(self.measured, self.noise, 0.0)[: begin.shape[1]]
         change = np.sqrt(np.mean((end - begin) ** 2, axis=0))
         return change > np.maximum(MISREAD.moving * noise, 1e-9)
+
+
+def span_starts(recording: Recording) -> list[int]:
+    """The samples at which a span may begin: nothing is missing in it, and beside it."""
+    n, r = _lengths(recording.dt)
+    table = np.hstack([recording.states, recording.inputs])
+    whole = np.isfinite(table[:, np.isfinite(table).any(axis=0)]).all(axis=1)
+    return [
+        first
+        for part in recording.segments()
+        for first in range(part.start + r, part.stop - n - r)
+        if whole[first - r : first + n + r + 1].all()
+    ]
+
+
+def _lengths(dt: float) -> tuple[int, int]:
+    """Samples of a span, and of the smoothing to each side of its ends."""
+    return max(1, round(MISREAD.span_s / dt)), max(3, round(MISREAD.smooth_s / dt))
 
 
 def missed(plant: Plant, spans: Spans, friction: bool = False) -> float:

@@ -49,8 +49,17 @@ def cart_pole(gain: float = 1.0) -> Slope:
 MACHINES = {"pendulum": pendulum, "cart_pole": cart_pole}
 
 
-def recorded(machine: str, seed: int, gain: float = 1.0, command: float = 1.0) -> list[Recording]:
-    """Three recordings of a machine, by number of the seed; its commands are times a factor."""
+def recorded(
+    machine: str,
+    seed: int,
+    gain: float = 1.0,
+    command: float = 1.0,
+    off: tuple[float, float] = (0.0, 0.0),
+) -> list[Recording]:
+    """Three recordings of a machine, by number of the seed; its commands are times a factor.
+
+    While its motor is `off`, from one time [s] to another, they are recorded and do nothing.
+    """
     rng, slope = np.random.default_rng(seed), MACHINES[machine](gain)
     t = DT * np.arange(round(SECONDS / DT))
     names, noise = NAMES[machine], np.array(NOISE[machine])
@@ -62,7 +71,8 @@ def recorded(machine: str, seed: int, gain: float = 1.0, command: float = 1.0) -
             u = np.sin(2.0 * np.pi * (0.2 + 0.1 * t) * t + rng.uniform(0.0, 6.0))
         u = command * LIMIT[machine] * u
         x, states = rng.normal(0.0, 0.2, len(noise)), []
-        for (begin, end), held in zip(itertools.pairwise([*t, t[-1] + DT]), u, strict=True):
+        acting = np.where((t >= off[0]) & (t < off[1]), 0.0, u)
+        for (begin, end), held in zip(itertools.pairwise([*t, t[-1] + DT]), acting, strict=True):
             states.append(x)
             x = solve_ivp(slope, (begin, end), x, "DOP853", args=(held,), rtol=1e-8).y[:, -1]
         measured = np.stack(states) + noise * rng.standard_normal((len(t), len(noise)))
