@@ -194,7 +194,8 @@ class Spans:
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> Spans:
         """Spans of all recordings alike."""
-        every = [(k, first) for k, one in enumerate(recordings) for first in span_starts(one)]
+        starts = enumerate(span_starts(recordings))
+        every = [(k, first) for k, own in starts for first in own]
         some = np.linspace(0, len(every) - 1, min(len(every), MISREAD.spans)).astype(int)
         return cls.at(recordings, [every[k] for k in some])
 
@@ -202,8 +203,7 @@ class Spans:
     def at(cls, recordings: Sequence[Recording], places: Sequence[tuple[int, int]]) -> Spans:
         """Those that begin at some samples of recordings, by number; cubics smooth their ends."""
         dt, (n, r) = recordings[0].dt, _lengths(recordings[0].dt)
-        tables = [np.hstack([one.states, one.inputs]) for one in recordings]
-        measured = np.any([np.isfinite(table).any(axis=0) for table in tables], axis=0)
+        tables, measured = _tables(recordings)
         spans = np.nan_to_num([tables[k][first - r : first + n + r + 1] for k, first in places])
         spans = spans.reshape(len(places), n + 2 * r + 1, len(measured))
         powers = np.vander(np.arange(-r, r + 1.0), 4, increasing=True)
@@ -252,17 +252,29 @@ class Spans:
         return change > np.maximum(MISREAD.moving * noise, 1e-9)
 
 
-def span_starts(recording: Recording) -> list[int]:
-    """The samples at which a span may begin: nothing is missing in it, and beside it."""
-    n, r = _lengths(recording.dt)
-    table = np.hstack([recording.states, recording.inputs])
-    whole = np.isfinite(table[:, np.isfinite(table).any(axis=0)]).all(axis=1)
+def span_starts(recordings: Sequence[Recording]) -> list[list[int]]:
+    """The samples of each at which a span may begin: nothing is missing in it, and beside it.
+
+    A column counts that any of the recordings has.
+    """
+    n, r = _lengths(recordings[0].dt)
+    tables, measured = _tables(recordings)
+    whole = [np.isfinite(table[:, measured]).all(axis=1) for table in tables]
     return [
-        first
-        for part in recording.segments()
-        for first in range(part.start + r, part.stop - n - r)
-        if whole[first - r : first + n + r + 1].all()
+        [
+            first
+            for part in one.segments()
+            for first in range(part.start + r, part.stop - n - r)
+            if known[first - r : first + n + r + 1].all()
+        ]
+        for one, known in zip(recordings, whole, strict=True)
     ]
+
+
+def _tables(recordings: Sequence[Recording]) -> tuple[list[np.ndarray], Bool[np.ndarray, " C"]]:
+    """Their columns, states and then inputs, and which of these any recording has."""
+    tables = [np.hstack([one.states, one.inputs]) for one in recordings]
+    return tables, np.any([np.isfinite(table).any(axis=0) for table in tables], axis=0)
 
 
 def _lengths(dt: float) -> tuple[int, int]:

@@ -99,7 +99,7 @@ class _Rows:
     def of(cls, plant: Plant, recordings: Sequence[Recording]) -> _Rows:
         """Those of some recordings, side by side."""
         n = max(1, round(MISREAD.span_s / recordings[0].dt))
-        starts = [np.array(span_starts(one)[::n], dtype=int) for one in recordings]
+        starts = [np.array(own[::n], dtype=int) for own in span_starts(recordings)]
         places = [(k, int(at)) for k, own in enumerate(starts) for at in own]
         told = _answers(plant, Spans.at(recordings, places)) if places else np.zeros((2, 0), bool)
         ends = np.cumsum([len(own) for own in starts])[:-1]
@@ -136,7 +136,7 @@ def _answers(plant: Plant, spans: Spans) -> tuple[Bool[np.ndarray, " S"], Bool[n
     size = np.maximum(np.mean((end - begin) ** 2, axis=0), 1e-300)
 
     def apart(one: Float[np.ndarray, "S X"], other: Float[np.ndarray, "S X"]) -> np.ndarray:
-        far = np.nan_to_num(one - other, nan=np.inf)
+        far = np.nan_to_num(one - other, nan=np.inf, posinf=np.inf, neginf=np.inf)
         return ((far**2 / size)[:, moving]).sum(axis=1)
 
     acted, idle = (

@@ -27,6 +27,7 @@ from mcpilco.recordings import (
     unchanging,
     write_recording,
 )
+from mcpilco.recordings.misread import Spans
 from mcpilco.typing import InputError
 from tests.mcpilco.gap import pendulum as rods
 from tests.mcpilco.gap.machines import (
@@ -142,6 +143,15 @@ def test_positions_alone_tell_it_as_well(
 ) -> None:
     measured = columns(without_velocities(recorded(machine, 1)), **changed)
     assert question in misreadings(PLANTS[machine], measured)[0]
+
+
+def test_a_recording_without_a_column_that_others_have_tells_nothing_about_it() -> None:
+    first, second, third = recorded("pendulum", 0)
+    (bare,) = without_velocities([third])
+    told = Spans.of([first, second, bare])
+    assert told.measured.all()
+    assert np.abs(told.ends[:, :, 1]).min() > 0.0  # a velocity that is not there would be read as 0
+    assert misreadings(PLANTS["pendulum"], [first, second, bare]) == ()
 
 
 def test_two_wrong_columns_are_both_asked_for() -> None:
