@@ -253,6 +253,7 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
         simulated.close()
         self._told = self._for_loop()
         self._step: int | None = None
+        self._tidies = gc.get_freeze_count() == 0  # what a program has frozen stays so
 
     def _for_loop(self) -> dict[str, Any]:
         task, settings = self.task, self.settings
@@ -299,9 +300,10 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
     def _begun(self) -> dict[str, Any]:
         self._met.open(self._told)
         self._met.send({"do": "begin", "ticks": self._ticks, "log": self._met.new_log()})
-        gc.unfreeze()  # on the machine's way to its start memory is cleared: what is left then
-        gc.collect()
-        gc.freeze()  # costs the collections of an episode no time
+        if self._tidies:  # on the machine's way to its start memory is cleared: what is left then
+            gc.unfreeze()
+            gc.collect()
+            gc.freeze()  # costs the collections of an episode no time
         while True:
             answer = self._met.hear(self.settings.homing + 2 * PATIENCE_S)
             if answer["is"] in ("ready", "silent", "homing", "stopped"):
@@ -341,7 +343,8 @@ class MachineEnv(gym.Env[np.ndarray, np.ndarray]):
         if self._met.process is not None and self._met.process.poll() is None:
             with contextlib.suppress(EnvError):
                 self._met.send({"do": "end"})
-        gc.unfreeze()
+        if self._tidies:
+            gc.unfreeze()
 
     def _judged(self, path: Sequence[Sequence[float]], inputs: Float[np.ndarray, " U"]) -> float:
         """The reward of a step, whose measurements the judge has seen."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import time
@@ -67,6 +68,15 @@ def test_an_episode_moves_and_is_logged_as_a_recording_of_the_plant(met: Rig, tm
     recordings, _ = read_for_plant(plant, [tmp_path / "log" / "episode-0000.csv"])
     assert recordings[0].inputs.max() == pytest.approx(2.0)
     assert recordings[0].states[-1, 0] == pytest.approx(moved[-1][0][0], abs=0.1)
+
+
+def test_what_a_program_has_frozen_stays_so(met: Rig) -> None:
+    before = gc.get_freeze_count()
+    assert before > 0, "the tests freeze what they import"
+    with contextlib.closing(machine()) as env:
+        env.reset()
+        push(env, 1)
+    assert gc.get_freeze_count() >= before
 
 
 def test_the_rewards_are_those_of_the_simulation(met: Rig) -> None:
