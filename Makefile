@@ -28,6 +28,8 @@ train: $(CORE_READY) ## learn the cart-pole swing-up; SEED, TRIALS and OUT are o
 test test-slow test-claims: export OMP_NUM_THREADS := 1
 test test-slow test-claims: export OPENBLAS_NUM_THREADS := 1
 test test-slow test-claims: export MKL_NUM_THREADS := 1
+# Many tests start processes, and each would compile the package again.
+test test-slow test-claims: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV_READY) ## run the tests that take seconds
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
