@@ -308,7 +308,7 @@ def sent(world: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 OFTEN = ("Train", "Evaluate", "Export", "Compare", "Record", "Cross", "View", "Report")
-"""commands that read a run folder"""
+"""commands that read a run folder; half of them are given each form in seconds, all in minutes"""
 OF_FILES = ("pickled rollout", "agent that is a pickle", "model", "correction")
 """forms of files that other commands read too"""
 ALL = [argv for calls in READERS.values() for argv in calls]
@@ -323,7 +323,8 @@ def test_nothing_that_is_sent_is_executed(
 ) -> None:
     """Each command succeeds or ends with one sentence, and what is not in the folder stays."""
     HOSTILE[form](sent)
-    require_harmless(sent, capsys, ALL if form in OF_FILES else [READERS[k][0] for k in OFTEN])
+    half = OFTEN[FEWER.index(form) % 2 :: 2]
+    require_harmless(sent, capsys, ALL if form in OF_FILES else [READERS[k][0] for k in half])
 
 
 @pytest.mark.slow
