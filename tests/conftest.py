@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,10 +27,19 @@ def pytest_runtest_setup() -> None:
     shapes.begin_test()
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the groups
+@pytest.hookimpl(tryfirst=True)  # before slow tests are left out and pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that share a fixture go to one worker; those that share most come first."""
+    """Tests that share a fixture go to one worker; those that share most come first.
+
+    Of the cases of a test that is marked `one_in` the others are slow.
+    """
+    cases: Counter[str] = Counter()
     for item in items:
+        if (mark := item.get_closest_marker("one_in")) and not item.get_closest_marker("slow"):
+            name = item.nodeid.partition("[")[0]
+            if cases[name] % mark.args[0]:
+                item.add_marker("slow")
+            cases[name] += 1
         if item.get_closest_marker("xdist_group") is None and (shared := _shared_by(item)):
             item.add_marker(pytest.mark.xdist_group(shared))
 

@@ -73,6 +73,7 @@ def actions(agent: MCPILCO) -> np.ndarray:
     return np.array([act(x) for x in np.random.default_rng(0).normal(size=(5, 4))])
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow) if n in DEARER else n for n in COMPONENTS],

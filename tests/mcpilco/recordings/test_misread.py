@@ -91,6 +91,7 @@ QUICK = ("negate force?", "is pole_angle in degrees?", "are cart_position and ca
 """of a cart-pole, that are asked in the fast run"""
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("machine", "question", "changed"),
@@ -127,6 +128,7 @@ def test_swapped_columns_are_asked_for(machine: str, one: str, other: str) -> No
     assert f"are {one} and {other} swapped?" in told[0]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("machine", "question", "changed"),
     [

@@ -22,6 +22,7 @@ PLANTS = {
 recorded = cache(simulated)
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("gain", [0.6, 1.0, 1.4])
 @pytest.mark.parametrize("machine", list(PLANTS))
 def test_what_is_recorded_before_an_amplifier_is_enabled_is_left_out(
@@ -64,6 +65,7 @@ def test_sound_recordings_lose_nothing(machine: str, gain: float, seed: int) -> 
     assert not any(unpowered_spans(PLANTS[machine], recorded(machine, seed, gain=gain)))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("force", "how"),
     [

@@ -44,6 +44,7 @@ CASES = [
 ]
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(("name", "effect", "target", "values", "module"), CASES)
 def test_a_corrected_model_moves_as_its_plant(name, effect, target, values, module, tmp_path):
     plant = plant_of_text(MODELS[name], "high" if name == "hopper" else "")
