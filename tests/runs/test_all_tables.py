@@ -31,7 +31,6 @@ def test_every_result_is_of_one_table():
         assert len(holding) == 1, (path, holding)
 
 
-@pytest.mark.one_in(5)
 @pytest.mark.parametrize(
     "table",
     {(table.run, table.made_by): table for table in TABLES}.values(),

@@ -91,7 +91,6 @@ QUICK = ("negate force?", "is pole_angle in degrees?", "are cart_position and ca
 """of a cart-pole, that are asked in the fast run"""
 
 
-@pytest.mark.one_in(3)
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("machine", "question", "changed"),
