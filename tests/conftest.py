@@ -47,6 +47,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """The garbage collector needs not look at what was imported again and again."""
     gc.freeze()
+    gc.set_threshold(20_000)  # numba and matplotlib make many objects and hardly a circle
     gc.enable()
 
 

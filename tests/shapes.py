@@ -10,7 +10,7 @@ import inspect
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import is_dataclass
-from functools import partial, wraps
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -62,12 +62,15 @@ def _checked_at_first(
         return kind
     if not _takes_arrays(kind):
         return kind
-    checked = jaxtyped(kind, typechecker=typechecker)
+
+    @cache  # when it is first called, for few of all functions are called in a run
+    def checked() -> Callable[..., Any]:
+        return jaxtyped(kind, typechecker=typechecker)
 
     @wraps(kind)
     def function(*args: Any, **kwargs: Any) -> Any:
         _calls[kind] += 1
-        return (checked if _calls[kind] <= MOST else kind)(*args, **kwargs)
+        return (checked() if _calls[kind] <= MOST else kind)(*args, **kwargs)
 
     return function
 

@@ -146,7 +146,7 @@ class PlantModel:
         theta: Theta,
         instance: EffectInstance,
         values: Sequence[float] | Float[np.ndarray, " n"],
-    ) -> tuple[PlantModel, Float[np.ndarray, " n"]]:
+    ) -> tuple[PlantModel, Float[np.ndarray, " more"]]:
         """The model with one effect more, and theta with its values."""
         model = self.having(instance)
         if len(model.added) == len(self.added):

@@ -8,6 +8,7 @@ from numba import njit
 
 from mcpilco.search.fused import tiles
 
+pytestmark = pytest.mark.xdist_group("search/test_tiles")  # what they call is compiled once
 RTOL = {np.float32: 1e-5, np.float64: 1e-13}
 
 
