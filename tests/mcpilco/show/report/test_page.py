@@ -12,9 +12,10 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 from mcpilco.logbook import RunFolder, read_history
-from mcpilco.show.report import page, write_report
+from mcpilco.show.report import learned, page, write_report
 from mcpilco.show.report.document import Picture, render
 from mcpilco.show.report.page import page_of
+from mcpilco.sweep.robustness import FACTORS, Direction
 from mcpilco.typing import InputError, RunFolderError
 from tests.mcpilco.show import browser
 
@@ -54,8 +55,10 @@ class Reader(HTMLParser):
 
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
-    """One dot in place of each picture: drawing takes most of a page's time."""
+    """One dot in place of each picture, one direction: they take most of a page's time."""
+    direction = Direction("mass", 1.0, "kg", (1.0,) * len(FACTORS))
     monkeypatch.setattr(page, "draw", lambda says, *_: Picture(_DOT, says))
+    monkeypatch.setattr(learned, "directions", lambda *_: [direction])
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +243,7 @@ def test_browser_shows_the_page_alone_and_within_its_width(run, tmp_path, width)
         assert asked == {"file", "data"}
 
 
-def test_a_page_in_a_run_folder_is_written_there_and_nowhere_else(made_once, tmp_path):
+def test_a_page_in_a_run_folder_is_written_there_and_nowhere_else(undrawn, made_once, tmp_path):
     """A link in a folder that somebody sent is refused; one that the user names is followed."""
     folder, mine = tmp_path / "run", tmp_path / "mine"
     shutil.copytree(made_once, folder)
