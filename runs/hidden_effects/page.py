@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,23 +42,12 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [origin(found), naming(found), by_number(found), numbers(found), places(found)]
-    parts += [pictures(found, out), missed(found)]
+    parts = [naming(found), by_number(found), numbers(found), places(found)]
+    parts += [pictures(found, out), missed(found), origins(found)]
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
     if found and out == HERE:
         fill(HERE.parents[1] / "README.md", [by_tier(found), in_short(found)], name="hidden")
-
-
-def origin(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """How many cases there are, which code they are from, and where it ran."""
-    cases = [case for tier in found.values() for case in tier]
-    counts = Counter((code_that_made(case), *case["machine"].values()) for case in cases)
-    told = [
-        f"{count} with {code} on {cpu}, {cores} cores"
-        for (code, cpu, cores), count in counts.most_common()
-    ]
-    return f"{len(cases)} cases of at least 300 that are wanted: {'; '.join(told)}."
 
 
 def by_tier(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -82,13 +71,31 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     )
 
 
-def newest(
+def beside_newest(
     found: Mapping[str, Sequence[Mapping[str, Any]]],
 ) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """The cases of each tier that one version of the code solved: that of the latest seeds.
+    """The tiers, and after each its cases by one version of the code, where there are others too.
 
-    Each version solves seeds that follow those of before. Versions of which one has made samples of
-    another's cases again, with equal results, are one.
+    Each version solves seeds that follow those of before. A tier's newest code is that of its
+    latest seed; the code of all tiers is the newest of most of them.
+    """
+    version = _versions()
+    newest = {tier: version(max(cases, key=lambda c: c["seed"])) for tier, cases in found.items()}
+    ((of_all, _),) = Counter(newest.values()).most_common(1)
+    parts: dict[str, Sequence[Mapping[str, Any]]] = {}
+    for tier, cases in found.items():
+        parts[tier] = cases
+        for code, name in {of_all: "code of all tiers", newest[tier]: "newest code"}.items():
+            own = [case for case in cases if version(case) == code]
+            if 0 < len(own) < len(cases):
+                parts[f"{tier}: {name}"] = own
+    return parts
+
+
+def _versions() -> Callable[[Mapping[str, Any]], str]:
+    """What tells the version of the code that solved a case.
+
+    Versions of which one has made samples of another's cases again, with equal results, are one.
     """
     tables = read_samples(HERE.name).values()
     confirmed = {of: sample["by"] for table in tables for of, sample in table.items()}
@@ -99,23 +106,7 @@ def newest(
             digest = confirmed.get(digest, digest)
         return digest
 
-    last = Counter(version(max(cases, key=lambda case: case["seed"])) for cases in found.values())
-    ((latest, _),) = last.most_common(1)
-    parts = {t: [case for case in cases if version(case) == latest] for t, cases in found.items()}
-    return {tier: cases for tier, cases in parts.items() if cases}
-
-
-def beside_newest(
-    found: Mapping[str, Sequence[Mapping[str, Any]]],
-) -> dict[str, Sequence[Mapping[str, Any]]]:
-    """The tiers, and after each its cases by the newest code, where there are others too."""
-    parts: dict[str, Sequence[Mapping[str, Any]]] = {}
-    last = newest(found)
-    for tier, cases in found.items():
-        parts[tier] = cases
-        if 0 < len(last.get(tier, ())) < len(cases):
-            parts[f"{tier}: newest code"] = last[tier]
-    return parts
+    return version
 
 
 def naming(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -266,3 +257,20 @@ def missed(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
                     f"verdict {case['verdict']}, named {told}"
                 )
     return "### Cases that are not right\n\n" + "\n".join(lines) if lines else ""
+
+
+def origins(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Which versions of the code solved the cases, and where; the latest seeds come first."""
+    solved = defaultdict(list)
+    for tier, cases in found.items():
+        for case in cases:
+            where = (code_that_made(case), *map(str, case["machine"].values()))
+            solved[where].append((case["seed"], tier))
+    rows = []
+    for where, cases in sorted(solved.items(), key=lambda item: max(item[1]), reverse=True):
+        tiers = ", ".join(dict.fromkeys(tier for _, tier in cases))
+        seeds = f"{min(cases)[0]}–{max(cases)[0]}"
+        rows.append((*where, tiers, seeds, str(len(cases))))
+    header = ("made by", "processor", "cores", "tiers", "seeds", "cases")
+    table = markdown(header, rows)
+    return f"### Which code solved them\n\n{table}"

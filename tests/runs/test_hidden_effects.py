@@ -431,15 +431,18 @@ def test_cases_of_the_newest_code_have_a_row_of_their_own_where_there_are_others
         return {"seed": seed, "made": {"digest": digest}}
 
     unknown, old, equal, new = {"seed": 1}, made(2, "old"), made(3, "equal"), made(4, "new")
+    later = made(5, "later")
     samples = {"results/one/*.json": {"equal": {"of": "equal", "by": "new"}}}
     monkeypatch.setattr(modules["page"], "read_samples", lambda _: samples)
     found = {"one": [unknown, equal, new], "none": [new], "two": [old], "three": [old, new]}
-    assert modules["page"].beside_newest(found) == {
+    assert modules["page"].beside_newest({**found, "rough": [old, new, later]}) == {
         "one": [unknown, equal, new],
         "one: newest code": [equal, new],
         "none": [new],
         "two": [old],
         "three": [old, new],
         "three: newest code": [new],
+        "rough": [old, new, later],
+        "rough: code of all tiers": [new],
+        "rough: newest code": [later],
     }
-    assert "two" not in modules["page"].newest(found)
