@@ -33,6 +33,8 @@ HIDDEN = {
     "laboratory-none": "none, as a laboratory has it",
 }
 """tiers in words"""
+LONGEST_S = 180.0
+"""that is asked of a case [s]"""
 
 
 def write_readme(out: Path) -> None:
@@ -42,7 +44,7 @@ def write_readme(out: Path) -> None:
         for tier in TIERS
     }
     found = {tier: cases for tier, cases in found.items() if cases}
-    parts = [naming(found), by_number(found), numbers(found), places(found)]
+    parts = [asked(found), naming(found), by_number(found), numbers(found), places(found)]
     parts += [pictures(found, out), missed(found), origins(found)]
     parts = parts if found else ["Not measured yet."]
     fill(out / "README.md", parts, template=HERE / "README.md")
@@ -69,6 +71,36 @@ def in_short(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         f"({max(seconds):.0f} s at most). {100 * np.mean(covered):.0f} % of the 95 % intervals "
         "hold the truth."
     )
+
+
+def asked(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """What is asked of the tier `rough`, and what its newest code reaches."""
+    if "rough" not in found:
+        return ""
+    all_cases = beside_newest(found).get("rough: newest code", found["rough"])
+    by_effects = [[c for c in all_cases if len(c["truth"]) == n] for n in range(4)]
+    if not all(by_effects):
+        return ""
+    _, covered = accuracy([case for case in all_cases if right(case)])
+    seconds = np.array([case["cpu_s"] for case in all_cases])
+    shares = {
+        ("single effects: right, or in a family", "90 %"): map(in_family, by_effects[1]),
+        ("pairs", "80 %"): map(in_family, by_effects[2]),
+        ("triples", "-"): map(in_family, by_effects[3]),
+        ("nothing hidden: no wrong name", "95 %"): map(only_right, by_effects[0]),
+        ("wrong and sure", "3 % at most"): map(misnamed, all_cases),
+        ("intervals that hold the truth, where it is right", "90 to 98 %"): map(bool, covered),
+        ("a case takes three CPU minutes or less", "95 %"): map(bool, seconds <= LONGEST_S),
+    }
+    rows = [(*told, _counted(list(flags))) for told, flags in shares.items()]
+    rows.append(("CPU time in the median", "30 s", f"{np.median(seconds):.0f} s"))
+    seeds = [case["seed"] for case in all_cases]
+    header = (f"rough, newest code, seeds {min(seeds)} to {max(seeds)}", "asked", "reached [%]")
+    return markdown(header, rows)
+
+
+def _counted(flags: Sequence[bool]) -> str:
+    return f"{rate_cell(rate(flags))}: {sum(flags)} of {len(flags)}"
 
 
 def beside_newest(
@@ -260,17 +292,19 @@ def missed(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
 
 
 def origins(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Which versions of the code solved the cases, and where; the latest seeds come first."""
-    solved = defaultdict(list)
+    """Which versions of the code solved the cases, where and how well; the latest come first."""
+    solved: dict[tuple[str, ...], list[tuple[str, Mapping[str, Any]]]] = defaultdict(list)
     for tier, cases in found.items():
         for case in cases:
             where = (code_that_made(case), *map(str, case["machine"].values()))
-            solved[where].append((case["seed"], tier))
-    rows = []
-    for where, cases in sorted(solved.items(), key=lambda item: max(item[1]), reverse=True):
-        tiers = ", ".join(dict.fromkeys(tier for _, tier in cases))
-        seeds = f"{min(cases)[0]}–{max(cases)[0]}"
-        rows.append((*where, tiers, seeds, str(len(cases))))
-    header = ("made by", "processor", "cores", "tiers", "seeds", "cases")
-    table = markdown(header, rows)
+            solved[where].append((tier, case))
+    rows = {}
+    for where, told in solved.items():
+        cases = [case for _, case in told]
+        seeds = [case["seed"] for case in cases]
+        tiers = ", ".join(dict.fromkeys(tier for tier, _ in told))
+        _, count, _, *shares = _shares("", cases)
+        rows[max(seeds), where] = (*where, tiers, f"{min(seeds)}–{max(seeds)}", count, *shares)
+    header = ("made by", "processor", "cores", "tiers", "seeds", "cases", *HEADER[3:])
+    table = markdown(header, [rows[key] for key in sorted(rows, reverse=True)])
     return f"### Which code solved them\n\n{table}"

@@ -301,6 +301,36 @@ def test_what_is_there_besides_may_be_named_and_partly_says_that_it_is_not(
     assert verdicts.misnamed(told) == ("coulomb_friction" in named)
 
 
+def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
+    modules: dict[str, ModuleType],
+) -> None:
+    def solved(seed: int, number: int, is_right: bool, cpu_s: float) -> dict[str, Any]:
+        hidden = ["spring", "coulomb_friction", "quadratic_drag"][:number]
+        told = case(hidden, "named" if hidden else "none", [*hidden, *["backlash"][is_right:]])
+        for effect in told["truth"]:
+            effect["parameters"] = {"k": 1.0} if effect["name"] == "spring" else {}
+        for effect in told["found"]:
+            parameters = {"k": {"value": 1.1, "low": 1.05, "high": 1.2}}
+            effect |= {"target": "cart", "probability": 0.99, "family": [effect["name"]]}
+            effect["parameters"] = parameters if effect["name"] == "spring" else {}
+        told |= {"plant": "mcpilco/CartPoleSwingUp-v0", "velocities": True}
+        return {**told, "seed": seed, "cpu_s": cpu_s, "made": {"digest": "new" if seed else "old"}}
+
+    asked = modules["page"].asked
+    old = solved(0, 1, is_right=False, cpu_s=1000.0)
+    cases = [solved(1 + n, n % 4, is_right=n != 1, cpu_s=100.0 + 20.0 * n) for n in range(8)]
+    table = asked({"rough": [old, *cases]}).splitlines()
+    rows = {name: reached for name, _, reached in (row.strip("| ").split(" | ") for row in table)}
+    assert rows["single effects: right, or in a family"].endswith(": 1 of 2")
+    assert rows["pairs"].endswith(": 2 of 2")
+    assert rows["nothing hidden: no wrong name"].endswith(": 2 of 2")
+    assert rows["wrong and sure"].endswith(": 1 of 8")
+    assert rows["intervals that hold the truth, where it is right"].endswith(": 0 of 5")
+    assert rows["a case takes three CPU minutes or less"].endswith(": 5 of 8")
+    assert rows["CPU time in the median"] == "170 s"
+    assert asked({"rough": [old]}) == asked({}) == ""
+
+
 def test_the_joint_of_a_learned_force_is_right_where_the_hidden_one_acts(
     modules: dict[str, ModuleType],
 ) -> None:
