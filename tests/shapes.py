@@ -19,7 +19,7 @@ from beartype import beartype
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("mcpilco", "envs", "baselines")
-MOST = 8
+MOST = 20
 """calls of a function that are checked in a test"""
 
 _running = SimpleNamespace(test=0)
