@@ -278,17 +278,24 @@ class Rival:
     """the other effect"""
     fit: Fit
     behind: float
-    """its BIC less that of the best model"""
+    """its BIC less that of the best model, or of the one with both beside the same effects"""
 
 
 def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
     """The models of a search as likely as its best one, but with another effect for one of it.
 
-    Or with one in the place of several that it may stand for, or the other way round.
+    Or with one in the place of several that it may stand for, or the other way round. Beside
+    effects that are likely, and not worth it, what takes the place of one may be likelier too.
     """
     ours, least, listed = {*result.best.model.effects}, result.ranked[0][1], []
+    known = {frozenset(fitted.model.effects): b for fitted, b in result.ranked}
     for fitted, b in result.ranked:
-        gone, new = ours - {*fitted.model.effects}, {*fitted.model.effects} - ours
+        theirs = {*fitted.model.effects}
+        gone, new = ours - theirs, theirs - ours
+        for other in new if gone == {instance} and len(new) > 1 else ():
+            beside = known.get(frozenset(theirs - {other} | gone), math.inf)
+            if beside < least - SEARCH.bic_gain and b - beside < VERDICT.tied:
+                listed.append(Rival(other, fitted, b - beside))
         one = len(gone) == len(new) == 1 or all(x.holds(y) or y.holds(x) for x in gone for y in new)
         if instance in gone and one and b - least < VERDICT.tied:
             listed += [Rival(other, fitted, b - least) for other in new]
@@ -324,7 +331,7 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
     """That an effect is missing, or one of which it is a special case, by all that was fitted.
 
     Its family says which of these it could be as well. Models of more effects than the best one
-    do not count: these were not worth it. Nor is a likelier one that the best was preferred to.
+    do not count, for these were not worth it, but where they have another in its place.
     """
     least, most = result.ranked[0][1], len(result.best.model.effects)
     fits = [(fit, bic) for fit, bic in result.ranked if len(fit.model.effects) <= most]
@@ -333,7 +340,9 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
         any(each == instance or each.holds(instance) for each in fit.model.effects)
         for fit, _ in fits
     ]
-    return float(weight @ own / weight.sum())
+    beside = [r.behind for r in rivals(result, instance) if len(r.fit.model.effects) > most]
+    others = np.exp(-0.5 * np.clip(beside, -700.0, 700.0)).sum()
+    return float(weight @ own / weight.sum() / (1.0 + others))
 
 
 def _present(instance: EffectInstance, estimates: dict[str, EstimatedParameter]) -> float:

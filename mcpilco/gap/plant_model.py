@@ -54,6 +54,10 @@ class ComputeBudget:
         """
         return cls(most * (1.0 if costly else max(1.0, BUDGET.usual_dt_s / held_s)))
 
+    def with_left(self, steps: float) -> ComputeBudget:
+        """The same, with at least so many steps left."""
+        return replace(self, most=max(self.most, int(self.used[0]) + steps))
+
     def share(self, part: float) -> BudgetShare:
         """A part of the steps that are left, for a stage that begins now."""
         now = int(self.used[0])
@@ -256,8 +260,10 @@ class PlantModel:
             friction = instance.effect
             if not isinstance(friction, DryFriction):
                 continue
-            inertia = lightest * self.scales[instance.target].inertia
-            slowest = float(theta[span][list(friction.forces)].sum()) * FIT.quickest_s / inertia
+            scale, f = self.scales[instance.target], theta[span][list(friction.forces)].sum()
+            braked = float(f) / (lightest * scale.inertia)
+            unseen = min(braked * FIT.quick_s, FIT.unseen_turn * scale.velocity)
+            slowest = max(braked * FIT.quickest_s, unseen)
             at = span.start + friction.turn
             theta[at] = max(theta[at], math.log(min(max(slowest, TURN.low), TURN.high)))
         return theta

@@ -30,7 +30,7 @@ from mcpilco.gap.fit import (
     recovered,
     weighed_anew,
 )
-from mcpilco.gap.plant_model import BudgetShare, InitialStates, PlantModel, Theta
+from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise, residuals_at
 from mcpilco.gap.thresholds import BUDGET, SEARCH
@@ -102,13 +102,14 @@ class Tried:
         """Let its random forces weigh what is fitted from now on; forget the worst models."""
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
         self.disturbance = Disturbance.of(best, self.windows)
-        self.windows = self.disturbance.whitened(self.disturbance.evidence(best))
-        self.evidence.clear()
+        if best.model.plant.costly:
+            self.evidence.clear()
+        self.windows = self.disturbance.whitened(self.judged(best))
         self.fits = {frozenset(f.model.effects): weighed_anew(f, self.windows) for f in followed}
 
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
-        key, evidence = frozenset(fit.model.effects), self.disturbance.evidence(fit)
+        key, evidence = frozenset(fit.model.effects), self._evidence(fit)
         there = self.fits.get(key)
         if there is not None and self.bic(there) <= self._criterion(fit, evidence):
             return there
@@ -119,8 +120,19 @@ class Tried:
         """The evidence for one of the fits."""
         key = frozenset(fit.model.effects)
         if key not in self.evidence:
-            self.evidence[key] = self.disturbance.evidence(fit)
+            self.evidence[key] = self._evidence(fit)
         return self.evidence[key]
+
+    def _evidence(self, fit: Fit) -> Evidence:
+        """With the response to random forces along its own motions, or, where dear, the best's.
+
+        Where a small change leads a motion anywhere the response along another one's explains more
+        or less than its own, by more than an effect has to.
+        """
+        if fit.model.plant.costly:
+            return self.disturbance.evidence(fit)
+        uncounted = replace(fit, model=replace(fit.model, budget=ComputeBudget()))
+        return Disturbance.of(uncounted, self.windows).evidence(fit)
 
     def bic(self, fit: Fit) -> float:
         """Bayesian information criterion of one of the fits.
@@ -395,7 +407,9 @@ def confuse(tried: Tried) -> None:
     An arm's center in a horizontal plane, or a pendulum's gain, may as well be its mass; and a
     motor under a voltage a friction and a lag.
     """
-    best, share = tried.best(), tried.null.model.budget.share(1.0)
+    best = tried.best()
+    budget = best.model.budget.with_left(BUDGET.confusing_steps)
+    best, share = replace(best, model=replace(best.model, budget=budget)), budget.share(1.0)
     for instance, (values, *_) in best.model.effect_values(best.theta[None]):
         for pair in combinations([c for c in tried.candidates if instance.holds(c)], 2):
             if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):

@@ -66,6 +66,9 @@ class BudgetThresholds:
     """of an investigation: about a minute on one core"""
     costly: float = 5.0
     """times as many where MuJoCo simulates [-]: some minutes on one core"""
+    confusing_steps: float = 1e7
+    """that are left at least when what does the same as an effect is fitted: of two searches that
+    ended without any (`rough`, seeds 7 and 2327) it took 4e6 to 5e6"""
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
@@ -106,6 +109,11 @@ class FitThresholds:
     """sensor scale below which a reading is not inverted [-]"""
     quickest_s: float = 1e-4
     """in which dry friction may bring its joint to rest [s]: what a simulation can follow"""
+    quick_s: float = 1e-3
+    """the same where none could tell it from a quicker one [s]: a joint that sticks takes a step in
+    this time. On `rough`, seed 2327, misfits are the same as with 1e-4, and worse with 3e-3"""
+    unseen_turn: float = 0.003
+    """part of its joint's usual speed up to which none could tell where it turns over [-]"""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def test_a_stiff_friction_counts_for_more(problem: GapProblem) -> None:
         EffectInstance(CATALOGUE["coulomb_friction"], "pendulum"),
     )
     counts = []
-    for model, theta in ((smooth, nothing), smooth.grown(nothing, friction, [0.5, 1e-3])):
+    for model, theta in ((smooth, nothing), smooth.grown(nothing, friction, [5.0, 1e-3])):
         counted = replace(model, budget=ComputeBudget())
         run(counted, windows, theta[None], windows.guess[None])
         counts.append(int(counted.budget.used[0]))

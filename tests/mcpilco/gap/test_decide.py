@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -331,6 +332,31 @@ def test_a_family_holds_what_stands_for_several_effects_together(turned: bool) -
         assert told == {viscous: {motor}, lag: {motor, delay}}
     else:
         assert told == {motor: {viscous, lag}}
+
+
+def test_what_takes_the_place_of_an_effect_in_likelier_models_is_in_its_family() -> None:
+    """As a spring beside a friction, where it is a hardening spring that was found alone."""
+
+    def fit(*effects: EffectInstance) -> Any:
+        return SimpleNamespace(model=SimpleNamespace(effects=effects))
+
+    names = "hardening_spring", "spring", "dahl_friction"
+    hard, soft, cable = (EffectInstance(CATALOGUE[name], "pendulum") for name in names)
+    best = fit(hard)
+    likelier = [(fit(soft, cable), -78.0), (fit(hard, cable), -80.0)]
+    for others, apart in (
+        (likelier, 2.0),
+        ([(fit(soft, cable), -58.0), likelier[1]], None),  # which is not as likely
+        ([(fit(soft, cable), -8.0), (fit(hard, cable), -10.0)], None),  # as likely as the best
+        (likelier[:1], None),
+    ):
+        result: Any = SimpleNamespace(best=best, ranked=((best, 0.0), *others))
+        told = rivals(result, hard)
+        assert [(each.instance, each.behind) for each in told] == (
+            [] if apart is None else [(soft, apart)]
+        )
+        sure = 1.0 if apart is None else 1.0 / (1.0 + math.exp(-0.5 * apart))
+        assert decide._probability(result, hard) == pytest.approx(sure)
 
 
 def test_what_lies_on_a_bound_is_told(rubbing: tuple[PlantModel, Windows]) -> None:

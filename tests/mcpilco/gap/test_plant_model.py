@@ -75,9 +75,21 @@ def test_only_friction_that_is_far_too_large_turns_over_more_slowly() -> None:
     friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
     nominal = model()
     for size, softer in ((0.2, False), (20.0, True)):
-        grown, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-3))
+        grown, theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-2))
         width = float(np.exp(theta[-1]))
-        assert (width > 1e-3 * (1 + 1e-9)) == softer
+        assert (width > 1e-2 * (1 + 1e-9)) == softer
         rest = width * nominal.scales["pendulum"].inertia / size
         assert rest >= 1e-4 * (1 - 1e-9)
         np.testing.assert_array_equal(grown.softened(theta), theta)
+
+
+@pytest.mark.parametrize("size", [0.02, 0.2, 2.0])
+def test_friction_turns_over_as_slowly_as_none_could_tell_from_a_quicker_one(size: float) -> None:
+    """Its joint comes to rest in a millisecond, where that is a small part of its usual speed."""
+    friction = EffectInstance(CATALOGUE["coulomb_friction"], "pendulum")
+    nominal = model()
+    scale = nominal.scales["pendulum"]
+    theta = nominal.grown(np.zeros(nominal.nuisances), friction, (size, 1e-9))[1]
+    width, millisecond = float(np.exp(theta[-1])), size / scale.inertia * 1e-3
+    assert width == pytest.approx(max(5e-4, min(millisecond, 0.003 * scale.velocity)))
+    assert millisecond / 10.0 < width

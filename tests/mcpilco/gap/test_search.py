@@ -11,7 +11,7 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
-from mcpilco.gap.disturbance import Evidence
+from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
 from mcpilco.gap.screen import Score
@@ -26,7 +26,7 @@ from mcpilco.gap.search import (
     without,
 )
 from mcpilco.gap.sensitivities import linearise
-from mcpilco.gap.thresholds import SEARCH, VERDICT
+from mcpilco.gap.thresholds import BUDGET, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 from tests.mcpilco.gap.lagging import active, fitted, problem
 
@@ -384,6 +384,20 @@ def test_what_does_the_same_to_every_motion_is_as_likely_as_what_was_found() -> 
     assert frozenset({ARMATURE, LAG}) not in tried.fits
 
 
+def test_what_does_the_same_is_found_where_the_steps_of_a_search_are_used_up() -> None:
+    known = problem(envs.PLANTS["mcpilco/Pendulum-v0"](), [(ARMATURE, [0.1])])
+    windows = known.windows()
+    null = fitted(known.model(windows), windows, np.zeros(known.model(windows).nuisances))
+    tried = Tried.begun(null, windows, [ARMATURE, INERTIA, LAG])
+    model, theta = null.model.grown(null.theta, ARMATURE, [0.1])
+    tried.keep(fitted(model, tried.windows, theta))
+    budget = model.budget
+    budget.used[0] = budget.most
+    confuse(tried)
+    assert frozenset({INERTIA}) in tried.fits
+    assert budget.used[0] < budget.most + BUDGET.confusing_steps
+
+
 def test_a_gain_and_a_mass_are_as_likely_where_friction_may_be_anything() -> None:
     """A pendulum that is heavier all over moves as one whose motor and friction are weaker."""
     gain, mass = active("actuator_gain", "actuator"), active("body_mass", "pendulum")
@@ -428,6 +442,24 @@ def test_effects_are_exchanged_at_last_where_the_steps_of_a_search_are_used_up(
     monkeypatch.setattr(module, "_reconsider", lambda tried, share: seen.append(tried.best()))
     search(replace(known.model(windows), budget=budget), windows, [LAG])
     assert bool(seen) == (most == 1.0)
+
+
+def test_a_model_is_judged_along_its_own_motions_whichever_is_the_best(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But where a simulation is dear: there it is along those of the best one."""
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [FRICTION])
+    model, theta = null.model.grown(null.theta, FRICTION, [0.1, 2e-3])
+    rubbing = tried.keep(fitted(model, tried.windows, theta))
+    own = Disturbance.of(rubbing, windows).evidence(rubbing).deviance
+    tried.weigh_by(tried.null)
+    assert tried.judged(rubbing).deviance == pytest.approx(own)
+    monkeypatch.setattr(type(model.plant), "costly", True)
+    tried.weigh_by(tried.null)
+    along_another = tried.disturbance.evidence(rubbing).deviance
+    assert abs(own - along_another) > 1e-3
+    assert tried.judged(rubbing).deviance == pytest.approx(along_another)
 
 
 def test_fits_that_are_followed_are_weighed_as_those_that_come_after_them(
