@@ -67,8 +67,7 @@ class BudgetThresholds:
     costly: float = 5.0
     """times as many where MuJoCo simulates [-]: some minutes on one core"""
     confusing_steps: float = 1e7
-    """that are left at least when what does the same as an effect is fitted: of two searches that
-    ended without any (`rough`, seeds 7 and 2327) it took 4e6 to 5e6"""
+    """left at least when what does the same as an effect is fitted; `rough` 7 and 2327 took 5e6"""
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
