@@ -21,6 +21,7 @@ from mcpilco.gap.search import SearchResult, Tried, shrunk, without
 from mcpilco.gap.sensitivities import linearise, residual, run
 from mcpilco.gap.thresholds import DATA, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance, Member, Plant
+from mcpilco.plant.effects import Symbol
 
 
 @dataclass(frozen=True)
@@ -81,10 +82,11 @@ def weighed(result: SearchResult, best: Fit, null: Fit, windows: Windows) -> Wei
     )
     told = whole = Weighed(best, null, tried.windows, tried.judged(best), tried.judged(null))
     while True:
-        slight = slight_effects(best, null, tried.windows)
         effects, seen = best.model.effects, tried.windows
+        lasts = lasting(tried.disturbance, best, seen, VERDICT.lasting * told.evidence.std)
+        vain = {*slight_effects(best, null, seen), *uncertain_effects(best, seen, lasts)}
         fewer = {each: tried.keep(without(best, [each], seen, result.null)) for each in effects}
-        enough = [f for one, f in fewer.items() if one in slight or not tried.prefers(best, f)]
+        enough = [f for one, f in fewer.items() if one in vain or not tried.prefers(best, f)]
         if not enough:  # about motions near what was measured all is closest to linear
             best, null = nearer(told.best, windows), nearer(null, windows)
             return replace(told, best=best, null=null)
@@ -122,6 +124,18 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
         return float(weight @ np.square(change).sum(axis=(1, 2)))
 
     return [instance for instance in best.model.effects if moved(instance) < least]
+
+
+def uncertain_effects(fit: Fit, windows: Windows, considered: Considered) -> list[EffectInstance]:
+    """The effects of which the intervals of all sizes hold that of none.
+
+    What is left of the forces, were it alike in all windows, would do as much.
+    """
+    return [
+        instance
+        for instance, parameters in estimates(fit, windows, considered).items()
+        if all(p.low <= s.neutral <= p.high for s, p in _sizes(instance, parameters))
+    ]
 
 
 def leaves_something(judged: Weighed) -> bool:
@@ -304,27 +318,34 @@ def rivals(result: SearchResult, instance: EffectInstance) -> list[Rival]:
 
 def named_effects(result: SearchResult, judged: Weighed) -> tuple[NamedEffect, ...]:
     """The effects of the best model with their intervals, probabilities, shares and families."""
-    best = judged.best
-    ends = intervals(best, judged.windows, judged.lasting(judged.evidence))
-    low, high = (best.model.effect_values(end[None]) for end in ends)
+    found = estimates(judged.best, judged.windows, judged.lasting(judged.evidence))
     named = []
-    for (instance, values), (_, lows), (_, highs) in zip(
-        best.model.effect_values(best.theta[None]), low, high, strict=True
-    ):
-        units = instance.effect.units(best.model.plant.layout, instance.target)
-        estimates = {
+    for instance, parameters in found.items():
+        tied = [rival.instance.effect.name for rival in rivals(result, instance)]
+        sure = _probability(result, instance) * _present(instance, parameters)
+        name, target, share = instance.effect.name, instance.target, judged.share(instance)
+        alike = tuple(dict.fromkeys([name, *tied]))
+        named.append(NamedEffect(name, target, parameters, sure, share, alike))
+    return tuple(named)
+
+
+def estimates(
+    fit: Fit, windows: Windows, considered: Considered
+) -> dict[EffectInstance, dict[str, EstimatedParameter]]:
+    """The parameters of a fit's effects by symbol, with their intervals."""
+    model, ends = fit.model, intervals(fit, windows, considered)
+    rows = zip(*(model.effect_values(x[None]) for x in (fit.theta, *ends)), strict=True)
+    found = {}
+    for (instance, values), (_, lows), (_, highs) in rows:
+        units = instance.effect.units(model.plant.layout, instance.target)
+        found[instance] = {
             symbol.name: EstimatedParameter(float(value), float(least), float(most), unit)
             for symbol, value, least, most, unit in zip(
                 instance.effect.symbols, values[0], lows[0], highs[0], units, strict=True
             )
             if symbol.reported
         }
-        tied = [rival.instance.effect.name for rival in rivals(result, instance)]
-        sure = _probability(result, instance) * _present(instance, estimates)
-        name, target, share = instance.effect.name, instance.target, judged.share(instance)
-        alike = tuple(dict.fromkeys([name, *tied]))
-        named.append(NamedEffect(name, target, estimates, sure, share, alike))
-    return tuple(named)
+    return found
 
 
 def _probability(result: SearchResult, instance: EffectInstance) -> float:
@@ -345,14 +366,18 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
     return float(weight @ own / weight.sum() / (1.0 + others))
 
 
-def _present(instance: EffectInstance, estimates: dict[str, EstimatedParameter]) -> float:
+def _sizes(
+    instance: EffectInstance, parameters: dict[str, EstimatedParameter]
+) -> list[tuple[Symbol, EstimatedParameter]]:
+    """The parameters of an effect that make it none where they have their neutral values."""
+    sized = zip(instance.effect.symbols, instance.effect.amplitudes, strict=True)
+    return [(s, parameters[s.name]) for s, size in sized if size and s.reported]
+
+
+def _present(instance: EffectInstance, parameters: dict[str, EstimatedParameter]) -> float:
     """The confidence at which the interval of one of an effect's sizes excludes that of none."""
-    effect = instance.effect
     sure = [0.0]
-    for symbol, size in zip(effect.symbols, effect.amplitudes, strict=True):
-        if not (size and symbol.reported):
-            continue
-        estimate = estimates[symbol.name]
+    for symbol, estimate in _sizes(instance, parameters):
         side = estimate.high if symbol.neutral > estimate.value else estimate.low
         std = abs(side - estimate.value) / stats.norm.ppf(0.975)
         far = abs(estimate.value - symbol.neutral)

@@ -308,6 +308,7 @@ def _leave_out_pushes(
     if place is not None or not pushes:
         return problem, explained, (), place
     best, known = explained.best, explained.result.fits[: SEARCH.hints]
+    quiet = replace(quiet, budget=quiet.budget.with_left(BUDGET.again_steps))
     everything = _without_spikes(best, quiet.enough_windows())
     kept = truncated(best.model, everything, best.theta)
     far = windows_with_events(on_windows(best, kept), kept)

@@ -33,7 +33,7 @@ from mcpilco.gap.fit import (
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise, residuals_at
-from mcpilco.gap.thresholds import BUDGET, SEARCH
+from mcpilco.gap.thresholds import BUDGET, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
@@ -99,7 +99,11 @@ class Tried:
         return self
 
     def weigh_by(self, best: Fit) -> None:
-        """Let its random forces weigh what is fitted from now on; forget the worst models."""
+        """Let its random forces weigh what is fitted from now on; forget the worst models.
+
+        By the weights before an effect may have promised too little to be added to it.
+        """
+        self.grown.discard((frozenset(best.model.effects), False))
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
         self.disturbance = Disturbance.of(best, self.windows)
         if best.model.plant.costly:
@@ -165,11 +169,13 @@ class Tried:
         """Whether further effects explain as much as they leave over, in some joint or reading.
 
         What is left of a machine's forces has a form of its own, which an effect that explains less
-        than that would but imitate. Where nothing is left the evidence decides alone.
+        than that would but imitate. Where nothing is left, but noise that is white or goes over to
+        the next reading and is no larger than some have, the evidence decides alone.
         """
         before, after = (_left_over(self.judged(fit)) for fit in (smaller, larger))
         halved = (before > 0.0) & (before >= 2.0 * after)
-        return bool(halved.any()) or not after.any()
+        left = _left_over(self.judged(larger), VERDICT.noise**2 - 1.0)
+        return bool(halved.any()) or not left.any()
 
     @property
     def ranked(self) -> list[Fit]:
@@ -235,7 +241,7 @@ class Tried:
 
     def relieve(self, fit: Fit, but: EffectInstance | None = None) -> None:
         """Fits a model with effects of masses, but one, where it takes these far from priors."""
-        if fit.model.penalty(fit.theta) > SEARCH.strained:
+        if _strained(fit):
             meant = [c for c in self._of_masses(self.candidates) if c != but]
             self.add(fit, meant, SEARCH.relieving, fit.model.budget.share(1.0), SEARCH.strained)
 
@@ -360,11 +366,18 @@ def _numbers(fit: Fit) -> int:
     return len(fit.theta) - fit.model.nuisances + len(fit.model.freed)
 
 
-def _left_over(evidence: Evidence) -> Float[np.ndarray, " J_plus_X"]:
+def _strained(fit: Fit) -> bool:
+    """Whether it takes masses, or other nominal parameters, far from their priors."""
+    return fit.model.penalty(fit.theta) > SEARCH.strained
+
+
+def _left_over(
+    evidence: Evidence, least_noise: float = SEARCH.least_noise
+) -> Float[np.ndarray, " J_plus_X"]:
     """Variances of the random forces, and of noise beyond the reported one; none where small."""
     forces, noise = evidence.std**2, evidence.noise**2 - 1.0
     forces = np.where(evidence.std > SEARCH.least_force, forces, 0.0)
-    return np.append(forces, np.where(noise > SEARCH.least_noise, noise, 0.0))
+    return np.append(forces, np.where(noise > least_noise, noise, 0.0))
 
 
 def search(
@@ -486,8 +499,9 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     it. That costs it its rank, but it is one effect away from what is there. And of three effects
     none may explain as much as the others leave over before these are known: models that are far
     likelier than the best one go on, though they are not preferred to it yet. So do the special
-    cases of the best one, which may miss but one further effect. Where a simulation is dear and
-    the best one leaves nothing over, nothing but these goes on.
+    cases of the best one, which may miss but one further effect; and if that takes masses far from
+    their priors, which may imitate several effects, the likeliest one that does not. Where a
+    simulation is dear and the best one leaves nothing over, nothing but these goes on.
     """
     most, known = tried.judged(best).deviance - SEARCH.bic_gain, tried.bic(best)
     closed = best.model.plant.costly and not _left_over(tried.judged(best)).any()
@@ -503,8 +517,10 @@ def _next(tried: Tried, best: Fit) -> list[Fit]:
     closest = sorted(rest, key=lambda fit: tried.judged(fit).deviance)[:1]
     keys = [key for each in best.model.effects for key in tried.special(ours, each)]
     special = [tried.fits[k] for k in keys if k in tried.fits and (k, False) not in tried.grown]
+    eased = [fit for fit in tried.ranked if not _strained(fit)][:1] if _strained(best) else []
+    eased = [fit for fit in eased if (frozenset(fit.model.effects), False) not in tried.grown]
     chosen = [*(fit for fit in open_ if fit is best), *special, *rest[: SEARCH.beam]]
-    return [*chosen, *(fit for fit in closest if all(fit is not other for other in chosen))]
+    return list({id(fit): fit for fit in (*chosen, *closest, *eased)}.values())
 
 
 def grow(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> Fit | None:

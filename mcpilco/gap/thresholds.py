@@ -68,6 +68,8 @@ class BudgetThresholds:
     """times as many where MuJoCo simulates [-]: some minutes on one core"""
     confusing_steps: float = 1e7
     """left at least when what does the same as an effect is fitted; `rough` 7 and 2327 took 5e6"""
+    again_steps: float = 1.5e7
+    """left at least for the search after pushes, which on `rough` 2391 ended before it had begun"""
     learning_steps: float = 1.5e7
     """besides, to learn a force"""
     usual_dt_s: float = 0.02
@@ -179,8 +181,8 @@ class SearchThresholds:
     """random force in a joint below which nothing is left of its forces [usual forces]; the right
     effects leave 0.004 to 0.008 in tier `rough` of `runs/hidden_effects`, seeds below 100"""
     least_noise: float = 2.0
-    """variance of the noise beyond the reported one below which nothing is left of it [-]; where it
-    is correlated its std is reported too small, by a factor of 1.3 to 1.5 in tier `rough`"""
+    """variance of the noise beyond the reported one that an effect may explain [-]; where it is
+    correlated its std is reported too small, by a factor of 1.3 to 2.1 in tier `rough`"""
     shortlist: int = 6
     """effects that are tried on a model, for the cost"""
     thinned: int = 2

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from felt import Machine, felt
+from felt import Machine, Made
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import lfilter, lsim
 from systems import SYSTEMS, System
@@ -71,8 +71,16 @@ class Case:
     velocities: bool
     recordings: tuple[dict[str, np.ndarray], ...]
     """columns by name"""
-    besides: tuple[tuple[str, str], ...] = ()
+    besides: tuple[tuple[str, str], ...]
     """what is there too and may be named, as the spring of a cable; names and targets"""
+    made: Made
+    """the machine, and how it moved in the recordings"""
+    lacking: tuple[Machine, ...]
+    """the same without each of its effects"""
+
+    def beyond(self, uncertainty: float) -> list[float]:
+        """Noise std by which motions with each effect leave all that parameters could do."""
+        return [self.made.apart(without, uncertainty) for without in self.lacking]
 
 
 def joint_effects(system: System, rng: np.random.Generator, size: float):
@@ -272,11 +280,13 @@ def attempt(rng: np.random.Generator, seed: int, tier: Tier, plant: str | None) 
         recordings.append(columns)
         motions.append((states, commands))
     std, how = np.array([noise_of(system, j) for j in range(J)]), (DT, GRAVITY, width)
-    if not all(felt(system, machine, without, motions, std, how) for without in lacking):
+    made = Made(system, machine, motions, std, how)
+    if not all(map(made.felt, lacking)):
         return None
     besides = (("spring", system.joints[0]), ("dahl_friction", system.joints[0]))
     besides = besides if tier.rough else ()
-    return Case(seed, plant, tuple(chosen), velocities, tuple(recordings), besides)
+    told = seed, plant, tuple(chosen), velocities, tuple(recordings), besides
+    return Case(*told, made, tuple(lacking))
 
 
 def nominal(system: System) -> Machine:

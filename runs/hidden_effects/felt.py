@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import lsim
 from systems import System
-from truth import simulate
+from truth import ROTARY_PENDULUM, VISCOUS, simulate
 
 WINDOW, EVERY = 50, 50
 """samples over which a motion is followed anew, and from one start to the next"""
@@ -64,36 +65,93 @@ class Machine:
         return seen
 
 
-def felt(
-    system: System,
-    machine: Machine,
-    lacking: Machine,
-    motions: Sequence[tuple[np.ndarray, np.ndarray]],
-    std: np.ndarray,
-    how: tuple[float, ...],
-) -> bool:
-    """Whether a machine moves otherwise than one that lacks an effect, beyond the noise.
+@dataclass(frozen=True)
+class Made:
+    """A machine, and the motions that it made."""
 
-    The start of a window is known to nobody: what another start would do as well does not count.
+    system: System
+    machine: Machine
+    motions: Sequence[tuple[np.ndarray, np.ndarray]]
+    """states and commands of its recordings"""
+    std: np.ndarray
+    """of the noise of each position"""
+    how: tuple[float, ...]
+    """as `Machine.positions` takes it"""
 
-    Args:
-        system: the plant.
-        machine: with the effect.
-        lacking: without it.
-        motions: states and commands of its recordings.
-        std: of the noise of each position.
-        how: as `Machine.positions` takes it.
-    """
-    total = 0.0
-    for states, commands in motions:
-        for first in range(0, len(states) - WINDOW + 1, EVERY):
-            held = commands[first : first + WINDOW]
-            starts = states[first] + NUDGE * np.eye(1 + states.shape[1], states.shape[1], -1)
-            seen = [machine.positions(system, start, held, how) / std for start in starts]
-            other = lacking.positions(system, states[first], held, how) / std
-            columns = np.stack([(nudged - seen[0]).ravel() / NUDGE for nudged in seen[1:]], axis=1)
-            apart = (seen[0] - other).ravel()
-            told = np.isfinite(apart) & np.isfinite(columns).all(axis=1)
-            explained = np.linalg.lstsq(columns[told], apart[told])[0]
-            total += float(np.square(apart[told] - columns[told] @ explained).sum())
-    return total >= FELT**2
+    def apart(self, lacking: Machine, uncertainty: float = 0.0) -> float:
+        """Noise std by which all positions together leave those of a machine without an effect.
+
+        The start of a window is known to nobody: what another start would do as well does not
+        count. Nor, where parameters have an `uncertainty`, does what others of these would do as
+        well; so far as they are off by more than that they count instead, in their std.
+        """
+        J = len(self._bent[0]) if uncertainty else 0
+        H, g, total = np.eye(J) / (uncertainty or 1.0) ** 2, np.zeros(J), 0.0
+        for n, ((start, held), moved) in enumerate(zip(self._windows, self._moved, strict=True)):
+            missed = moved[0] - self._seen(lacking, start, held)
+            bent = self._bent[n] if uncertainty else []
+            whole = np.stack([*moved[1:], *bent, missed], axis=1)
+            whole = whole[np.isfinite(whole).all(axis=1)]
+            Q, _ = np.linalg.qr(whole[:, : len(start)])
+            rest = whole[:, len(start) :]
+            rest = rest - Q @ (Q.T @ rest)
+            H, g = H + rest[:, :-1].T @ rest[:, :-1], g + rest[:, :-1].T @ rest[:, -1]
+            total += float(rest[:, -1] @ rest[:, -1])
+        return float(np.sqrt(max(total - float(g @ np.linalg.solve(H, g)), 0.0)))
+
+    @cached_property
+    def _windows(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Start and commands of each."""
+        return [
+            (states[first], commands[first : first + WINDOW])
+            for states, commands in self.motions
+            for first in range(0, len(states) - WINDOW + 1, EVERY)
+        ]
+
+    def _seen(self, machine: Machine, start: np.ndarray, held: np.ndarray) -> np.ndarray:
+        """The positions in noise std."""
+        return (machine.positions(self.system, start, held, self.how) / self.std).ravel()
+
+    @cached_property
+    def _moved(self) -> list[list[np.ndarray]]:
+        """Of each window the positions, and how they change with each number of its start."""
+        moved = []
+        for start, held in self._windows:
+            nudged = start + NUDGE * np.eye(1 + len(start), len(start), -1)
+            here, *others = (self._seen(self.machine, each, held) for each in nudged)
+            moved.append([here, *((other - here) / NUDGE for other in others)])
+        return moved
+
+    @cached_property
+    def _bent(self) -> list[list[np.ndarray]]:
+        """Of each window how its positions change with each parameter, relative to its value."""
+        machines = _slack(self.system, self.machine)
+        return [
+            [(self._seen(other, start, held) - moved[0]) / NUDGE for other in machines]
+            for (start, held), moved in zip(self._windows, self._moved, strict=True)
+        ]
+
+    def felt(self, lacking: Machine) -> bool:
+        """Whether the machine moves otherwise than one that lacks an effect, beyond the noise."""
+        return self.apart(lacking) >= FELT
+
+
+def _slack(system: System, machine: Machine) -> list[Machine]:
+    """The machine with each of its masses, lengths, frictions and gains a little larger."""
+    kinds = [
+        *(("mass", b) for b in range(len(system.bodies))),
+        *(("length", b) for b in range(len(system.bodies)) if system.kind != ROTARY_PENDULUM),
+        *(("viscous", j) for j in range(len(system.joints))),
+        *(("gain", u) for u in range(len(system.inputs))),
+    ]
+    others = [machine.copy() for _ in kinds]
+    for (kind, n), other in zip(kinds, others, strict=True):
+        if kind == "mass":
+            other.body[n, :3] *= 1.0 + NUDGE
+        elif kind == "length":
+            other.body[n] *= (1.0 + NUDGE) ** np.array([0.0, 1.0, 2.0, 1.0])
+        elif kind == "viscous":
+            other.joint[n, VISCOUS] += NUDGE * system.viscous[n]
+        else:
+            other.actuator[n, 0] *= 1.0 + NUDGE
+    return others

@@ -136,6 +136,7 @@ def ours(case: Case, tier: Tier, plant: Plant, recordings: Sequence[Recording]) 
         "velocities": case.velocities,
         "truth": list(case.effects),
         "besides": list(case.besides),
+        "beyond": case.beyond(tier.uncertainty),
         "verdict": told["verdict"],
         "found": told["effects"],
         "where": told["where"],

@@ -45,14 +45,25 @@ def _fitting(case: Mapping[str, Any]) -> tuple[str, ...]:
 
 def asked(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """The named effects, without those that are there besides and may be named."""
-    besides = {tuple(pair) for pair in case.get("besides", ())} - set().union(*hidden(case))
+    besides = _besides(case)
     return [e for e in case["found"] if (e["name"], e.get("target")) not in besides]
+
+
+def _besides(case: Mapping[str, Any]) -> set[Hidden]:
+    """What is there besides, and not hidden too."""
+    return {tuple(pair) for pair in case.get("besides", ())} - set().union(*hidden(case))
 
 
 def only_right(case: Mapping[str, Any]) -> bool:
     """Whether no effect was named that is not there, or not in a family with one that is."""
     names = {name for effect in case["truth"] for name, _ in same(case, effect)}
-    return all(names & set(effect["family"]) for effect in asked(case))
+    return all(names & set(e["family"]) or _is_beside(case, e) for e in asked(case))
+
+
+def _is_beside(case: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
+    """Whether an effect that was named has in its family what is there besides, in its joint."""
+    besides = _besides(case)
+    return any((name, effect.get("target")) in besides for name in effect["family"])
 
 
 def by_name(case: Mapping[str, Any]) -> bool:
@@ -63,13 +74,19 @@ def by_name(case: Mapping[str, Any]) -> bool:
 
 
 def in_family(case: Mapping[str, Any]) -> bool:
-    """Whether each hidden effect is in the family of one that was named."""
+    """Whether each hidden effect is in the family of one that was named, and no other was.
+
+    But what has in its family what is there besides, as a cable's friction.
+    """
     if right(case):
         return True
-    families = [set(effect["family"]) for effect in asked(case)]
+    told = asked(case)
+    families = [set(effect["family"]) for effect in told]
     names = [{name for name, _ in effects} for effects in hidden(case)]
     fits = all(any(name & family for family in families) for name in names)
-    return case["verdict"] in _fitting(case) and len(names) == len(families) > 0 and fits
+    others = len(told) - sum(_is_beside(case, effect) for effect in told)
+    counted = others <= len(names) <= len(told) and len(told) > 0
+    return case["verdict"] in _fitting(case) and counted and fits
 
 
 def misnamed(case: Mapping[str, Any]) -> bool:

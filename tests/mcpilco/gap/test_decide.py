@@ -25,11 +25,13 @@ from mcpilco.gap.decide import (
     shifted_parameters,
     slight_effects,
     spread_of,
+    uncertain_effects,
     weighed,
 )
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_initial_states, fit_model, fit_nominal
 from mcpilco.gap.plant_model import GridForce, PlantModel
+from mcpilco.gap.posterior import lasting
 from mcpilco.gap.search import SearchResult
 from mcpilco.gap.sensitivities import linearise
 from mcpilco.gap.thresholds import SEARCH, VERDICT
@@ -121,12 +123,26 @@ def test_a_fit_by_its_own_weights_counts_only_where_it_is_likelier(
     np.testing.assert_array_equal(judged.best.theta, best.theta)
 
 
-def test_what_is_too_slight_to_be_told_is_nothing_that_is_left(
-    rubbing: tuple[PlantModel, Windows], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("part", "uncertain"), [(0.0, []), (0.3, []), (2.0, [FRICTION])])
+def test_what_lasting_forces_may_do_as_well_is_uncertain(
+    rubbing: tuple[PlantModel, Windows], part: float, uncertain: list[EffectInstance]
 ) -> None:
+    """A friction beside a force that is as large, and may be alike in all windows."""
+    nominal, windows = rubbing
+    fit = with_effects(nominal, windows, [FRICTION])
+    std = np.array([part * 0.1 / fit.model.scales["pendulum"].force])
+    lasts = lasting(Disturbance.of(fit, windows), fit, windows, std)
+    assert uncertain_effects(fit, windows, lasts) == uncertain
+
+
+@pytest.mark.parametrize("why", ["slight_effects", "uncertain_effects"])
+def test_what_is_not_told_is_nothing_that_is_left(
+    rubbing: tuple[PlantModel, Windows], why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is too slight, or may be none, and not worth a word; but it helps."""
     nominal, windows = rubbing
     result, best = searched(nominal, windows, [FRICTION])
-    monkeypatch.setattr(decide, "slight_effects", lambda fit, *_: list(fit.model.effects))
+    monkeypatch.setattr(decide, why, lambda fit, *_: list(fit.model.effects))
     judged = weighed(result, best, result.null, windows)
     assert judged.best.model.effects == ()
     assert leaves_something(replace(judged, whole=None))

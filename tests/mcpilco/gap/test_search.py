@@ -203,6 +203,45 @@ def test_where_the_likeliest_model_explains_too_little_another_may_be_due_to_the
     assert tried.best() is meant
 
 
+def test_what_promised_too_little_by_the_weights_of_another_model_is_tried_by_its_own(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where much is left over by another model, an effect takes away less of it."""
+    known, windows, null = lagging
+    tried, share = Tried.begun(null, windows, [LAG]), known.budget.share(1.0)
+    module = importlib.import_module("mcpilco.gap.search")
+    monkeypatch.setattr(module, "screen", lambda *_, **how: [])
+    tried.neighbours(tried.null, share)
+    monkeypatch.undo()
+    tried.neighbours(tried.null, share)
+    assert frozenset({LAG}) not in tried.fits  # nothing is asked twice by the same weights
+    tried.weigh_by(tried.null)
+    tried.neighbours(tried.null, share)
+    assert frozenset({LAG}) in tried.fits
+
+
+@pytest.mark.parametrize("stds", [1.0, 5.0])
+def test_the_likeliest_model_that_keeps_to_its_priors_goes_on_beside_one_that_does_not(
+    lagging: tuple[GapProblem, Windows, Fit], stds: float
+) -> None:
+    """Masses far from what is known may stand for several effects, of which each alone is worse."""
+    _, windows, null = lagging
+    tried = Tried.begun(null, windows, [])
+    pulled = np.eye(len(null.theta))[0] * stds * next(iter(null.model.priors.values()))
+    best = tried.null = replace(null, theta=pulled)
+    model, theta = null.model.grown(0.0 * pulled, DELAY, [0.01])
+    eased = replace(null, model=model, theta=theta)
+    for fit, deviance in ((best, 1e3), (eased, 1.2e3)):
+        key = frozenset(fit.model.effects)
+        tried.fits[key] = fit
+        tried.evidence[key] = Evidence(deviance, np.zeros(1), np.ones(2), 1000, np.zeros(2))
+    tried.grown.add((frozenset(), True))
+    assert tried.best() is best
+    assert _next(tried, best) == ([eased] if stds == 5.0 else [])
+    tried.grown.add((frozenset({DELAY}), False))
+    assert _next(tried, best) == []
+
+
 def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
     """Friction that differs by direction is Coulomb's and a constant force."""
     constant = active("constant_force", "pendulum")
@@ -221,8 +260,10 @@ def test_no_joint_gets_two_effects_where_one_says_the_same() -> None:
         ((0.05, 1.0), (0.03, 1.0), True),
         ((0.05, 2.0), (0.05, 1.1), True),
         ((0.009, 1.0), (0.009, 1.0), True),
+        ((0.009, 2.1), (0.009, 2.1), True),
+        ((0.009, 3.1), (0.009, 3.1), False),
     ],
-    ids=["explains less", "explains more", "in a reading", "nothing is left"],
+    ids=["explains less", "explains more", "in a reading", "nothing is left", "noise", "too much"],
 )
 def test_an_effect_explains_as_much_as_it_leaves(
     lagging: tuple[GapProblem, Windows, Fit],

@@ -96,6 +96,7 @@ def begun(name: str, values: list[float], F: float, inertia: float) -> tuple[flo
     return pressing / k + math.copysign(sum(gap), pressing), 0.0
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("name", "values", "error"),
     [

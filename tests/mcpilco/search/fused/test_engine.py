@@ -77,6 +77,7 @@ def kernels(width: int, outputs: int) -> dict[str, Kernel]:
     }
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", sorted(kernels(6, 2)))
 def test_equals_plain_rollout_for_any_kernel(task: TaskSpec, name: str) -> None:
     dynamics = make_dynamics(task, kernels(6, 2)[name])
@@ -245,6 +246,7 @@ def braked(task: TaskSpec, inputs: int = 1) -> SumOfGaussians:
     return policy
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("rate", [0.0, 0.25])
 @pytest.mark.parametrize("particles", [1, 37])
 def test_equals_plain_rollout_with_a_brake(task: TaskSpec, rate: float, particles: int) -> None:

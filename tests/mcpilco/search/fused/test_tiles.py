@@ -30,6 +30,7 @@ def add_product(left, right, out):
 KINDS = {"full": (0, lambda m: m), "lower": (1, np.tril), "upper": (2, np.triu)}
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("dtype", sorted(RTOL, key=str))
 @pytest.mark.parametrize("rows", [1, 4, 12, 30, 61])
 @pytest.mark.parametrize("kind", sorted(KINDS))
