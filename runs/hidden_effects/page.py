@@ -12,7 +12,6 @@ import numpy as np
 from cases import TIERS
 from confusion import write_confusion
 from evidence import read_samples
-from felt import FELT
 from harness import code_that_made, fill
 from verdicts import accuracy, by_name, in_family, in_joint, mended, misnamed, only_right, right
 
@@ -85,33 +84,20 @@ def asked(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     _, covered = accuracy([case for case in all_cases if right(case)])
     seconds = [case["cpu_s"] for case in all_cases]
     short = [each <= LONGEST_S for each in seconds]
-    beyond = [[c for c in cases if _is_beyond(c)] for cases in by_effects]
     shares = (
         ("single effects: right, or in a family", "90 %", map(in_family, by_effects[1])),
         ("pairs", "80 %", map(in_family, by_effects[2])),
         ("triples", "-", map(in_family, by_effects[3])),
-        ("single effects beyond the uncertainty of parameters", "-", map(in_family, beyond[1])),
-        ("pairs of such", "-", map(in_family, beyond[2])),
-        ("triples of such", "-", map(in_family, beyond[3])),
         ("nothing hidden: no wrong name", "95 %", map(only_right, by_effects[0])),
         ("wrong and sure", "3 % at most", map(misnamed, all_cases)),
         ("intervals that hold the truth, where it is right", "90 to 98 %", covered),
         ("a case takes three CPU minutes or less", "95 %", short),
     )
-    counted = [(what, wanted, list(flags)) for what, wanted, flags in shares]
-    rows = [(what, wanted, _counted(flags)) for what, wanted, flags in counted if flags]
+    rows = [(what, wanted, _counted(list(flags))) for what, wanted, flags in shares]
     rows.append(("CPU time in the median", "30 s", f"{np.median(seconds):.0f} s"))
     seeds = [case["seed"] for case in all_cases]
     header = (f"rough, newest code, seeds {min(seeds)} to {max(seeds)}", "asked", "reached [%]")
     return markdown(header, rows)
-
-
-def _is_beyond(case: Mapping[str, Any]) -> bool:
-    """Whether no effect of a case does what parameters within their uncertainty could do as well.
-
-    Cases of before this was kept are none of those.
-    """
-    return min(case.get("beyond", [0.0]), default=0.0) >= FELT
 
 
 def _counted(flags: Sequence[bool]) -> str:
@@ -297,13 +283,20 @@ def missed(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     for tier, cases in found.items():
         for case in cases:
             if not right(case):
-                truth = ", ".join(f"{e['name']} at {e['target']}" for e in case["truth"]) or "none"
+                truth = ", ".join(_hidden(case)) or "none"
                 told = ", ".join(f"{e['name']} at {e['target']}" for e in case["found"]) or "-"
                 lines.append(
                     f"- {tier}, seed {case['seed']}, {case['plant']}: hidden {truth}; "
                     f"verdict {case['verdict']}, named {told}"
                 )
     return "### Cases that are not right\n\n" + "\n".join(lines) if lines else ""
+
+
+def _hidden(case: Mapping[str, Any]) -> list[str]:
+    """The effects of a case, and how far beyond what parameters could do, where that is kept."""
+    names = [f"{effect['name']} at {effect['target']}" for effect in case["truth"]]
+    apart = [f" ({std:.0f} std)" for std in case.get("beyond", [])] or [""] * len(names)
+    return [name + std for name, std in zip(names, apart, strict=True)]
 
 
 def origins(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
