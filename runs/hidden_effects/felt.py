@@ -83,7 +83,7 @@ class Made:
 
         The start of a window is known to nobody: what another start would do as well does not
         count. Nor, where parameters have an `uncertainty`, does what others of these would do as
-        well; so far as they are off by more than that they count instead, in their std.
+        well, to first order; by how far they are off they count instead, in their std.
         """
         J = len(self._bent[0]) if uncertainty else 0
         H, g, total = np.eye(J) / (uncertainty or 1.0) ** 2, np.zeros(J), 0.0

@@ -50,7 +50,7 @@ def asked(case: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _besides(case: Mapping[str, Any]) -> set[Hidden]:
-    """What is there besides, and not hidden too."""
+    """Names and targets of effects that are there besides, and not hidden too."""
     return {tuple(pair) for pair in case.get("besides", ())} - set().union(*hidden(case))
 
 
