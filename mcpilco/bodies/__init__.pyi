@@ -9,6 +9,17 @@ from .motion import (
     mass_matrix,
     regressor,
 )
+from .packs import (
+    LANES,
+    anywhere,
+    as_packs,
+    count,
+    everywhere,
+    lane,
+    lanes_of,
+    where,
+    with_lane,
+)
 from .planar import accelerate
 
 __all__ = [
@@ -16,6 +27,7 @@ __all__ = [
     "INERTIAL",
     "INLINED",
     "INNER",
+    "LANES",
     "SLIDE",
     "Body",
     "Chain",
@@ -24,12 +36,20 @@ __all__ = [
     "Vector",
     "accelerate",
     "accelerations",
+    "anywhere",
+    "as_packs",
+    "count",
     "distinct_rows",
+    "everywhere",
     "generalised_forces",
     "inertial_parameters",
+    "lane",
+    "lanes_of",
     "mass_matrix",
     "regressor",
     "scratch",
     "stack",
     "torch_regressor",
+    "where",
+    "with_lane",
 ]

@@ -65,10 +65,10 @@ class Scratch(NamedTuple):
     """(J,), work space: the forces of the actuators at their joints [N or N m]"""
 
 
-def scratch(joints: int) -> Scratch:
-    """Room for one evaluation."""
+def scratch(joints: int, *lanes: int) -> Scratch:
+    """Room for one evaluation, or for one in each of some lanes."""
     shapes = [(3, 3), (3,), (6,), (), (3,), *[(6,)] * 4, (joints,), (), (), (), ()]
-    return Scratch(*(np.zeros((joints, *shape)) for shape in shapes))
+    return Scratch(*(np.zeros((joints, *shape, *lanes)) for shape in shapes))
 
 
 @njit(**INNER)

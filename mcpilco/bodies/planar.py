@@ -11,8 +11,10 @@ from __future__ import annotations
 import math
 
 from numba import njit
+from numba.extending import overload
 
 from mcpilco.bodies.compiled import INLINED, factorise, linearise, solve
+from mcpilco.bodies.packs import Pack, anywhere, in_quadrant, lane, lanes_of, with_lane
 
 SINE = (
     *(-1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04),
@@ -26,6 +28,8 @@ COSINE = (
 / z"""
 QUARTER = 1.57079632673412561417, 6.07710050630396597660e-11, 2.02226624879595063154e-21
 """pi / 2 in parts, of which a few thousand turns of the first two are exact"""
+FAR = 1e5
+"""angle beyond which these are too few [rad]"""
 WORLD = (1.0, 0.0, 0.0, 0.0)
 """frame of the world: cosine and sine of its angle about y [-], x and z of its origin [m]"""
 
@@ -36,18 +40,30 @@ def sine_and_cosine(x):
 
     Reference: Ng, Kernels of sine and cosine, in Sun Microsystems' fdlibm (1993).
     """
-    if not abs(x) < 1e5:
-        return math.sin(x), math.cos(x)
-    k = math.floor(x * (2.0 / math.pi) + 0.5)
-    r = ((x - k * QUARTER[0]) - k * QUARTER[1]) - k * QUARTER[2]
-    z, n = r * r, int(k)
+    turns = math.floor(x * (2.0 / math.pi) + 0.5)
+    r = ((x - turns * QUARTER[0]) - turns * QUARTER[1]) - turns * QUARTER[2]
+    z = r * r
     odd = SINE[3] + z * (SINE[4] + z * SINE[5])
     even = COSINE[3] + z * (COSINE[4] + z * COSINE[5])
     sin = r + r * z * (SINE[0] + z * (SINE[1] + z * (SINE[2] + z * odd)))
     cos = 1.0 - 0.5 * z + z * z * (COSINE[0] + z * (COSINE[1] + z * (COSINE[2] + z * even)))
-    if n & 1:
-        sin, cos = cos, sin
-    return -sin if n & 2 else sin, -cos if (n + 1) & 2 else cos
+    sin, cos = in_quadrant(sin, cos, turns)
+    if anywhere(abs(x) >= FAR):
+        for k in range(lanes_of(x)):
+            far = lane(x, k)
+            if abs(far) >= FAR:
+                sin, cos = with_lane(sin, k, math.sin(far)), with_lane(cos, k, math.cos(far))
+    return sin, cos
+
+
+@overload(math.sin)
+def _sine(x):
+    return (lambda x: sine_and_cosine(x)[0]) if isinstance(x, Pack) else None
+
+
+@overload(math.cos)
+def _cosine(x):
+    return (lambda x: sine_and_cosine(x)[1]) if isinstance(x, Pack) else None
 
 
 @njit(**INLINED)

@@ -62,6 +62,7 @@ from .equations.step import (
 )
 from .plant import Base, ChainPlant, EffectInstance, Parameter, Plant
 from .scales import priors_of, scales_of
+from .simulation.integrator import RUNAWAY, grid_place
 from .simulation.laws import joint_force, shaped
 from .simulation.layout import (
     DELAY,
@@ -74,18 +75,14 @@ from .simulation.layout import (
     Layout,
     Tables,
 )
-from .simulation.motion import (
-    RUNAWAY,
-    SOURCES,
-    accuracy_for,
+from .simulation.motion import SOURCES, accuracy_for, simulate
+from .simulation.signals import (
     drive,
     filters_at,
-    grid_place,
     look,
     next_event,
     prepare,
     settle,
-    simulate,
     switch,
 )
 from .spread import (

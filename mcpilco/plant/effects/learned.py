@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 from scipy.interpolate import BSpline
 
-from mcpilco.bodies import INLINED
+from mcpilco.bodies import INLINED, lane, lanes_of, with_lane
 from mcpilco.plant.simulation.layout import Layout
 from mcpilco.typing import InputError
 
@@ -232,8 +232,8 @@ def tabulate(
 def place_on(learned, k, a, x):
     """Where a coordinate is on axis a of grid k, in steps from the first knot."""
     slow = learned.slow[k, a]
-    if slow > 0.0:
-        x = math.asinh(x / slow)
+    for i in range(lanes_of(x) if slow > 0.0 else 0):
+        x = with_lane(x, i, math.asinh(lane(x, i) / slow))
     place = (x - learned.low[k, a]) / learned.step[k, a]
     if learned.closed[k, a]:
         place -= learned.knots[k, a] * math.floor(place / learned.knots[k, a])

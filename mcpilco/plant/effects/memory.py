@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from mcpilco.bodies import where
 from mcpilco.plant.arithmetic import cos, exp, larger, sin, smaller, sqrt
 from mcpilco.plant.effects.base import Effect, Probe, Scale, Symbol
 from mcpilco.plant.effects.joint import SMALL, JointForce
@@ -38,6 +39,9 @@ class Moment(NamedTuple):
 
 class RememberingForce(JointForce):
     """A force of a joint's motion and of a memory (x, y)."""
+
+    decides: ClassVar[bool] = True
+    """whether its formulas hold an `if`; without one they take packs (`mcpilco.bodies.packs`)"""
 
     @staticmethod
     def force(q: Any, v: Any, *more: Any) -> Any:
@@ -72,6 +76,7 @@ class DahlFriction(RememberingForce):
     name = "dahl_friction"
     special = ("coulomb_friction",)
     repeats = ("coulomb_friction", "stribeck_friction", "asymmetric_friction")
+    decides = False
     symbols = (
         Symbol("f_c", "{f}", low=0.0),
         Symbol("x_d", "{q}", 1e-2, 1e-6, within=("way", 1e-3, 2.0)),
@@ -83,22 +88,20 @@ class DahlFriction(RememberingForce):
 
     @staticmethod
     def begin(now, f_c, x_d):
-        if now.v == 0.0:
-            return 0.0, 0.0
-        sign = 1.0 if now.v > 0.0 else -1.0
+        sign = where(now.v > 0.0, 1.0, -1.0)
         # it slid until it turned round, and speeds up since then
         way = 0.5 * now.v * now.v / larger(sign * now.a, 1e-9)
-        return sign * (1.0 - 2.0 * exp(-way / x_d)), 0.0
+        return where(now.v == 0.0, 0.0, sign * (1.0 - 2.0 * exp(-way / x_d))), 0.0
 
     @staticmethod
     def follow(memory, since, before, now, f_c, x_d):
-        way, back = now.q - before.q, 0.0
-        if before.v * now.v < 0.0:  # it turns round, its velocity a straight line
-            there = 0.5 * since * before.v * before.v / (before.v - now.v)
-            way, back = there, way - there
+        way, turns = now.q - before.q, before.v * now.v < 0.0
+        # where it turns round its velocity is a straight line
+        braked = where(turns, before.v - now.v, 1.0)
+        there = where(turns, 0.5 * since * before.v * before.v / braked, way)
         z = memory[0]
-        for part in (way, back):
-            sign = 1.0 if part > 0.0 else -1.0
+        for part in (there, way - there):
+            sign = where(part > 0.0, 1.0, -1.0)
             z = sign + (z - sign) * exp(-abs(part) / x_d)
         return z, 0.0
 

@@ -13,12 +13,12 @@ from numba import cfunc, njit, types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload
 
-from mcpilco.bodies import INLINED, INNER
+from mcpilco.bodies import INLINED, INNER, lane, lanes_of, with_lane
 from mcpilco.plant import arithmetic
 from mcpilco.plant.effects import CATALOGUE
 from mcpilco.plant.effects.actuator import ActuatorLag, ActuatorRateLimit, serving, shaping
 from mcpilco.plant.effects.joint import JointForce
-from mcpilco.plant.effects.memory import RememberingForce
+from mcpilco.plant.effects.memory import Moment, RememberingForce
 from mcpilco.plant.simulation.layout import CONSTANTS
 from mcpilco.typing import InputError
 
@@ -112,25 +112,80 @@ def _call(context, address, q, v, a, b, c, d):
     return types.float64(types.int64, *[types.float64] * (2 + CONSTANTS)), generate
 
 
+@njit(**INNER)
+def _called(law, q, v, a, b, c, d):
+    """The force of a user's own law, lane by lane."""
+    force = 0.0 * q
+    for k in range(lanes_of(q)):
+        own = lane(a, k), lane(b, k), lane(c, k), lane(d, k)
+        force = with_lane(force, k, _call(law, lane(q, k), lane(v, k), *own))
+    return force
+
+
+@njit(**INLINED)
+def _moment(moment, k):
+    """That of lane k."""
+    return Moment(lane(moment.q, k), lane(moment.v, k), lane(moment.a, k), lane(moment.F, k))
+
+
+def _lane_by_lane(method: str, formula, n: int):
+    """A formula of n constants that decides by an `if`, for packs too."""
+    formula = njit(**INLINED)(formula)
+
+    def force(q, v, F, x, y, a, b, c, d):
+        total = 0.0 * q
+        for k in range(lanes_of(q)):
+            own = (lane(a, k), lane(b, k), lane(c, k), lane(d, k))[:n]
+            now = formula(lane(q, k), lane(v, k), lane(F, k), lane(x, k), lane(y, k), *own)
+            total = with_lane(total, k, now)
+        return total
+
+    def begin(now, a, b, c, d):
+        x = y = 0.0 * now.q
+        for k in range(lanes_of(x)):
+            own = (lane(a, k), lane(b, k), lane(c, k), lane(d, k))[:n]
+            first, second = formula(_moment(now, k), *own)
+            x, y = with_lane(x, k, first), with_lane(y, k, second)
+        return x, y
+
+    def follow(memory, since, before, now, a, b, c, d):
+        x, y = memory
+        for k in range(lanes_of(x)):
+            own = (lane(a, k), lane(b, k), lane(c, k), lane(d, k))[:n]
+            were = lane(x, k), lane(y, k)
+            ways = lane(since, k), _moment(before, k), _moment(now, k)
+            first, second = formula(were, *ways, *own)
+            x, y = with_lane(x, k, first), with_lane(y, k, second)
+        return x, y
+
+    return njit(**INNER)({"force": force, "begin": begin, "follow": follow}[method])
+
+
 def _dispatcher(method, given, otherwise, kind=JointForce, how=INLINED):
     """A method of the effects of a kind: called with a law, that of the effect with this code.
 
     Behind what is given it takes the four constants of the law.
     """
-    scope = {"call": _call}
+    scope = {"called": _called}
     lines = [f"def {method}(law, {', '.join(given)}, a, b, c, d):"]
     for k, effect in enumerate(_CATALOGUE):
-        if isinstance(effect, kind):
+        if not isinstance(effect, kind):
+            continue
+        n, remembers = len(effect.symbols), isinstance(effect, RememberingForce)
+        if remembers and effect.decides:
+            own = [*given, *"abcd"]
+            scope[f"{method}_{k}"] = _lane_by_lane(method, getattr(effect, method), n)
+        else:
+            lacks = "F" * (not effect.loaded) + "xy" * (not remembers)
+            own = [name for name in given if name not in lacks] + [*"abcd"[:n]]
             scope[f"{method}_{k}"] = njit(**INLINED)(getattr(effect, method))
-            lacks = "F" * (not effect.loaded) + "xy" * (not isinstance(effect, RememberingForce))
-            own = [name for name in given if name not in lacks] + [*"abcd"[: len(effect.symbols)]]
-            lines += [f"    if law == {k}:", f"        return {method}_{k}({', '.join(own)})"]
+        lines += [f"    if law == {k}:", f"        return {method}_{k}({', '.join(own)})"]
     lines += [f"    return {otherwise}"]
     exec("\n".join(lines), scope)  # numba compiles one function faster than a chain of them
     return njit(**how)(scope[method])
 
 
-joint_force = _dispatcher("force", ("q", "v", "F", "x", "y"), "call(law, q, v, a, b, c, d)")
+joint_force = _dispatcher("force", ("q", "v", "F", "x", "y"), "called(law, q, v, a, b, c, d)")
 """force of a law on its joint [N or N m], of position q, velocity v, what its actuators give, and
 its memory (x, y)"""
 begin = _dispatcher("begin", ("now",), "(0.0, 0.0)", RememberingForce, INNER)

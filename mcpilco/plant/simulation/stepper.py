@@ -21,16 +21,9 @@ from mcpilco.plant.simulation.layout import (
     SINE,
     Tables,
 )
-from mcpilco.plant.simulation.motion import (
-    SOURCES,
-    Past,
-    look,
-    next_event,
-    room_for,
-    settle,
-    switch,
-    travel,
-)
+from mcpilco.plant.simulation.integrator import Past, room_for, travel
+from mcpilco.plant.simulation.motion import SOURCES
+from mcpilco.plant.simulation.signals import look, next_event, settle, switch
 
 ACCURACY = 1e-3
 """error allowed in an integrator's step, relative to that of `simulate` [-]: the motion of an env
@@ -65,11 +58,12 @@ def _compiled(source: str):
         """
         source  # noqa: B018  closed over
         T, B, X = path.shape
-        tq, tv, kq, kv, (q, v, load, _), taken = room
+        tq, tv, kq, kv, (q, v, load, _, alive, systems), taken = room
         newest = forces.shape[1] - 1
         s = np.int64(0)  # a literal 0 is another type, for which all would be compiled again
         for b in range(B):
-            past = Past(q, v, load, memory[b])
+            past = Past(q, v, load, memory[b], alive, systems)
+            alive[0] = 1.0
             for j in range(len(q)):
                 q[j], v[j] = states[b, 2 * j], states[b, 2 * j + 1]
             for u in range(forces.shape[2]):
