@@ -9,10 +9,10 @@ from .motion import (
     mass_matrix,
     regressor,
 )
+from .pack_arrays import as_packs
 from .packs import (
     LANES,
     anywhere,
-    as_packs,
     count,
     everywhere,
     lane,

@@ -14,7 +14,8 @@ from numba import njit
 from numba.extending import overload
 
 from mcpilco.bodies.compiled import INLINED, factorise, linearise, solve
-from mcpilco.bodies.packs import Pack, anywhere, in_quadrant, lane, lanes_of, with_lane
+from mcpilco.bodies.pack_functions import in_quadrant
+from mcpilco.bodies.packs import Pack, anywhere, lane, lanes_of, with_lane
 
 SINE = (
     *(-1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04),

@@ -10,6 +10,7 @@ from numba import njit
 
 from mcpilco.bodies import scratch
 from mcpilco.compiling import digest
+from mcpilco.plant.simulation.integrator import Past, room_for, travel
 from mcpilco.plant.simulation.laws import shaped
 from mcpilco.plant.simulation.layout import (
     COSINE,
@@ -21,7 +22,6 @@ from mcpilco.plant.simulation.layout import (
     SINE,
     Tables,
 )
-from mcpilco.plant.simulation.integrator import Past, room_for, travel
 from mcpilco.plant.simulation.motion import SOURCES
 from mcpilco.plant.simulation.signals import look, next_event, settle, switch
 

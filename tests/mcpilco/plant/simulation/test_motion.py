@@ -339,6 +339,34 @@ def test_a_batch_of_systems_equals_a_loop_over_them():
         np.testing.assert_array_equal(together[b], y[0])
 
 
+@pytest.mark.parametrize(
+    "name", [name for name in ORDINARY if CATALOGUE[name].targets(double_pendulum().layout)]
+)
+def test_a_motion_is_the_same_beside_any_others(name):
+    """To the last bit: what the lanes next to it do, and how many there are, is nothing to it."""
+    plant, rng = double_pendulum(), np.random.default_rng(3)
+    effect, dahl = CATALOGUE[name], CATALOGUE["dahl_friction"]
+    target = effect.targets(plant.layout)[-1]
+    values = np.array(ORDINARY[name]) * (1.0 + 0.02 * np.arange(4))[:, None]
+    effects = [EffectInstance(effect, target)]
+    both = [values]
+    if name != dahl.name:
+        effects.append(EffectInstance(dahl, plant.layout.joints[0]))
+        both.append(np.array([[0.0, 0.1], [0.05, 0.1], [0.05, 0.2], [0.1, 0.1]]))
+    tables = plant.tables(np.tile(plant.nominal, (4, 1)), effects, both)
+    system, window = rng.integers(0, 4, 11), rng.integers(0, 3, 11)
+    start, commands = rng.normal(size=(11, 4)), rng.normal(size=(3, 15, 2))
+    start[4] = [0.0, 9e3, 0.0, -9e3]  # this one is lost
+
+    def run(some: np.ndarray) -> np.ndarray:
+        return simulate(tables, system[some], start[some], window[some], commands, 3, DT)
+
+    whole = run(np.arange(11))
+    assert np.isnan(whole[4]).any()
+    for some in (np.arange(11)[::-1], np.array([5]), rng.permutation(11)[:9]):
+        np.testing.assert_array_equal(run(some), whole[some])
+
+
 def test_an_actuator_remembers_what_came_before_the_start():
     memory = ("actuator_lag", [0.05]), ("actuator_delay", [0.033]), ("backlash", [0.2])
     plant = having(*((name, "actuator", values) for name, values in memory))
