@@ -72,15 +72,16 @@ class Disturbance:
     """of each column"""
 
     @classmethod
-    def of(cls, fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> Disturbance:
-        """The responses along the motions of a fit, to forces held for `hold_s` [s]."""
-        fit, layout, model = nearer(fit, windows), fit.model.plant.layout, fit.model
+    def of(
+        cls, fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s, near: bool = False
+    ) -> Disturbance:
+        """Responses to forces held for `hold_s` [s] along a fit's motions, `near` or made so."""
+        fit = fit if near else nearer(fit, windows)
+        layout, model = fit.model.plant.layout, fit.model
         hold, joints = max(1, round(hold_s / windows.dt)), range(len(layout.joints))
         responses = impulse_responses(model, windows, fit.theta, fit.x0, joints, hold)
-        each = [
-            model.scales[joint].force * response
-            for joint, response in zip(layout.joints, responses, strict=True)
-        ]
+        usual = [model.scales[joint].force for joint in layout.joints]
+        each = [force * change for force, change in zip(usual, responses, strict=True)]
         joint = np.repeat(np.arange(len(each)), each[0].shape[2])
         return cls(windows.plain, np.concatenate(each, axis=2), joint)
 
@@ -97,9 +98,9 @@ class Disturbance:
         change = change if windows.whitening is None else windows.whitening(change)
         return change.transpose(1, 2, 0)
 
-    def evidence(self, fit: Fit) -> Evidence:
+    def evidence(self, fit: Fit, near: bool = False) -> Evidence:
         """The evidence for a fit, its initial states and random forces eliminated."""
-        windows, fit = self.windows, nearer(fit, self.windows)
+        windows, fit = self.windows, fit if near else nearer(fit, self.windows)
         lin = lean(fit.model, windows, fit.theta, fit.x0)
         G = np.where(lin.lost[:, :, None], 0.0, self.columns)
         seen = windows.measured.reshape(lin.r.shape)

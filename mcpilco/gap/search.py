@@ -26,6 +26,7 @@ from mcpilco.gap.fit import (
     fit_nominal,
     initial_state_step,
     misfits,
+    nearer,
     on_windows,
     recovered,
     weighed_anew,
@@ -136,7 +137,8 @@ class Tried:
         if fit.model.plant.costly:
             return self.disturbance.evidence(fit)
         uncounted = replace(fit, model=replace(fit.model, budget=ComputeBudget()))
-        return Disturbance.of(uncounted, self.windows).evidence(fit)
+        near = nearer(uncounted, self.windows)
+        return Disturbance.of(near, self.windows, near=True).evidence(near, near=True)
 
     def bic(self, fit: Fit) -> float:
         """Bayesian information criterion of one of the fits.
