@@ -19,11 +19,8 @@ from llvmlite import ir
 from numba import types
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import intrinsic as numba_intrinsic
 from numba.extending import lower_builtin, lower_cast, models, register_model
 
-intrinsic: Callable[..., Any] = numba_intrinsic
-"""its hints count the context among the arguments of a call"""
 LANES = 8
 """numbers in a pack: two registers of today's processors, whose operations overlap"""
 _LONG = ir.IntType(64)

@@ -1,8 +1,8 @@
 """Motion of many systems under recorded commands, compiled: command, actuator, bodies, sensor.
 
-Motions are followed side by side, one in each lane of packs (`mcpilco.bodies.packs`), in steps that
-suit them all. What differs between them by an `if`, their commands and sensors, is done lane by
-lane. The jumps of inputs are met exactly.
+Motions are followed side by side, one in each lane of packs (`mcpilco.bodies.packs`), each in steps
+of its own: it is the same beside any others. What differs between them by an `if`, their commands
+and sensors, is done lane by lane. The jumps of inputs are met exactly.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def lane_of(past, k):
 def start_lane(tables, s, start, n, commands, lead, dt, path, forces, actuated, past):
     """Where a motion of system s begins, of the commands and path of window n."""
     past.alive[0] = 1.0
-    followed = 0
+    followed, then_load = 0, past.v  # room, before the start is known
     for i in range(len(tables.law)):
         past.memory[i, 0] = past.memory[i, 1] = np.nan
         if path.shape[1] > 0 and remembers(tables.law[i]):
@@ -147,15 +147,15 @@ def start_lane(tables, s, start, n, commands, lead, dt, path, forces, actuated, 
         here, then = path[n, i], path[n, i + 1]
         drives_joints(tables, s, here[0::2], here[1::2], actuated, 0.0, past.load)
         hold(tables, s, forces, i, dt, actuated)
-        drives_joints(tables, s, then[0::2], then[1::2], actuated, 0.0, past.v)
-        recall(tables, s, path[n, i : i + 2], dt, past, past.v)
+        drives_joints(tables, s, then[0::2], then[1::2], actuated, 0.0, then_load)
+        recall(tables, s, path[n, i : i + 2], dt, past, then_load)
     for j in range(len(past.q)):
         past.q[j], past.v[j] = start[2 * j], start[2 * j + 1]
 
 
 @njit(**INNER)
 def look_first(tables, s, start, every, dt, y):
-    """What a sensor shows that lags behind, before its first look."""
+    """Enters what a sensor that lags behind shows before its first look."""
     for x in range(len(start)):
         late = math.ceil(tables.sensors[s, x, LATENCY] / (every * dt))
         for k in range(min(y.shape[1], late + 1)):
