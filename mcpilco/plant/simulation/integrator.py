@@ -156,8 +156,8 @@ def derivative(tables, s, q, v, actuated, since, w, kv, row, past, gone):
 
 
 @njit(**INLINED)
-def begun(tables, s, load, kv, past):
-    """Moves the memories half the way to those of a motion that begins with accelerations kv[0].
+def begun(tables, s, load, kv, past, fresh):
+    """Moves fresh memories half the way to those of a motion that begins with accelerations kv[0].
 
     Half of it, for the accelerations follow the memories.
     """
@@ -167,8 +167,8 @@ def begun(tables, s, load, kv, past):
             a, b, c, d = constants_of(tables, s, i)
             now = Moment(past.q[j], past.v[j], kv[0, j], load[j])
             x, y = begin(tables.law[i], now, a, b, c, d)
-            past.memory[i, 0] += 0.5 * (x - past.memory[i, 0])
-            past.memory[i, 1] += 0.5 * (y - past.memory[i, 1])
+            past.memory[i, 0] += where(fresh, 0.5 * (x - past.memory[i, 0]), 0.0)
+            past.memory[i, 1] += where(fresh, 0.5 * (y - past.memory[i, 1]), 0.0)
 
 
 @njit(**INLINED)
@@ -220,11 +220,13 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
     for k in range(7):
         for j in range(J):
             kq[k, j] = kv[k, j] = 0.0
+    fresh = duration < 0.0  # nowhere yet
     for i in range(len(tables.law)):
-        if anywhere(past.memory[i, 0] != past.memory[i, 0]):
-            past.memory[i, 0] = past.memory[i, 1] = 0.0
-            if remembers(tables.law[i]):
-                first = -BEGINNINGS
+        unknown = past.memory[i, 0] != past.memory[i, 0]
+        past.memory[i, 0] = where(unknown, 0.0, past.memory[i, 0])
+        past.memory[i, 1] = where(unknown, 0.0, past.memory[i, 1])
+        if remembers(tables.law[i]) and anywhere(unknown):
+            fresh, first = fresh | unknown, -BEGINNINGS
     moving = (duration - done > 1e-12) & (alive[0] > 0.0)
     while anywhere(moving):
         tried += 1
@@ -246,7 +248,7 @@ def travel(tables, s, past, actuated, duration, step, accuracy, w, kq, kv, tq, t
             gone = C[i] * h
             derivative(tables, s, tq, tv, actuated, done + gone, w, kv, i, past, gone)
             if n < 0:
-                begun(tables, s, w.load, kv, past)
+                begun(tables, s, w.load, kv, past, fresh)
             for j in range(J if n == 0 else 0):
                 past.load[j] = w.load[j]
         first = 1  # a step begins with the derivative that the one before it ended with

@@ -367,6 +367,20 @@ def test_a_motion_is_the_same_beside_any_others(name):
         np.testing.assert_array_equal(run(some), whole[some])
 
 
+@pytest.mark.parametrize("name", ["back_emf", "elastic_joint", "joint_backlash", "dahl_friction"])
+def test_a_memory_that_is_lost_leaves_that_of_others(name):
+    """As where a fit tries sizes beyond all numbers."""
+    plant, zeros = pendulum(), np.zeros(8, int)
+    effect = EffectInstance(CATALOGUE[name], CATALOGUE[name].targets(plant.layout)[0])
+    values = np.tile(ORDINARY[name], (2, 1))
+    values[1] *= 1e200
+    tables = plant.tables(np.tile(plant.nominal, (2, 1)), [effect], [values])
+    starts, commands = np.tile(START, (8, 1)), PULSES[None, :, None]
+    alone = simulate(tables, zeros, starts, zeros, commands, 0, DT)
+    beside = simulate(tables, np.arange(8) % 2, starts, zeros, commands, 0, DT)
+    np.testing.assert_array_equal(beside[::2], alone[::2])
+
+
 def test_an_actuator_remembers_what_came_before_the_start():
     memory = ("actuator_lag", [0.05]), ("actuator_delay", [0.033]), ("backlash", [0.2])
     plant = having(*((name, "actuator", values) for name, values in memory))
