@@ -33,7 +33,7 @@ DT, T = 0.02, 50
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is timed."""
+    """The model, and how much of it is timed."""
 
     model: Path = Path(__file__).parent / "hidden_effects/rotary_pendulum.xml"
     """an MJCF of an open chain with motors"""

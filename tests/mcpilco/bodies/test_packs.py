@@ -1,4 +1,4 @@
-"""What holds for a number holds in each lane of a pack, whatever the others hold."""
+"""A pack does in each lane what a number does, whatever the other lanes hold."""
 
 import math
 
