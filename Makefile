@@ -32,13 +32,13 @@ test test-slow test-claims: export MKL_NUM_THREADS := 1
 test test-slow test-claims: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV_READY) ## run the tests that take seconds
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "not slow" $(ARGS)
 
 test-slow: $(DEV_READY) ## run the tests that take minutes
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m slow $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow $(ARGS)
 
 test-claims: $(DEV_READY) ## run the tests of what the project stands for, some minutes
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m claim $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m claim $(ARGS)
 
 check: $(DEV_READY) ## look at format, style, types, spelling and imports; change nothing
 	$(BIN)/ruff format --check .

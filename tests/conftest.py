@@ -17,6 +17,9 @@ from tests import shapes
 shapes.install()
 gc.disable()  # until all is imported, which leaves nothing to collect
 
+FIRST = "compiled", "compiled moments", "provenance", "project", "boards"
+"""groups of tests: one worker compiles what most others need, while the next does what does not"""
+
 # The workers share the cores: more threads would only wait for one another.
 torch.set_num_threads(1)
 
@@ -29,7 +32,7 @@ def pytest_runtest_setup() -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before slow tests are left out and pytest-xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that share a fixture go to one worker; those that share most come first.
+    """Tests that share a fixture go to one worker; after `FIRST` those that share most come first.
 
     Of the cases of a test that is marked `one_in` the others are slow.
     """
@@ -42,6 +45,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             cases[name] += 1
         if item.get_closest_marker("xdist_group") is None and (shared := _shared_by(item)):
             item.add_marker(pytest.mark.xdist_group(shared))
+    sizes = Counter(map(_group_of, items))
+
+    def order(item: pytest.Item) -> tuple[int, int]:
+        group = _group_of(item)
+        return FIRST.index(group) if group in FIRST else len(FIRST), -sizes[group]
+
+    items.sort(key=order)
 
 
 def pytest_collection_finish() -> None:
@@ -49,6 +59,12 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.set_threshold(20_000)  # numba and matplotlib make many objects and hardly a circle
     gc.enable()
+
+
+def _group_of(item: pytest.Item) -> str:
+    """The tests that one worker does together; those that are in no group do not matter."""
+    mark = item.get_closest_marker("xdist_group")
+    return str(mark.args[0]) if mark else item.nodeid
 
 
 def _shared_by(item: pytest.Item) -> str:
