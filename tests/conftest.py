@@ -18,7 +18,7 @@ shapes.install()
 gc.disable()  # until all is imported, which leaves nothing to collect
 
 FIRST = "compiled", "compiled moments", "provenance", "project", "boards"
-"""groups of tests: one worker compiles what most others need, while the next does what does not"""
+"""groups of tests: one worker compiles what most need, the next does those that need none of it"""
 
 # The workers share the cores: more threads would only wait for one another.
 torch.set_num_threads(1)
@@ -62,7 +62,7 @@ def pytest_collection_finish() -> None:
 
 
 def _group_of(item: pytest.Item) -> str:
-    """The tests that one worker does together; those that are in no group do not matter."""
+    """The group whose tests one worker does; a test in none is a group of its own."""
     mark = item.get_closest_marker("xdist_group")
     return str(mark.args[0]) if mark else item.nodeid
 
