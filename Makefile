@@ -7,6 +7,7 @@ TORCH  := torch==2.13.0
 VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip -qq install
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
 # A stamp says which part of the package is installed.
 ENV_READY  := $(VENV)/.stamp-$(subst ==,-,$(TORCH))
@@ -32,13 +33,13 @@ test test-slow test-claims: export MKL_NUM_THREADS := 1
 test test-slow test-claims: export PYTHONDONTWRITEBYTECODE :=
 
 test: $(DEV_READY) ## run the tests that take seconds
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "not slow" $(ARGS)
+	$(PYTEST) -m "not slow" $(ARGS)
 
 test-slow: $(DEV_READY) ## run the tests that take minutes
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m slow $(ARGS)
+	$(PYTEST) -m slow $(ARGS)
 
 test-claims: $(DEV_READY) ## run the tests of what the project stands for, some minutes
-	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m claim $(ARGS)
+	$(PYTEST) -m claim $(ARGS)
 
 check: $(DEV_READY) ## look at format, style, types, spelling and imports; change nothing
 	$(BIN)/ruff format --check .
