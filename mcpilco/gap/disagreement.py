@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -161,6 +162,8 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     response = force_response(fit, windows)
     alike = unpredicted_by_forces(response, np.ones(len(windows)))
     before = response.by_window / response.samples
+    if not ((alike > EVENT.far) & (alike > EVENT.strange * before)).any():
+        return far
     for _ in range(EVENT.passes):
         rest = np.minimum(alike, unpredicted_by_forces(response, response.weights * ~far))
         now = rest > EVENT.far * max(1.0, float(np.median(rest[~far])))
@@ -252,9 +255,14 @@ def unforeseen(
     folds = np.where(touched < 0, np.arange(len(windows)), touched) % FORCE.folds
     response = force_response(part, windows)
     smooth = [unpredicted_by_forces(response, response.weights, folds, n) for n in (1, 2)]
-    narrow = max(candidates(part, windows, folds), key=lambda force: force.predicted).unpredicted
     before, samples = part.by_window / windows.samples, windows.samples
     usual = EVENT.ordinary * float(np.median(before[touched < 0]))
+
+    @cache
+    def narrow() -> PerWindow:
+        """What the narrow force that predicts most does not, for which many are tried."""
+        forces = candidates(part, windows, folds)
+        return max(forces, key=lambda force: force.predicted).unpredicted
 
     def strange(number: int) -> bool:
         own = touched == number
@@ -262,7 +270,7 @@ def unforeseen(
             return True
         if min(rest[own].sum() for rest in smooth) < EVENT.strange * before[own].sum():
             return False
-        logs = [log_misfit(rest[own], samples[own]) for rest in (narrow, before)]
+        logs = [log_misfit(rest[own], samples[own]) for rest in (narrow(), before)]
         return logs[0] >= EVENT.strange * logs[1]
 
     return tuple(span for number, span in enumerate(spans) if strange(number))

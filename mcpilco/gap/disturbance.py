@@ -23,6 +23,7 @@ Reference: Kristensen, Madsen & Jørgensen, Parameter estimation in stochastic g
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -143,7 +144,7 @@ class _Likelihood:
         X = self.seen.shape[1]
         noise, correlation = np.ones(X), np.zeros(X)
         given = _GivenNoise.of(self, noise, correlation)
-        ratios = given.largest(np.full(int(self.joint.max()) + 1, -2.0))
+        ratios = given.largest(np.full(int(self.joint.max()) + 1, DISTURBANCE.usual))
         for _ in range(DISTURBANCE.turns):
             squares, freedom, lagged, pairs = given.by_state(ratios)
             known = freedom > DISTURBANCE.least_freedom
@@ -158,7 +159,7 @@ class _Likelihood:
             ratios = given.largest(ratios)
             if near < DISTURBANCE.same_noise:
                 break
-        deviance, _, common = given(ratios)
+        deviance, _, _, common = given(ratios)
         std = common * np.exp(0.5 * ratios)
         return Evidence(deviance, std, common * noise, given.samples, correlation)
 
@@ -178,6 +179,8 @@ class _GivenNoise:
     joint: Int[np.ndarray, " m"]
     A: Float[np.ndarray, "W m m"]
     b: Float[np.ndarray, "W m"]
+    squares: float
+    """sum of those of r"""
     constant: float
     """of the deviance"""
     samples: int
@@ -200,17 +203,40 @@ class _GivenNoise:
         constant = float(sizes) - 2.0 * float(np.log(F.a)[seen.reshape(F.a.shape)].sum())
         A, rows = np.matmul(G.transpose(0, 2, 1), G), np.repeat(noise, seen.shape[2])
         b = np.einsum("wni,wn->wi", G, r[:, :, 0])
-        return cls(r[:, :, 0], G, Q, rows, seen, whole.joint, A, b, constant, int(samples))
+        r, squares = r[:, :, 0], float(np.square(r).sum())
+        return cls(r, G, Q, rows, seen, whole.joint, A, b, squares, constant, int(samples))
 
     def largest(self, start: Float[np.ndarray, " J"]) -> Float[np.ndarray, " J"]:
-        """Logs of the variances that fit best, over that of the noise."""
-        return minimize(
-            lambda x: self(x)[:2],
-            start,
+        """Logs of the variances that fit best, over that of the noise.
+
+        They are sought over asinh(std / unit): where their responses would drown in the noise the
+        deviance is a parabola of the std, and far above it almost one of its logarithm.
+        """
+        squares = np.einsum("wii->i", self.A) / len(self.A)
+        count = np.maximum(np.bincount(self.joint), 1)
+        unit = 1.0 / np.sqrt(np.maximum(np.bincount(self.joint, squares) / count, 1e-24))
+
+        def ratios(x: Float[np.ndarray, " J"]) -> Float[np.ndarray, " J"]:
+            return np.clip(2.0 * np.log(np.abs(unit * np.sinh(x)) + 1e-300), *DISTURBANCE.ratios)
+
+        @lru_cache(maxsize=2)
+        def at(x: bytes) -> tuple[float, np.ndarray, np.ndarray]:
+            here = np.frombuffer(x)
+            deviance, slope, bend, _ = self(ratios(here))
+            here = np.where(np.abs(here) < 1e-4, 1e-4, here)
+            turned = 2.0 / np.tanh(here)
+            bend = turned[:, None] * bend * turned
+            return deviance, slope * turned, bend - np.diag(2.0 * slope / np.sinh(here) ** 2)
+
+        found = minimize(
+            lambda x: at(x.tobytes())[:2],
+            np.maximum(np.arcsinh(np.exp(0.5 * start) / unit), DISTURBANCE.begun),
             jac=True,
-            method="L-BFGS-B",
-            bounds=[DISTURBANCE.ratios] * len(start),
-        ).x
+            hess=lambda x: at(x.tobytes())[2],
+            method="trust-exact",
+            options={"gtol": DISTURBANCE.converged, "max_trust_radius": DISTURBANCE.farthest},
+        )
+        return ratios(found.x)
 
     def _forces(
         self, log_ratio: Float[np.ndarray, " J"]
@@ -223,17 +249,26 @@ class _GivenNoise:
 
     def __call__(
         self, log_ratio: Float[np.ndarray, " J"]
-    ) -> tuple[float, Float[np.ndarray, " J"], float]:
-        """Deviance, its slope, and the common factor of the noise, at logs of variances."""
+    ) -> tuple[float, Float[np.ndarray, " J"], Float[np.ndarray, "J J"], float]:
+        """Deviance, its slope and curvature at logs of variances; the common factor of the noise.
+
+        Reference: Harville, JASA 72 (1977), section 4, for derivatives of such a likelihood.
+        """
         s, M, inverse, z = self._forces(log_ratio)
-        left = self.r - np.einsum("wni,wi->wn", self.G, s * z)
-        quad = float(np.square(left).sum() + np.square(z).sum())
-        variance = max(quad / self.samples, (DISTURBANCE.least_noise / self.noise.min()) ** 2)
+        quad = self.squares - float((s * self.b * z).sum())  # squares that are left, and those of z
+        least = (DISTURBANCE.least_noise / self.noise.min()) ** 2
+        variance = max(quad / self.samples, least)
         logs = 2.0 * np.log(np.einsum("wii->wi", np.linalg.cholesky(M))).sum()
-        slope = (1.0 - np.einsum("wii->wi", inverse)).sum(axis=0)
-        slope -= np.square(z).sum(axis=0) / variance
         deviance = self.samples * np.log(variance) + quad / variance + logs + self.constant
-        return float(deviance), np.bincount(self.joint, slope, len(log_ratio)), variance**0.5
+        of = np.eye(len(log_ratio))[self.joint]
+        certain = np.einsum("wii->i", inverse)
+        taken = np.square(z).sum(axis=0) / variance
+        slope = (len(z) - certain - taken) @ of
+        both = np.square(inverse) + 2.0 / variance * z[:, :, None] * inverse * z[:, None]
+        bend = np.diag((certain + taken) @ of) - of.T @ both.sum(axis=0) @ of
+        if variance > least:
+            bend -= np.outer(taken @ of, taken @ of) / self.samples
+        return float(deviance), slope, bend, variance**0.5
 
     def by_state(self, log_ratio: Float[np.ndarray, " J"]) -> Float[np.ndarray, "4 X"]:
         """Squares that each state's readings leave, and their freedom; products with those before.
@@ -242,12 +277,14 @@ class _GivenNoise:
         and initial states take away from them is added.
         """
         s, _, inverse, z = self._forces(log_ratio)
-        left = self.noise * (self.r - np.einsum("wni,wi->wn", self.G, s * z))
-        G, behind = self.G * s, following(self.seen)
+        left = self.noise * (self.r - (self.G @ (s * z)[:, :, None])[:, :, 0])
+        behind = following(self.seen)
+        taking = np.concatenate([self.Q, self.G @ (s[:, None] * inverse)], axis=2)
+        giving = np.concatenate([self.Q, self.G * s], axis=2)
 
         def taken(lag: int) -> Float[np.ndarray, "W n"]:
-            Q_lag, G_lag = (np.roll(part, lag, axis=1) for part in (self.Q, G))
-            return (self.Q * Q_lag).sum(axis=2) + np.einsum("wni,wni->wn", G @ inverse, G_lag)
+            rows = np.einsum("wni,wni->wn", taking[:, lag:], giving[:, : giving.shape[1] - lag])
+            return np.pad(rows, ((0, 0), (lag, 0)))
 
         def total(part: np.ndarray, where: np.ndarray) -> Float[np.ndarray, " X"]:
             return np.where(where, part.reshape(self.seen.shape), 0.0).sum(axis=(0, 2))

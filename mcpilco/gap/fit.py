@@ -153,7 +153,7 @@ def _gauss_newton_step(
     temper: float,
 ) -> np.ndarray:
     """The damped Gauss-Newton step of theta, the initial states eliminated, within its bounds."""
-    _, H, g = lin.normal_equations(theta, weight, temper * model.precision)
+    H, g = lin.normal_equations(theta, weight, temper * model.precision)
     low, high = model.bounds
     free = ~((theta <= low) & (g < 0.0)) & ~((theta >= high) & (g > 0.0)) & (np.diag(H) > 0.0)
     step = np.zeros_like(theta)

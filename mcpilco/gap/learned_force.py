@@ -15,6 +15,7 @@ from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
 
 from mcpilco.gap.data import Windows
 from mcpilco.gap.fit import Fit, fit_model, on_windows
@@ -240,17 +241,19 @@ def _judged(
     """
     misfit = response.by_window / response.samples
     size = np.sqrt(np.maximum(1.0, FORCE.inflation * misfit))[:, None]
-    R = columns.shape[2]
-    A, b = np.empty((FORCE.folds, R, R)), np.empty((FORCE.folds, R))
-    for k in range(FORCE.folds):
-        own = fold == k
-        flat = (columns[own] / size[own, :, None]).reshape(-1, R)
-        A[k], b[k] = flat.T @ flat, flat.T @ (response.r[own] / size[own]).ravel()
+    R, of = columns.shape[2], [fold == k for k in range(FORCE.folds)]
+    parts = [columns[own].reshape(-1, R) for own in of]
+    rows = [np.repeat(1.0 / size[own], columns.shape[1]) for own in of]
+    scaled = [part * row[:, None] for part, row in zip(parts, rows, strict=True)]
+    wanted = [response.r[own].ravel() * row for own, row in zip(of, rows, strict=True)]
+    A = np.stack([part.T @ part for part in scaled])
+    b = np.stack([part.T @ r for part, r in zip(scaled, wanted, strict=True)])
     before = log_misfit(misfit, response.samples)
-    unpredicted = [
-        _unpredicted(strength, A, b, columns, fold, response)
-        for strength in FORCE.learned_strengths
-    ]
+    unpredicted = np.empty((len(FORCE.learned_strengths), len(response)))
+    for k, own in enumerate(of):
+        means = _means(A.sum(axis=0) - A[k], b.sum(axis=0) - b[k])
+        missed = response.r[own] - (means @ parts[k].T).reshape(len(means), *response.r[own].shape)
+        unpredicted[:, own] = np.square(missed).sum(axis=2) / response.samples[own]
     after = [log_misfit(part, response.samples) for part in unpredicted]
     best = int(np.argmin(after))
     information = FORCE.learned_strengths[best] ** 2 * A.sum(axis=0)
@@ -260,22 +263,13 @@ def _judged(
     )
 
 
-def _unpredicted(
-    strength: float,
-    A: Float[np.ndarray, "F R R"],
-    b: Float[np.ndarray, "F R"],
-    columns: Float[np.ndarray, "W n R"],
-    fold: Int[np.ndarray, " W"],
-    response: ForceResponse,
-) -> PerWindow:
-    """Squared residual of a sample of each window, less what the other folds predict of it."""
-    squares = np.empty(len(response))
-    for k in range(FORCE.folds):
-        H = strength**2 * (A.sum(axis=0) - A[k]) + np.eye(A.shape[1])
-        mean = strength**2 * np.linalg.solve(H, b.sum(axis=0) - b[k])
-        missed = response.r[fold == k] - columns[fold == k] @ mean
-        squares[fold == k] = np.square(missed).sum(axis=1)
-    return squares / response.samples
+def _means(A: Float[np.ndarray, "R R"], b: Float[np.ndarray, " R"]) -> Float[np.ndarray, "S R"]:
+    """The likeliest force by each strength, where A is known of it beside a prior, and b wanted."""
+    means = []
+    for strength in FORCE.learned_strengths:
+        factor = cho_factor(A + np.eye(len(A)) / strength**2, check_finite=False)
+        means.append(cho_solve(factor, b, check_finite=False))
+    return np.stack(means)
 
 
 @dataclass(frozen=True)

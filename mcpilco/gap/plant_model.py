@@ -153,12 +153,20 @@ class PlantModel:
     ) -> tuple[PlantModel, Float[np.ndarray, " more"]]:
         """The model with one effect more, and theta with its values."""
         model = self.having(instance)
-        if len(model.added) == len(self.added):
-            return model, theta
+        return model, model.appended(theta, values)
+
+    def appended(
+        self,
+        theta: Float[np.ndarray, " n"],
+        values: Sequence[float] | Float[np.ndarray, " symbols"],
+    ) -> Float[np.ndarray, " more"]:
+        """Theta that lacks the last effect, with values of it; as it is where it lacks none."""
+        logs = self.logarithmic[len(theta) :]
+        if not len(logs):
+            return theta
         added = np.asarray(values, dtype=float)
-        logs = np.array([_positive(symbol) for symbol in instance.effect.symbols])
         added = np.where(logs, np.log(np.where(logs, added, 1.0)), added)
-        return model, model.softened(np.clip(np.concatenate([theta, added]), *model.bounds))
+        return self.softened(np.clip(np.concatenate([theta, added]), *self.bounds))
 
     def shrunk(
         self, theta: Theta, instance: EffectInstance, prior: float
@@ -311,10 +319,22 @@ class PlantModel:
         return parameters, [plain[:, span] for span in self.spans()]
 
     def tables(self, theta: Float[np.ndarray, "S n"]) -> Tables:
-        """S systems, for a simulation."""
+        """S systems, for a simulation; of one that is asked for again and again, the same ones."""
+        asked = theta.tobytes()
+        if len(theta) == 1 and asked in self._tables:
+            return self._tables[asked]
         parameters, values = self.decode(theta)
         grids = [force.grid for force in self.learned]
-        return self.plant.tables(parameters, self.added, values, grids, self.weights(theta))
+        tables = self.plant.tables(parameters, self.added, values, grids, self.weights(theta))
+        if len(theta) == 1:
+            self._tables.clear()
+            self._tables[asked] = tables
+        return tables
+
+    @cached_property
+    def _tables(self) -> dict[bytes, Tables]:
+        """Those of the last single system."""
+        return {}
 
     def invert_sensors(
         self, theta: Float[np.ndarray, " n"], measured: Float[np.ndarray, "W X"]

@@ -35,9 +35,9 @@ class ForceResponse:
     """residuals, in noise std"""
     G: Float[np.ndarray, "W n m"]
     """their change with the forces of joint and interval, the intervals of a joint side by side"""
-    x: Float[np.ndarray, "W m D"]
-    """state and command that go with each force, every coordinate within about -1 to 1"""
-    turns: Float[np.ndarray, "W m E"]
+    x: Float[np.ndarray, "W K D"]
+    """state and command that go with each interval, every coordinate within about -1 to 1"""
+    turns: Float[np.ndarray, "W K E"]
     """sine and cosine of each hinge that turns round and round"""
     joint: Int[np.ndarray, " m"]
     """the joint of each force"""
@@ -73,13 +73,13 @@ class ForceResponse:
     def _known(self) -> dict[int, list[Float[np.ndarray, "Wm Wm"]]]:
         return {}
 
-    def _prior(self, x: Float[np.ndarray, "W m C"], coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
-        W, m, C = x.shape
-        flat, joint = x.reshape(W * m, C), np.tile(self.joint, W)
-        K = np.zeros((W * m, W * m))
+    def _prior(self, x: Float[np.ndarray, "W K C"], coordinates: int) -> Float[np.ndarray, "Wm Wm"]:
+        flat, joint = x.reshape(-1, x.shape[2]), np.tile(self.joint, len(x))
+        alike = covariance(flat, flat, coordinates)  # in each joint
+        K = np.zeros((len(joint), len(joint)))
         for j in np.unique(self.joint):
             own = np.flatnonzero(joint == j)
-            K[np.ix_(own, own)] = covariance(flat[own], flat[own], coordinates)
+            K[np.ix_(own, own)] = alike
         return K
 
 
@@ -88,7 +88,7 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
     windows = windows.plain
     lin = linearise(fit.model, windows, fit.theta, fit.x0, over_theta=False)
     layout, disturbance = fit.model.plant.layout, Disturbance.of(fit, windows, hold_s)
-    J, hold = len(layout.joints), max(1, round(hold_s / windows.dt))
+    hold = max(1, round(hold_s / windows.dt))
     first = np.arange(0, windows.y.shape[2] - 1, hold)
     G = disturbance.columns
     G[lin.lost.any(axis=1)] = 0.0
@@ -96,8 +96,8 @@ def force_response(fit: Fit, windows: Windows, hold_s: float = FORCE.hold_s) -> 
     return ForceResponse(
         r=lin.cleaned(lin.r[:, :, None])[:, :, 0],
         G=lin.cleaned(G),
-        x=np.tile(x, (1, J, 1)),
-        turns=np.tile(turns, (1, J, 1)),
+        x=x,
+        turns=turns,
         joint=disturbance.joint,
         samples=windows.samples,
     )
@@ -163,12 +163,9 @@ def unpredicted_by_forces(
     """
     weight = response.weights if weight is None else weight
     folds = np.arange(len(response)) % FORCE.folds if folds is None else folds
-    rests = [
-        _unpredicted(response, prior * s**2, weight, folds)
-        for prior in response.priors(coordinates)
-        for s in FORCE.strengths
-    ]
-    return min(rests, key=lambda rest: float(weight @ rest)) / response.samples
+    given = weight, folds
+    rests = [_unpredicted(response, K, *given) for K in response.priors(coordinates)]
+    return min(np.concatenate(rests), key=lambda rest: float(weight @ rest)) / response.samples
 
 
 def _unpredicted(
@@ -176,13 +173,13 @@ def _unpredicted(
     K: Float[np.ndarray, "Wm Wm"],
     weight: PerWindow,
     folds: Int[np.ndarray, " W"],
-) -> PerWindow:
-    """Squared residuals of each window, less what the other folds predict of it."""
-    rest = np.empty(len(response))
+) -> Float[np.ndarray, "S W"]:
+    """Squared residuals of each window, less what the other folds predict of it, by strength."""
+    rest = np.empty((len(FORCE.strengths), len(response)))
     for fold in np.unique(folds):
         unseen = folds == fold
         missed = response.r[unseen] - _predict(response, K, weight, unseen)
-        rest[unseen] = np.square(missed).sum(axis=1)
+        rest[:, unseen] = np.square(missed).sum(axis=2)
     return rest
 
 
@@ -191,8 +188,8 @@ def _predict(
     K: Float[np.ndarray, "Wm Wm"],
     weight: PerWindow,
     unseen: Bool[np.ndarray, " W"],
-) -> Float[np.ndarray, "V n"]:
-    """Residuals of some windows, from those of the others.
+) -> Float[np.ndarray, "S V n"]:
+    """Residuals of some windows, from those of the others, by each strength of the forces.
 
     The noise of a window is inflated to what is usual, and by its weight.
     """
@@ -204,14 +201,19 @@ def _predict(
     misfit = response.by_window[known] / response.samples[known]
     noise = max(1.0, 0.05 * float(np.median(misfit))) / np.maximum(weight[known], 1e-6)
     inside, outside = np.repeat(known, m), np.repeat(unseen, m)
-    # with G = Q R, window by window: f = K R^T (1 + R K R^T)^-1 Q^T r
+    # with G = Q R, window by window, and strength s: f = K R^T (1/s^2 + R K R^T)^-1 Q^T r
     Q, R = np.linalg.qr(response.G[known] / np.sqrt(noise)[:, None, None])
     y = np.einsum("wni,wn->wi", Q, response.r[known] / np.sqrt(noise)[:, None]).ravel()
     system = _times_blocks(R, _times_blocks(R, K[np.ix_(inside, inside)]).T)
-    system[np.diag_indices(len(system))] += 1.0
-    z = cho_solve(cho_factor(system, overwrite_a=True, check_finite=False), y, check_finite=False)
-    force = K[np.ix_(outside, inside)] @ np.einsum("wij,wi->wj", R, z.reshape(len(R), -1)).ravel()
-    return np.einsum("wni,wi->wn", response.G[unseen], force.reshape(-1, m))
+    found = []
+    for strength in FORCE.strengths:
+        noisy = system.copy(order="F")
+        noisy[np.diag_indices(len(system))] += strength**-2
+        factor = cho_factor(noisy, overwrite_a=True, check_finite=False)
+        found.append(cho_solve(factor, y, check_finite=False))
+    pulled = np.einsum("wij,swi->swj", R, np.reshape(found, (len(found), len(R), -1)))
+    force = pulled.reshape(len(found), -1) @ K[np.ix_(inside, outside)]
+    return np.einsum("wni,swi->swn", response.G[unseen], force.reshape(len(found), -1, m))
 
 
 def _times_blocks(

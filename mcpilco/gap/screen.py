@@ -97,10 +97,11 @@ def _scores(
     first = effect.symbols[0]
     for probe, own in zip(probes, columns, strict=True):
         one_sided = first.low >= first.neutral or not probe.proportional
-        S, b = view.normal_equations(own)
+        Q = view.lin.cleaned(own)
+        S, b = view.normal_equations(Q)
         mix, gain = _best_mix(S, b, one_sided)
-        if (bounded_view := view.bounding(own)) is not view:
-            other = _best_mix(*bounded_view.normal_equations(own), one_sided)
+        if (bounded_view := view.bounding(Q)) is not view:
+            other = _best_mix(*bounded_view.normal_equations(Q), one_sided)
             mix, gain = max((mix, gain), other, key=lambda scored: scored[1])
         sensitivity = probe.usual * float(np.sqrt(repeated * np.diag(S).max()))
         values = _values(instance, probe, mix)
@@ -131,8 +132,6 @@ class _Projection:
     lin: Linearised
     windows: Windows
     weight: PerWindow
-    P: Float[np.ndarray, "W n p"]
-    """columns of theta that no start state can have made"""
     H: Float[np.ndarray, "p p"]
     g: Float[np.ndarray, " p"]
     precision: Float[np.ndarray, " p"]
@@ -158,36 +157,37 @@ class _Projection:
         weight = Robust.of(by_window, windows.samples).weights(by_window)
         precision = misfit(windows, by_window, weight) * fit.model.precision
         precision += 1e-9  # of what is free and changes nothing
-        P, H, g = lin.normal_equations(fit.theta, weight, precision)
-        return cls(fit, lin, windows, weight, P, H, g, precision)
+        H, g = lin.normal_equations(fit.theta, weight, precision)
+        return cls(fit, lin, windows, weight, H, g, precision)
 
     @cached_property
     def step(self) -> Float[np.ndarray, " p"]:
         """That of theta which the fit would take next."""
         return np.linalg.solve(self.H, self.g)
 
-    def bounding(self, columns: Float[np.ndarray, "W n k"]) -> _Projection:
-        """This view, no window of which has far more influence on a signature than the others.
+    def bounding(self, Q: Float[np.ndarray, "W n k"]) -> _Projection:
+        """This view, no window of which has far more influence on a cleaned signature than others.
 
         It is this one itself where none has.
         """
-        bound = bounded(np.square(self.lin.cleaned(columns)).sum(axis=(1, 2)))
+        bound = bounded(np.square(Q).sum(axis=(1, 2)))
         if (bound == 1.0).all():
             return self
         weight = self.weight * bound
-        _, H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
+        H, g = self.lin.normal_equations(self.fit.theta, weight, self.precision)
         return replace(self, weight=weight, H=H, g=g)
 
     def normal_equations(
-        self, columns: Float[np.ndarray, "W n k"]
+        self, Q: Float[np.ndarray, "W n k"]
     ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
-        """S and b of the best mix of signatures, everything else free to give way."""
-        Q = self.lin.cleaned(columns)
+        """S and b of the best mix of cleaned signatures, everything else free to give way."""
         WQ = self.weight[:, None, None] * Q
-        HPQ = np.einsum("wni,wnj->ij", WQ, self.P).T
-        whole = np.einsum("wni,wnj->ij", WQ, Q)
-        S = whole - HPQ.T @ np.linalg.solve(self.H, HPQ)
-        b = np.einsum("wni,wn->i", WQ, self.lin.r) - HPQ.T @ self.step
+        rows = WQ.reshape(-1, WQ.shape[2]).T
+        QHP, whole = (
+            rows @ part.reshape(rows.shape[1], part.shape[2]) for part in (self.lin.own, Q)
+        )
+        S = whole - QHP @ np.linalg.solve(self.H, QHP.T)
+        b = rows @ self.lin.r.ravel() - QHP @ self.step
         same = np.diag(S) < SCREEN.separable * np.diag(whole)
         S[same], S[:, same], b[same] = 0.0, 0.0, 0.0
         return S, b
@@ -213,7 +213,7 @@ def signatures(
     model = fit.model.having(instance)
     by_probe = [_sizes(instance, probe) for probe in probes]
     sizes = np.concatenate(by_probe)
-    thetas = np.stack([fit.model.grown(fit.theta, instance, size)[1] for size in sizes])
+    thetas = np.stack([model.appended(fit.theta, size) for size in sizes])
     x0 = np.tile(fit.x0, (len(thetas), 1, 1))
     y = run(model, windows, thetas, x0, rough=True)
     change = view.lin.rough - residual(windows, y)
@@ -256,7 +256,11 @@ def _best_mix(S: np.ndarray, b: np.ndarray, one_sided: bool) -> tuple[np.ndarray
     n = len(b)
     for subset in range(1, 2**n):
         chosen = [i for i in range(n) if subset >> i & 1]
-        c = np.linalg.lstsq(S[np.ix_(chosen, chosen)], b[chosen], rcond=1e-10)[0]
+        some, wanted = S[np.ix_(chosen, chosen)], b[chosen]
+        if len(chosen) == 1:
+            c = wanted / np.where(some[0] > 0.0, some[0], np.inf)
+        else:
+            c = np.linalg.lstsq(some, wanted, rcond=1e-10)[0]
         if one_sided and (c < 0.0).any():
             continue
         value = float(b[chosen] @ c)

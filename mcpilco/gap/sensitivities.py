@@ -59,8 +59,10 @@ def run(
 def residual(windows: Windows, y: Float[np.ndarray, "... W X T"]) -> Float[np.ndarray, "... W n"]:
     """(measured - simulated) / noise std, whitened; 0 where nothing was measured."""
     r = (windows.y - y) / windows.std[:, None]
-    r = np.where(np.isfinite(y), r, LOST)
-    r = np.where(windows.measured, r, 0.0)
+    reached = np.isfinite(y)
+    if not reached.all():
+        r[~reached] = LOST
+    np.copyto(r, 0.0, where=~windows.measured)
     r = r.reshape(*r.shape[:-2], -1)
     return r if windows.whitening is None else windows.whitening(r)
 
@@ -113,14 +115,18 @@ class Linearised:
         """The part of columns that no initial state could have made."""
         return columns - self.basis @ (self.basis.transpose(0, 2, 1) @ columns)
 
+    @cached_property
+    def own(self) -> Float[np.ndarray, "W n p"]:
+        """The columns of theta, cleaned."""
+        return self.cleaned(self.Jp)
+
     def normal_equations(
         self, theta: Theta, weight: PerWindow, precision: Float[np.ndarray, " p"]
-    ) -> tuple[Float[np.ndarray, "W n p"], Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-        """P, H and g: cleaned columns of theta, and H step = g of the best step with a prior."""
-        P = self.cleaned(self.Jp)
-        WP = weight[:, None, None] * P
-        H = np.einsum("wni,wnj->ij", WP, P) + np.diag(precision)
-        return P, H, np.einsum("wni,wn->i", WP, self.r) - precision * theta
+    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+        """H and g: H step = g of the best step of theta with a prior, the initial states free."""
+        P = self.own.reshape(self.r.size, len(precision))
+        WP = np.repeat(weight, self.r.shape[1])[:, None] * P
+        return WP.T @ P + np.diag(precision), WP.T @ self.r.ravel() - precision * theta
 
 
 def linearise(
@@ -279,6 +285,7 @@ def impulse_responses(
             model.budget.used,
             every=every,
             path=np.tile(windows.path[:, first * every :][:, : lead + 1], (len(pulses), 1, 1)),
+            accuracy=accuracy_for(windows.std),
         )
         return y.reshape(len(pulses), W, X, -1)
 

@@ -129,6 +129,15 @@ class DisturbanceThresholds:
     much would be fitted to next to nothing"""
     least_noise: float = 0.1
     """noise of a reading, at least [reported noise]: smaller is rounding"""
+    converged: float = 0.05
+    """slope of the deviance over asinh(std) below which sizes fit best [-]: of hundreds of readings
+    it is right to 1e-3 then"""
+    farthest: float = 4.0
+    """by which asinh(std) may change at once [-]"""
+    usual: float = -9.0
+    """log of its variance over that of the noise from which its size is sought [-]"""
+    begun: float = 0.05
+    """asinh(std) from which it is, at least [-]: at none the deviance is always level"""
     turns: int = 5
     """in which the noise of each reading and its correlation are estimated, at most"""
     same_noise: float = 0.05

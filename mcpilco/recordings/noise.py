@@ -39,7 +39,10 @@ class NoiseFilter(NamedTuple):
 
     def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
         """Residuals with white noise."""
-        return np.asarray(self.a * (r - self.f * np.roll(r, 1, axis=-1)))
+        white = np.array(r)
+        white[..., 1:] -= self.f[:, 1:] * r[..., :-1]
+        white *= self.a
+        return white
 
     def columns(self, A: Float[np.ndarray, "W n m"]) -> Float[np.ndarray, "W n m"]:
         """The same of each column."""
@@ -63,9 +66,9 @@ class Whitening(NamedTuple):
 
     def __call__(self, r: Float[np.ndarray, "... W n"]) -> Float[np.ndarray, "... W n"]:
         """White residuals."""
-        flat = self.F(r).reshape(-1, *self.U.shape[:2]).transpose(1, 2, 0)  # (W, n, S)
-        coloured = self.U @ (self.c[:, :, None] * (self.U.transpose(0, 2, 1) @ flat))
-        return (flat - coloured).transpose(2, 0, 1).reshape(r.shape)
+        flat = self.F(r).reshape(-1, *self.U.shape[:2]).transpose(1, 0, 2)  # (W, S, n)
+        coloured = (self.c[:, None] * (flat @ self.U)) @ self.U.transpose(0, 2, 1)
+        return (flat - coloured).transpose(1, 0, 2).reshape(r.shape)
 
     def of(self, chosen: Any) -> Whitening:
         """That of some windows."""
