@@ -352,7 +352,8 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
     """That an effect is missing, or one of which it is a special case, by all that was fitted.
 
     Its family says which of these it could be as well. Models of more effects than the best one
-    do not count, for these were not worth it, but where they have another in its place.
+    do not count, for these were not worth it, but where they have another in its place: each such
+    effect counts once, as it is likeliest, and at most as much as this one.
     """
     least, most = result.ranked[0][1], len(result.best.model.effects)
     fits = [(fit, bic) for fit, bic in result.ranked if len(fit.model.effects) <= most]
@@ -361,8 +362,12 @@ def _probability(result: SearchResult, instance: EffectInstance) -> float:
         any(each == instance or each.holds(instance) for each in fit.model.effects)
         for fit, _ in fits
     ]
-    beside = [r.behind for r in rivals(result, instance) if len(r.fit.model.effects) > most]
-    others = np.exp(-0.5 * np.clip(beside, -700.0, 700.0)).sum()
+    beside: dict[EffectInstance, float] = {}
+    for rival in rivals(result, instance):
+        other = rival.instance
+        if len(rival.fit.model.effects) > most and not other.holds(instance):
+            beside[other] = max(0.0, min(rival.behind, beside.get(other, math.inf)))
+    others = sum(math.exp(-0.5 * behind) for behind in beside.values())
     return float(weight @ own / weight.sum() / (1.0 + others))
 
 

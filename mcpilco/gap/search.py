@@ -80,6 +80,8 @@ class Tried:
     """for the fits, as far as they were judged"""
     grown: set[tuple[Effects, bool, *tuple[EffectInstance, ...]]] = field(default_factory=set)
     """those whose neighbours were fitted, whether effects were exchanged too, and which of them"""
+    screened: dict[Effects, tuple[Fit, list[Score]]] = field(default_factory=dict)
+    """the scores of all candidates that a fit lacks, by its effects"""
 
     @classmethod
     def begun(cls, null: Fit, windows: Windows, candidates: Sequence[EffectInstance]) -> Tried:
@@ -105,6 +107,7 @@ class Tried:
         By the weights before an effect may have promised too little to be added to it.
         """
         self.grown.discard((frozenset(best.model.effects), False))
+        self.screened.clear()
         followed = [self.null, best, *self.ranked[: SEARCH.followed]]
         self.disturbance = Disturbance.of(best, self.windows)
         if best.model.plant.costly:
@@ -310,6 +313,20 @@ class Tried:
             self.add(rest, some, most, share, max(SEARCH.promising, least))
         return scores
 
+    def scores(
+        self, fit: Fit, new: Sequence[EffectInstance], lin: Linearised | None = None
+    ) -> list[Score]:
+        """Those of effects that a fit lacks; `lin` is how its model changes on the windows."""
+        ours, dear = frozenset(fit.model.effects), fit.model.plant.costly
+        known, scores = self.screened.get(ours, (None, []))
+        if known is fit and not dear:
+            return [score for score in scores if score.instance in new]
+        lin = lin or linearise(fit.model, self.windows, fit.theta, fit.x0)
+        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
+        if len(new) == len(_further(fit, self.candidates)):
+            self.screened[ours] = fit, scores
+        return scores
+
     def add(
         self,
         fit: Fit,
@@ -323,7 +340,7 @@ class Tried:
         if not new or len(ours) == SEARCH.most_effects:
             return []
         lin, dear = linearise(fit.model, self.windows, fit.theta, fit.x0), fit.model.plant.costly
-        scores = screen(fit, lin, self.windows, new, pulses=self.disturbance if dear else None)
+        scores = self.scores(fit, new, lin)
         least = max(least, SEARCH.part_of_exchanged * (scores[0].gain if dear and scores else 0.0))
         begun: dict[Effects, Fit] = {}
         some = np.arange(0, len(self.windows), SEARCH.thinned)
@@ -423,6 +440,7 @@ def confuse(tried: Tried) -> None:
     motor under a voltage a friction and a lag.
     """
     best = tried.best()
+    scores = tried.scores(best, _further(best, tried.candidates))
     budget = best.model.budget.with_left(BUDGET.confusing_steps)
     best, share = replace(best, model=replace(best.model, budget=budget)), budget.share(1.0)
     for instance, (values, *_) in best.model.effect_values(best.theta[None]):
@@ -430,8 +448,6 @@ def confuse(tried: Tried) -> None:
             if instance.effect.made_of({p.effect.name: list(p.effect.neutral) for p in pair}):
                 parts = {part: instance.values_as(part, values) for part in pair}
                 tried.exchange(best, [instance], parts)
-    lin = linearise(best.model, tried.windows, best.theta, best.x0)
-    scores = screen(best, lin, tried.windows, _further(best, tried.candidates))
     same = [score.instance for score in scores if score.sensitivity == 0.0]
     for instance in best.model.effects:
         model, theta = shrunk(best, [instance], tried.null)

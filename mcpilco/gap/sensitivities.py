@@ -271,23 +271,27 @@ def impulse_responses(
     commands = np.pad(windows.commands, ((0, 0), (0, 0), (0, J)))
 
     def moved(tables: Tables, first: int, start: np.ndarray, pulses: np.ndarray) -> np.ndarray:
-        """The measurements from a sample on, with each of some pulses there."""
-        each = np.tile(commands[:, first * every :], (len(pulses), 1, 1))
-        each[:, lead : lead + hold * every, each.shape[2] - J :] = np.repeat(pulses, W, 0)[:, None]
+        """The measurements from a sample on, with each of some pulses there.
+
+        Motions of a window follow one another, for they take the same steps.
+        """
+        many = len(pulses)
+        each = np.repeat(commands[:, first * every :], many, axis=0)
+        each[:, lead : lead + hold * every, each.shape[2] - J :] = np.tile(pulses, (W, 1))[:, None]
         y = plant.run(
             tables,
             np.zeros(len(each), dtype=np.int64),
-            np.tile(start, (len(pulses), 1)),
+            np.repeat(start, many, axis=0),
             np.arange(len(each)),
             each,
             lead,
             windows.held_s,
             model.budget.used,
             every=every,
-            path=np.tile(windows.path[:, first * every :][:, : lead + 1], (len(pulses), 1, 1)),
+            path=np.repeat(windows.path[:, first * every :][:, : lead + 1], many, axis=0),
             accuracy=accuracy_for(windows.std),
         )
-        return y.reshape(len(pulses), W, X, -1)
+        return y.reshape(W, many, X, -1).swapaxes(0, 1)
 
     ideal = tables._replace(sensors=np.tile(np.array(IDEAL_SENSOR), (1, X, 1)))
     states = moved(ideal, 0, x0, np.zeros((1, J)))[0]

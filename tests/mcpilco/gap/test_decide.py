@@ -375,6 +375,42 @@ def test_what_takes_the_place_of_an_effect_in_likelier_models_is_in_its_family()
         assert decide._probability(result, hard) == pytest.approx(sure)
 
 
+@pytest.mark.parametrize(
+    ("contexts", "sure"),
+    [
+        ([("asymmetric_friction", "coulomb_friction", 2.0)], 1.0 / (1.0 + math.exp(-1.0))),
+        ([("asymmetric_friction", "coulomb_friction", -700.0)], 0.5),
+        ([("asymmetric_friction", "coulomb_friction", -700.0)] * 3, 0.5),
+        (
+            [
+                ("asymmetric_friction", "coulomb_friction", -700.0),
+                ("asymmetric_friction", "stribeck_friction", -9.0),
+            ],
+            1.0 / 3.0,
+        ),
+        ([("coulomb_friction", "asymmetric_friction", -700.0)], 1.0),
+    ],
+)
+def test_a_rival_beside_likelier_effects_counts_once_and_not_more_than_the_effect(
+    contexts: list[tuple[str, str, float]], sure: float
+) -> None:
+    """And one of which the effect is a special case says nothing against it."""
+
+    def fit(*effects: EffectInstance) -> Any:
+        return SimpleNamespace(model=SimpleNamespace(effects=effects))
+
+    friction = EffectInstance(CATALOGUE[contexts[0][0]], "pendulum")
+    best, places = fit(friction), ("spring", "hardening_spring", "dahl_friction")
+    ranked = [(best, 0.0)]
+    for (_, other, behind), place in zip(contexts, places, strict=False):
+        beside = EffectInstance(CATALOGUE[place], "pendulum")
+        rival = EffectInstance(CATALOGUE[other], "pendulum")
+        ranked += [(fit(rival, beside), behind - 900.0), (fit(friction, beside), -900.0)]
+    result: Any = SimpleNamespace(best=best, ranked=tuple(ranked))
+    assert len(rivals(result, friction)) == len(contexts)
+    assert decide._probability(result, friction) == pytest.approx(sure)
+
+
 def test_what_lies_on_a_bound_is_told(rubbing: tuple[PlantModel, Windows]) -> None:
     fit = with_effects(*rubbing, [FRICTION])
     (span,) = fit.model.spans()
