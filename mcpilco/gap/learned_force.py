@@ -146,15 +146,16 @@ def candidates(
         if _is_angle(layout, c) and np.ptp(motion[:, :, c]) > FORCE.most_turned_rad
     ]
     for j, joint in enumerate(layout.joints):
-        G = response.G[:, :, response.joint == j]
+        Q, R = np.linalg.qr(response.G[:, :, response.joint == j])
+        r = (response.r[:, None] @ Q)[:, 0]  # all that a force in the joint can change
         usual = fit.model.scales[joint].force
         for over, shape in _forms(j, motion.shape[2], turned):
             grids = [_axis(fit, c, motion[:, :, c], s) for c, s in zip(over, shape, strict=True)]
             axes, lengthscales = zip(*grids, strict=True)
             prior = GridPrior.of(axes, lengthscales, FORCE.least_variance)
             features = prior.features([motion[:, :, c].ravel() for c in over])
-            columns = G @ features.reshape(*motion.shape[:2], -1)
-            yield _judged(joint, prior, usual, columns, response, folds)
+            columns = R @ features.reshape(*motion.shape[:2], -1)
+            yield _judged(joint, prior, usual, columns, r, response, folds)
 
 
 Form = tuple[tuple[int, ...], tuple[Fineness, ...]]
@@ -230,7 +231,8 @@ def _judged(
     joint: str,
     prior: GridPrior,
     usual: float,
-    columns: Float[np.ndarray, "W n R"],
+    columns: Float[np.ndarray, "W K R"],
+    r: Float[np.ndarray, "W K"],
     response: ForceResponse,
     fold: Int[np.ndarray, " W"],
 ) -> ForceCandidate:
@@ -241,19 +243,21 @@ def _judged(
     """
     misfit = response.by_window / response.samples
     size = np.sqrt(np.maximum(1.0, FORCE.inflation * misfit))[:, None]
+    beyond = np.maximum(response.by_window - np.square(r).sum(axis=1), 0.0)
     R, of = columns.shape[2], [fold == k for k in range(FORCE.folds)]
     parts = [columns[own].reshape(-1, R) for own in of]
     rows = [np.repeat(1.0 / size[own], columns.shape[1]) for own in of]
     scaled = [part * row[:, None] for part, row in zip(parts, rows, strict=True)]
-    wanted = [response.r[own].ravel() * row for own, row in zip(of, rows, strict=True)]
+    wanted = [r[own].ravel() * row for own, row in zip(of, rows, strict=True)]
     A = np.stack([part.T @ part for part in scaled])
-    b = np.stack([part.T @ r for part, r in zip(scaled, wanted, strict=True)])
+    b = np.stack([part.T @ own for part, own in zip(scaled, wanted, strict=True)])
     before = log_misfit(misfit, response.samples)
     unpredicted = np.empty((len(FORCE.learned_strengths), len(response)))
     for k, own in enumerate(of):
         means = _means(A.sum(axis=0) - A[k], b.sum(axis=0) - b[k])
-        missed = response.r[own] - (means @ parts[k].T).reshape(len(means), *response.r[own].shape)
-        unpredicted[:, own] = np.square(missed).sum(axis=2) / response.samples[own]
+        missed = r[own] - (means @ parts[k].T).reshape(len(means), *r[own].shape)
+        squares = np.square(missed).sum(axis=2) + beyond[own]
+        unpredicted[:, own] = squares / response.samples[own]
     after = [log_misfit(part, response.samples) for part in unpredicted]
     best = int(np.argmin(after))
     information = FORCE.learned_strengths[best] ** 2 * A.sum(axis=0)

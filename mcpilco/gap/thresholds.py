@@ -281,7 +281,7 @@ class ForceThresholds:
     """turn of a hinge beyond which its angle and its place in a turn are two things [rad]"""
     folds: int = 4
     """of the cross-validation over windows"""
-    most_unknown: int = 1600
+    most_unknown: int = 1200
     """forces in the windows from which others are predicted, at most, for the cost"""
     parts: int = 4
     """of a learned force, at most"""
