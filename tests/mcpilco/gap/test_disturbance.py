@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from jaxtyping import Float
 from scipy.linalg import block_diag, toeplitz
+from scipy.optimize import minimize
 
 import envs
 from mcpilco.gap.data import GapProblem, Windows
-from mcpilco.gap.disturbance import Disturbance
+from mcpilco.gap.disturbance import Disturbance, _GivenNoise, _Likelihood
 from mcpilco.gap.fit import Fit, fit_nominal, misfits, nearer
 from mcpilco.gap.sensitivities import lean, residual, run
 from mcpilco.gap.thresholds import DISTURBANCE, FORCE
@@ -97,6 +99,41 @@ def test_no_other_size_is_likelier() -> None:
     for times, louder, more in (*sizes, (1.0, 1.0, 0.06), (1.0, 1.0, -0.06)):
         other = times * found.std, louder * found.noise, found.correlation + more
         assert dense_deviance(fit, disturbance, *other) > least
+
+
+def two_joints(seed: int, std: tuple[float, float]) -> _GivenNoise:
+    """The likelihood of readings that random forces in two joints moved, and noise."""
+    rng = np.random.default_rng(seed)
+    G, joint = rng.normal(size=(40, 24, 10)), np.repeat([0, 1], 5)
+    force = rng.normal(size=(40, 10)) * np.array(std)[joint]
+    r = np.einsum("wni,wi->wn", G, force) + rng.normal(size=(40, 24))
+    basis = np.linalg.qr(rng.normal(size=(40, 24, 2)))[0]
+    whole = _Likelihood(r[:, :, None], G, basis, np.ones((40, 2, 12), dtype=bool), joint)
+    return _GivenNoise.of(whole, np.array([1.0, 1.3]), np.array([0.2, 0.0]))
+
+
+@pytest.mark.parametrize("at", [(-1.0, 0.5), (-12.0, 3.0)])
+def test_slope_and_curvature_are_those_of_the_deviance(at: tuple[float, float]) -> None:
+    given, x, step = two_joints(0, (0.5, 1.0)), np.array(at), 1e-4
+    _, slope, bend, _ = given(x)
+    for j, nudge in enumerate(step * np.eye(2)):
+        above, below = given(x + nudge), given(x - nudge)
+        assert slope[j] == pytest.approx((above[0] - below[0]) / (2.0 * step), abs=1e-4, rel=1e-5)
+        assert bend[j] == pytest.approx((above[1] - below[1]) / (2.0 * step), abs=1e-4, rel=1e-5)
+
+
+@pytest.mark.parametrize("std", [(0.5, 2.0), (0.0, 0.3), (30.0, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize("start", [-9.0, 3.0])
+def test_sizes_are_as_likely_as_those_that_a_search_by_values_alone_finds(
+    std: tuple[float, float], start: float
+) -> None:
+    """None of them included, and wherever it begins."""
+    given = two_joints(3, std)
+    found = given.largest(np.full(2, start))
+    grid = np.linspace(-12.0, 10.0, 12)
+    best = min(product(grid, grid), key=lambda at: given(np.array(at))[0])
+    other = minimize(lambda x: given(x)[0], best, method="Nelder-Mead", options={"fatol": 1e-6})
+    assert given(found)[0] < other.fun + 0.01
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5])

@@ -14,7 +14,7 @@ from mcpilco.gap.data import GapProblem, Windows
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, fit_nominal, misfits
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, PlantModel
-from mcpilco.gap.screen import Score
+from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.search import (
     Tried,
     _improve,
@@ -218,6 +218,30 @@ def test_what_promised_too_little_by_the_weights_of_another_model_is_tried_by_it
     tried.weigh_by(tried.null)
     tried.neighbours(tried.null, share)
     assert frozenset({LAG}) in tried.fits
+
+
+def test_scores_are_known_as_long_as_the_same_weights_count(
+    lagging: tuple[GapProblem, Windows, Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, windows, null = lagging
+    tried, asked = Tried.begun(null, windows, [LAG, FRICTION]), []
+    module = importlib.import_module("mcpilco.gap.search")
+
+    def counted(*given: Any, **how: Any) -> list[Score]:
+        asked.append(given[3])
+        return screen(*given, **how)
+
+    monkeypatch.setattr(module, "screen", counted)
+    both = tried.scores(tried.null, [LAG, FRICTION])
+    assert {score.instance for score in both} == {LAG, FRICTION}
+    some = tried.scores(tried.null, [FRICTION])
+    assert some == [score for score in both if score.instance == FRICTION]
+    assert asked == [[LAG, FRICTION]]
+    other = replace(tried.null, theta=0.5 * tried.null.theta)
+    assert tried.scores(other, [LAG])[0].gain != next(s for s in both if s.instance == LAG).gain
+    tried.weigh_by(tried.null)
+    tried.scores(tried.null, [LAG, FRICTION])
+    assert asked == [[LAG, FRICTION], [LAG], [LAG, FRICTION]]
 
 
 @pytest.mark.parametrize("stds", [1.0, 5.0])
