@@ -178,7 +178,7 @@ TRIPS = (
             Stop(
                 "mcpilco/gap/search.py",
                 "models change by single effects, compared by BIC",
-                ("SearchResult", "Tried", "search", "grow"),
+                ("SearchResult", "Tried", "search"),
             ),
             Stop(
                 "mcpilco/gap/disturbance.py",

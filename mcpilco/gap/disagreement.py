@@ -260,7 +260,7 @@ def unforeseen(
 
     @cache
     def narrow() -> PerWindow:
-        """What the narrow force that predicts most does not, for which many are tried."""
+        """Misfits that the narrow force leaves which predicts most; many are tried."""
         forces = candidates(part, windows, folds)
         return max(forces, key=lambda force: force.predicted).unpredicted
 

@@ -250,7 +250,7 @@ class _GivenNoise:
     def __call__(
         self, log_ratio: Float[np.ndarray, " J"]
     ) -> tuple[float, Float[np.ndarray, " J"], Float[np.ndarray, "J J"], float]:
-        """Deviance, its slope and curvature at logs of variances; the common factor of the noise."""
+        """Deviance, its slope and curvature at logs of variances; the noise's common factor."""
         s, M, inverse, z = self._forces(log_ratio)
         quad = self.squares - float((s * self.b * z).sum())  # squares that are left, and those of z
         least = (DISTURBANCE.least_noise / self.noise.min()) ** 2

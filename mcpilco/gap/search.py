@@ -283,10 +283,7 @@ class Tried:
     def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
 
-        Args:
-            fit: from which they differ.
-            share: of the steps that they may take.
-            part: of what an effect explains that one in its place must promise [-]; 0: none may.
+        One takes the place of an effect that promises a `part` of what that explains [-]; 0: none.
         """
         ours, scores = frozenset(fit.model.effects), []
         if (ours, False) not in self.grown:

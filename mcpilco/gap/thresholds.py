@@ -17,8 +17,7 @@ class DataThresholds:
     window_s: float = 1.06
     """length of a window [s]: an effect shows far above the noise, and no pole has diverged yet"""
     past_s: float = 0.4
-    """of commands that a recording must have before its first window [s]: an actuator's lag and
-    delay answer to them"""
+    """of commands that a recording must have before a window [s]: lags and delays answer to them"""
     memory_s: float = 3.0
     """of commands before a window where a recording has them [s]: backlash remembers a turn"""
     shortest_hold_s: float = 5e-3
@@ -45,11 +44,9 @@ class DataThresholds:
     later_s: float = 0.5
     """by which recordings begin later for `--stability` [s]: all windows are then others"""
     uncertainty: float = 0.01
-    """prior std of masses, lengths, base friction and gains, relative to their values [-]: what a
-    data sheet or a scale gives; a user's option"""
+    """prior std of masses, lengths, base friction and gains over their values [-]; an option"""
     least_noise: float = 1e-4
-    """least noise std of a state, as a part of the std of its values [-]: what a simulation wrote
-    without noise is no more exact than another integrator"""
+    """least noise std over the std of a state's values [-]: integrators differ by as much"""
     clock_every: int = 2
     """one of so many windows decides when commands went out, for its cost"""
     clock_iterations: int = 5
@@ -122,16 +119,14 @@ class DisturbanceThresholds:
     """The random force in each joint."""
 
     ratios: tuple[float, float] = (-25.0, 12.0)
-    """least and largest log of its variance over that of the noise, in usual forces over noise
-    std: none at all, and as much as makes a model worthless"""
+    """least and largest log of its variance over that of the noise [(usual force / noise std)^2]:
+    none at all, and as much as makes a model worthless"""
     most: float = 0.3
-    """random force by which a fit is weighed at most [usual forces]: beyond, a model that misses
-    much would be fitted to next to nothing"""
+    """random force that weighs a fit at most [usual forces]: more would fit it to nothing"""
     least_noise: float = 0.1
     """noise of a reading, at least [reported noise]: smaller is rounding"""
     converged: float = 0.05
-    """slope of the deviance over asinh(std) below which sizes fit best [-]: of hundreds of readings
-    it is right to 1e-3 then"""
+    """slope of the deviance over asinh(std) that counts as none [-]: then it is right to 1e-3"""
     farthest: float = 4.0
     """by which asinh(std) may change at once [-]"""
     usual: float = -9.0
@@ -159,11 +154,9 @@ class ScreenThresholds:
     checked: int = 24
     """effects that are simulated on all windows where that is dear, of those that promise most"""
     influence: float = 10.0
-    """times the influence at three quarters of the windows that a change may have in one [-]: near
-    an unstable rest a small one leads a motion anywhere"""
+    """times the influence at three quarters of the windows that a change may have in one [-]"""
     farthest: float = 500.0
-    """change by an effect beyond which a simulation ran away, or the range of all motions where
-    that is more [noise std]"""
+    """change beyond which a simulation ran away, unless all motions range further [noise std]"""
     separable: float = 1e-6
     """least part of a signature that no fitted parameter makes [-]: less is rounding"""
 
@@ -175,8 +168,7 @@ class SearchThresholds:
     promising: float = 25.0
     """least fall of chi^2 by the linear response for which an effect is fitted [noise variances]"""
     bic_gain: float = 15.0
-    """least gain in BIC for which an effect is added; above 10 is very strong evidence (Kass &
-    Raftery, JASA 90, 1995)"""
+    """least gain in BIC that adds an effect; 10 is very strong (Kass & Raftery, JASA 90, 1995)"""
     prior_gain: float = 1.0
     """the same by the prior alone. Beside the right effects errors of 1 to 3 % pull a prior of 3 %
     by 3 at most, masses and gains 10 % off by 10 to 13, of which a name costs 9 (rough seeds)"""
@@ -201,8 +193,8 @@ class SearchThresholds:
     part_of_exchanged: float = 0.1
     """least part of what an effect explains that one must promise to be tried in its place [-]"""
     as_much: float = 0.5
-    """part of what one effect explains, or promised and kept, that another must promise [-]: to be
-    tried in its place at last, or beside it where a simulation is dear"""
+    """part of what one effect explains, or promised and kept, that another must promise [-]: in its
+    place at last, or beside it where a simulation is dear"""
     exchanges: int = 3
     """effects that are tried in the place of one, besides its special and general cases"""
     beam: int = 3
@@ -212,8 +204,7 @@ class SearchThresholds:
     patience: int = 1
     """rounds that a search goes on without a better model"""
     begun: tuple[float, ...] = (4.0, 1.0, 0.25, 0.0625)
-    """parts of the size by the linear response that are tried for an effect [-]: it overrates what
-    moves a motion far, and underrates friction in a joint that sticks"""
+    """parts of the size by the linear response that are tried [-]: it errs where joints stick"""
     starts: int = 2
     """of these, the best, from which an effect is fitted: a joint that sticks has several optima"""
     most_effects: int = 7
@@ -336,8 +327,7 @@ class VerdictThresholds:
     """Between `named`, `none`, `partly` and `unknown`, and which effects are not distinguished."""
 
     force: float = 0.02
-    """random force in a joint beyond which something is missing [usual forces]: masses that are
-    wrong by 1 to 3 % leave half of that"""
+    """random force beyond which something is missing [usual forces]; masses 3 % off leave half"""
     whole: float = 1.0
     """random force in a joint beyond which effects but imitate it; none is named [usual forces]"""
     shifted: float = 5.0
@@ -350,8 +340,7 @@ class VerdictThresholds:
     closed: float = 0.5
     """part of the held-out error that effects must take away [-]"""
     most: float = 0.8
-    """part of the held-out error that effects must take away to be named where something else is
-    missing too [-]: less, and they may but imitate it"""
+    """part of the held-out error that effects must take away where something else is missing [-]"""
     far: float = 2.0
     """times the misfit of the fitted windows that held-out ones must reach for that to count [-]"""
     tied: float = 20.0
@@ -361,14 +350,12 @@ class VerdictThresholds:
     changes them most, were it as wrong as is told or by 1 % [-]: MuJoCo's default integrator in
     steps of 2 ms makes 0.1 to 0.4 out of lags and drag, `runs/hidden_effects` hides from 0.55 on"""
     unexplained: float = 20.0
-    """times what noise alone does that a corrected plant may miss without a word [-]: with effects
-    of the catalogue it is 16 at most"""
+    """times what noise does that a corrected plant may miss unsaid [-]; effects leave 16 at most"""
     unlearned: float = 200.0
     """likewise where more is missing than effects [-]; sound recordings have up to 160. Not where a
     joint's random force is larger than its usual one (`whole`)"""
     unseen: float = 1.0
-    """sensitivity to an effect of usual size below which recordings have little power to detect one
-    five times as large [noise std]"""
+    """sensitivity to a usual effect below which one of five times its size may hide [noise std]"""
 
 
 DATA = DataThresholds()
