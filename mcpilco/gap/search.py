@@ -283,7 +283,7 @@ class Tried:
     def neighbours(self, fit: Fit, share: BudgetShare, part: float = 0.0) -> list[Score]:
         """Fits the promising models that differ by one change; the scores of further effects.
 
-        One takes the place of an effect that promises a `part` of what that explains [-]; 0: none.
+        In the place of an effect is tried what promises a `part` of what that explains [-], if any.
         """
         ours, scores = frozenset(fit.model.effects), []
         if (ours, False) not in self.grown:
