@@ -197,24 +197,31 @@ class ElasticJoint(RememberingForce):
         r = before.F / I_m - before.a
         more = (now.F - before.F) / I_m - 2.0 * ((now.v - before.v) / since - before.a)
         r1 = more / since
-        left, longest = since, FREE / w if g > 0.0 else since
-        t = smaller(left, longest)
+        left, most, brief = since, since, FREE / w if g > 0.0 else since
         while left > 0.0:
-            if abs(x) < g:  # nothing touches
-                ahead, y1 = x + t * (y + t * (0.5 * r + r1 * t / 6.0)), y + t * (r + 0.5 * r1 * t)
-            else:
+            touches, side = abs(x) >= g, 1.0 if x > 0.0 else -1.0
+            if touches:  # and does not let go while it is bent by more than it swings
                 slope = r1 / (w * w)
-                rest = (r - 2.0 * d * slope) / (w * w) + (g if x > 0.0 else -g)
-                e, u = x - rest, y - slope
+                bent = (r - 2.0 * d * slope) / (w * w)
+                e, u = x - side * g - bent, y - slope
+                swings, still = sqrt(e * e + (u + d * e) ** 2 / (f * f)), bent + slope * left
+                stays = left if smaller(side * bent, side * still) > swings else 0.0
+            else:  # and reaches an edge, at the fastest, after the time `stays`
+                fastest = abs(y) + left * (0.5 * abs(r) + left * abs(r1) / 6.0)
+                stays = (g - abs(x)) / fastest if fastest > 0.0 else left
+            t = smaller(most, larger(brief, stays))
+            if touches:
                 c, s = exp(-d * t) * cos(f * t), exp(-d * t) * sin(f * t) / f
-                ahead = e * c + (u + d * e) * s + rest + slope * t
+                ahead = e * c + (u + d * e) * s + side * g + bent + slope * t
                 y1 = u * c - (w * w * e + d * u) * s + slope
-            if (abs(x) < g) != (abs(ahead) < g) and t > BRIEF * longest:
+            else:
+                ahead, y1 = x + t * (y + t * (0.5 * r + r1 * t / 6.0)), y + t * (r + 0.5 * r1 * t)
+            if touches == (abs(ahead) < g) and t > BRIEF * brief:
                 edge = g if x + ahead > 0.0 else -g
-                t *= larger(0.99 * (edge - x) / (ahead - x), 0.1)
+                most = t * larger(0.99 * (edge - x) / (ahead - x), 0.1)
                 continue
             x, y, r, left = ahead, y1, r + r1 * t, left - t
-            t = smaller(left, longest)
+            most = left
         return x, y
 
     def probes(self, scale: Scale) -> list[Probe]:
@@ -234,7 +241,7 @@ class JointBacklash(ElasticJoint):
     name = "joint_backlash"
     special = ("elastic_joint",)
     repeats = ("armature", "elastic_joint")
-    symbols = (*ElasticJoint.symbols, Symbol("g", "{q}", low=0.0))
+    symbols = (*ElasticJoint.symbols, Symbol("g", "{q}", low=0.0, within=("position", 0.0, 2.0)))
 
     def probes(self, scale: Scale) -> list[Probe]:
         springs = [probe.values[0] for probe in super().probes(scale)[1:]]

@@ -11,8 +11,8 @@ import pytest
 
 from envs.plants import PLANTS
 from mcpilco.bodies import generalised_forces, mass_matrix
-from mcpilco.plant.effects import CATALOGUE
-from mcpilco.plant.effects.memory import Moment, RememberingForce
+from mcpilco.plant.effects import CATALOGUE, memory
+from mcpilco.plant.effects.memory import JointBacklash, Moment, RememberingForce
 from mcpilco.plant.plant import EffectInstance, Plant
 
 pytestmark = pytest.mark.xdist_group("motions")  # one process compiles what all of them need
@@ -197,3 +197,35 @@ def test_a_motion_that_knows_how_it_began_goes_on_as_it_did(name, values):
     error, without = (np.abs(found - after)[:, 0].max() for found in (known, unknown))
     assert error < 0.2 * without
     assert error < 0.02 * np.ptp(after[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("x", "values"),
+    [
+        (0.0, [1.6e-9, 0.26, 0.1, 1e12]),  # in the middle of a play that it does not get out of
+        (2.4, [1.6e-9, 0.26, 0.1, 0.5]),  # at its usual twist
+        (-0.4, [1e-6, 1e6, 0.02, 0.4]),
+    ],
+    ids=["flies", "presses", "rings"],
+)
+def test_the_work_of_a_step_has_a_limit_however_quick_the_spring(x, values, monkeypatch):
+    """Springs of 1e4 and 1e6 rad/s, over 20 ms: parts of 0.2 rad would be 1,300 and 100,000."""
+    parts = 0
+
+    def counted(a: float, b: float) -> float:
+        nonlocal parts
+        parts += 1
+        return min(a, b)
+
+    monkeypatch.setattr(memory, "smaller", counted)
+    side = -1.0 if x < 0.0 else 1.0
+    before, now = Moment(0.0, 0.1, 0.5, 0.5 * side), Moment(0.002, 0.11, 0.5, 0.52 * side)
+    ahead, speed = JointBacklash.follow((x, 0.0), DT, before, now, *values)
+    I_m, k, _, g = values
+    if g > 1e3:
+        turned = DT**2 * (2.0 * before.F + now.F) / (6.0 * I_m) - 0.5 * before.a * DT**2
+        assert (ahead, speed) == pytest.approx((turned, DT * (0.51 / I_m - 0.5)), rel=1e-9)
+        assert parts <= 4
+    else:
+        assert ahead == pytest.approx(side * (g + abs(now.F) / k), rel=1e-3)
+        assert parts <= 16000
