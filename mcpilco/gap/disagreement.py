@@ -22,7 +22,7 @@ from scipy import stats
 from scipy.ndimage import binary_propagation
 
 from mcpilco.gap.data import Event, GapProblem, Windows, event_of
-from mcpilco.gap.fit import Fit, on_windows, refit_truncated, residuals, truncated
+from mcpilco.gap.fit import Fit, on_windows, refit, refit_truncated, residuals, truncated
 from mcpilco.gap.learned_force import candidates, force_places, log_misfit
 from mcpilco.gap.plant_model import PerWindow
 from mcpilco.gap.residual_force import force_response, unpredicted_by_forces
@@ -128,19 +128,28 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
     around = _neighbours(r, np.nan)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of neighbours without a measurement
-        apart = np.abs(r - np.nanmedian(around, axis=3))
-        usual = np.nanmedian(apart, axis=2, keepdims=True) / 0.67  # of a normal distribution
+        off = r - np.nanmedian(around, axis=3)
+        usual = np.nanmedian(np.abs(off), axis=2, keepdims=True) / 0.67  # of a normal distribution
         slope = np.nanmedian(np.abs(np.diff(r, axis=2)), axis=2, keepdims=True)
         one_sided = np.isnan(around).any(axis=3)
         usual = EVENT.spike * np.maximum(np.where(one_sided, np.fmax(usual, slope), usual), 1.0)
-        strange = _neighbours(apart > usual, False)
+        strange = _neighbours(_apart_from_all(r, around) > usual, False)
         strange &= strange.sum(axis=3, keepdims=True) == 1  # another spike; more are a motion,
-        strange[..., 1:3] = False  # and so is what goes on to the next sample
-        around = np.where(strange, np.nan, around)
+        strange[..., 1:3] &= (_neighbours(off, np.nan) * off[..., None] < 0.0)[..., 1:3]
+        around = np.where(strange, np.nan, around)  # and so is what goes on to the next sample
         apart = np.abs(r - np.nanmedian(around, axis=3))
         differing = np.nanmax(around, axis=3) - np.nanmin(around, axis=3)
     spikes = apart > np.fmax(usual, EVENT.beyond * differing)
     return replace(windows, y=np.where(spikes, np.nan, windows.y))
+
+
+def _apart_from_all(
+    r: Float[np.ndarray, "W X T"], around: Float[np.ndarray, "W X T 4"]
+) -> Float[np.ndarray, "W X T"]:
+    """Distance to the nearest neighbour; of four, to the second nearest, for one may be a spike."""
+    away = np.sort(np.abs(r[..., None] - around), axis=3)  # NaN last
+    four = np.isfinite(away[..., 3])
+    return np.where(four, away[..., 1], away[..., 0])
 
 
 def _neighbours(r: np.ndarray, beyond: float) -> np.ndarray:
@@ -176,16 +185,26 @@ def windows_with_events(fit: Fit, windows: Windows) -> Bool[np.ndarray, " W"]:
     return far
 
 
-def still_missed(best: Fit, windows: Windows, masked: Windows) -> tuple[Windows, Windows]:
+def still_missed(
+    best: Fit, windows: Windows, masked: Windows, train: Sequence[int] = ()
+) -> tuple[Windows, Windows]:
     """Of windows that seemed to hold an event, those that still do, and those that a model fits.
+
+    The widest swings may seem to hold one, for no other tells the force at their ends. So the model
+    is fitted to them too, as far as windows count that are missed by more than the others.
 
     Args:
         best: the model, fitted to the other windows.
         windows: these.
         masked: those that seemed to hold an event.
+        train: numbers of the recordings to which it may be fitted.
     """
     if not len(masked):
         return masked, masked
+    own = masked[masked.of(train)]
+    if len(own):
+        more = windows.joined(truncated(best.model, own, best.theta))
+        best = on_windows(refit(best, more), windows)
     usual = float(np.median(best.by_window / windows.samples))
     kept = truncated(best.model, masked, best.theta)
     misfit = on_windows(best, kept).by_window / kept.samples

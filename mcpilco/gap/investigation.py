@@ -286,7 +286,7 @@ def _fit_all_windows(
     if not np.array_equal(legible.measured, windows.measured):
         best, windows = refit(best, legible), legible
     far = windows_with_events(best, windows)
-    masked, explained = still_missed(best, windows, masked)
+    masked, explained = still_missed(best, windows, masked, problem.train)
     if far.any() or len(explained):
         kept = windows[~far].joined(explained[explained.of(problem.train)])
         masked = masked.joined(windows[far])

@@ -27,11 +27,13 @@ from mcpilco.recordings.resample import (
     readings,
     resampled,
     sampling_time,
+    with_lost_rows,
 )
 from mcpilco.recordings.suspicion import (
     Partner,
     about_clock,
     about_gaps,
+    about_lost_rows,
     about_resampling,
     quantisation_step,
     spikes,
@@ -285,6 +287,8 @@ def read_recording(
     own = sampling_time(log.time)
     step = own if dt is None else dt
     _require_grid(rows, log, step)
+    log, lost = with_lost_rows(log, own)
+    remarks += about_lost_rows(lost)
     still = set(range(len(state_names))) - {velocity for _, velocity in velocities}
     made = partial(
         Recording,

@@ -51,13 +51,17 @@ def increasing(time: Float[np.ndarray, " N"]) -> Int[np.ndarray, " M"]:
 def sampling_time(time: Float[np.ndarray, " N"]) -> float:
     """The step of the grid on which stamps lie, or near which they jitter [s].
 
-    A round number where one fits: of seconds (0.02), else of samples a second (1/300).
+    A round number where one fits: of seconds (0.02), else of samples a second (1/300). Where stamps
+    jitter about a clock, a step about twice as long as most is two, between which a row was lost.
     """
     steps = np.diff(time)
     median = float(np.median(steps))
-    mean = float(steps[steps <= JUMP * median].mean())
+    steps = steps[steps <= JUMP * median]
+    mean = float(steps.mean())
     candidates = (_rounded(median), _rounded(mean), mean)
-    return next((dt for dt in candidates if on_grid(time, dt)), _rounded(mean))
+    on = next((dt for dt in candidates if on_grid(time, dt)), None)
+    tick = _rounded(float(steps.sum() / np.maximum(np.rint(steps / median), 1.0).sum()))
+    return on or (tick if by_the_clock(time, tick) is not None else _rounded(mean))
 
 
 def on_grid(time: Float[np.ndarray, " N"], dt: float) -> bool:
@@ -83,6 +87,8 @@ Grid = Float[np.ndarray, " T"]
 
 LONG = 5
 """more than so many samples of a position in a row without a value are a gap"""
+ALONE = 0.75
+"""median steps of the log to the next row from which on nothing was measured at a time [-]"""
 AVERAGED = 5
 """a grid so many times coarser than the log takes local polynomials of it"""
 
@@ -183,6 +189,38 @@ def find_gaps(
     return tuple((dt * a, dt * b) for a, b in runs(steps))
 
 
+FEW = 0.1
+"""most of a log's rows that can be lost; else it follows no clock [-]"""
+UNKNOWN_S = 5e-4
+"""for which the usual command would do what a guessed one may do wrong [s]"""
+
+
+def with_lost_rows(log: Log, dt: float) -> tuple[Log, int]:
+    """The log with a row where it lost one of a clock that ticks each dt, and how many it lost.
+
+    These rows have no states. Their commands are read off the rows beside by a cubic; they are NaN
+    where straight lines from both sides do not meet, as where a command may have jumped.
+    """
+    lines_up = on_grid(log.time, dt) or by_the_clock(log.time, dt) is not None
+    before = (
+        np.flatnonzero(np.rint(np.diff(log.time) / dt) == 2.0) if lines_up else np.empty(0, int)
+    )
+    if not 0 < len(before) <= FEW * len(log.time):
+        return log, 0
+    rows = np.clip(before[:, None] + np.arange(-1, 3), 0, len(log.time) - 1)
+    far, left, right, further = log.inputs[rows].transpose(1, 0, 2)
+    apart = 0.5 * np.abs((2.0 * left - far) - (2.0 * right - further))
+    usual = np.nanstd(log.inputs, axis=0)
+    known = (apart * dt <= UNKNOWN_S * usual).all(axis=1, keepdims=True)
+    commands = np.where(known, (2.0 * (left + right) - 0.5 * (far + further)) / 3.0, np.nan)
+    return replace(
+        log,
+        time=np.insert(log.time, before + 1, log.time[rows[:, 1:3]].mean(axis=1)),
+        states=np.insert(log.states, before + 1, np.nan, axis=0),
+        inputs=np.insert(log.inputs, before + 1, commands, axis=0),
+    ), len(before)
+
+
 def _filled(inputs: Held) -> Held:
     """Each missing input replaced by the last one known, the first ones by the first known."""
     filled = inputs.copy()
@@ -208,9 +246,11 @@ def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:
     cubic = _through_four(time[nodes], values[nodes], grid)
     result = np.where(even, cubic, np.interp(grid, time, values))
     far = time[after] - time[after - 1] > log.jump(dt)
-    near = np.minimum(np.abs(time[after] - grid), np.abs(time[after - 1] - grid)) <= ON_GRID * dt
+    nearest = np.minimum(np.abs(time[after] - grid), np.abs(time[after - 1] - grid))
+    near = nearest <= ON_GRID * dt
     outside = (grid < time[0] - ON_GRID * dt) | (grid > time[-1] + ON_GRID * dt)
-    result[(far & ~near) | outside] = np.nan
+    alone = nearest > ALONE * log.step
+    result[(far & ~near) | alone | outside] = np.nan
     return result
 
 

@@ -215,10 +215,19 @@ def about_clock(readings: Sequence[Log], dt: float) -> list[str]:
     return []
 
 
+def about_lost_rows(count: int) -> list[str]:
+    """A remark on rows that a log lost, one at a time."""
+    if not count:
+        return []
+    rows = "1 row is" if count == 1 else f"{count} rows are"
+    return [f"{rows} missing, by the clock of the others; commands in between are read off these."]
+
+
 def about_gaps(gaps: Gaps) -> list[str]:
     """Where the gaps are."""
     return [
-        f"A gap from {start:.3f} to {end:.3f} s: time stamps jump, or values are missing."
+        f"A gap from {start:.3f} to {end:.3f} s: time stamps jump, or values or a command are "
+        "not known."
         for start, end in gaps
     ]
 

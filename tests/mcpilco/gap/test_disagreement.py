@@ -175,6 +175,21 @@ def test_a_wrong_reading_near_the_end_of_a_window_is_one_and_its_neighbours_are_
     assert not (seen & misread).any()
 
 
+@pytest.mark.parametrize(
+    ("first", "apart"), [(-3, 2), (-4, 1), (-4, 2), (6, 1), (6, 2), (10, 1), (10, 2)]
+)
+def test_two_wrong_readings_beside_one_another_hide_neither(first: int, apart: int) -> None:
+    known, short, _ = nominal()
+    y, misread = short.y.copy(), np.zeros(short.measured.shape, dtype=bool)
+    for place, error in ((first, 40.0), (first + apart, -45.0)):
+        y[::3, 0, place] += error * STD
+        misread[::3, 0, place] = True
+    wrong = replace(short, y=y)
+    seen = without_spikes(on_windows(known, wrong), wrong).measured
+    assert ((seen | misread) == short.measured).all()
+    assert not (seen & misread).any()
+
+
 def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst() -> None:
     rng, plant = np.random.default_rng(0), envs.PLANTS["mcpilco/Pendubot-v0"]()
     u, std = np.repeat(rng.uniform(-1.0, 1.0, 60), 20)[:, None], np.array([1e-3, 1e-2, 1e-3, 1e-2])

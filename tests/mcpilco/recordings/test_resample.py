@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tests.mcpilco.recordings.logs import log, read, write
 
@@ -33,6 +34,44 @@ def test_stamps_that_jitter_alone_move_no_sample(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.states, rows[:, 1:5])
     np.testing.assert_array_equal(recording.inputs, rows[:, 5:])
     assert recording.by_clock is None
+
+
+def lossy(commands: np.ndarray, lost: list[int], jittering: bool) -> np.ndarray:
+    """A log of these commands at 50 Hz without some rows."""
+    rows = log(DT * np.arange(len(commands)))
+    rows[:, 5] = commands
+    rows[:, 0] += jitter(len(rows)) if jittering else 0.0
+    return np.delete(rows, lost, axis=0)
+
+
+@pytest.mark.parametrize("jittering", [False, True])
+def test_a_lost_row_leaves_the_clock_and_smooth_commands_as_they_are(tmp_path: Path, jittering):
+    commands, lost = np.sin(2.0 * np.pi * 1.5 * DT * np.arange(300)), [40, 41 + 57, 170, 171 + 60]
+    recording = read(write(tmp_path / "a.csv", lossy(commands, lost, jittering)))
+    assert recording.dt == DT
+    assert recording.gaps == ()
+    np.testing.assert_allclose(recording.clocked.inputs[:, 0], commands, atol=2e-3)
+    assert any(remark.startswith("4 rows are missing") for remark in recording.remarks)
+
+
+@pytest.mark.parametrize("jittering", [False, True])
+def test_where_a_lost_row_may_have_jumped_nothing_may_be_simulated(tmp_path: Path, jittering):
+    commands = np.repeat(np.random.default_rng(2).uniform(-5, 5, 30), 10)
+    lost = [49, 95, 150]  # the last of its command, in the midst of one, the first
+    recording = read(write(tmp_path / "a.csv", lossy(commands, lost, jittering)))
+    inside = np.zeros(300, dtype=bool)
+    for start, end in recording.gaps:
+        inside[round(start / DT) : round(end / DT)] = True
+    assert inside[[49, 150]].all()
+    assert not inside[90:100].any()
+    assert inside.sum() <= 6
+    np.testing.assert_allclose(recording.clocked.inputs[~inside, 0], commands[~inside], atol=1e-9)
+
+
+def test_long_steps_of_a_log_without_a_clock_are_no_lost_rows(tmp_path: Path):
+    steps = np.random.default_rng(4).uniform(0.5, 2.4, 300) * DT
+    recording = read(write(tmp_path / "a.csv", log(np.append(0.0, np.cumsum(steps)))))
+    assert not any("missing, by the clock" in remark for remark in recording.remarks)
 
 
 def test_commands_by_a_clock_are_told_beside_those_by_the_stamps(tmp_path: Path) -> None:
