@@ -257,14 +257,14 @@ class _GivenNoise:
         variance = max(quad / self.samples, least)
         logs = 2.0 * np.log(np.einsum("wii->wi", np.linalg.cholesky(M))).sum()
         deviance = self.samples * np.log(variance) + quad / variance + logs + self.constant
-        of = np.eye(len(log_ratio))[self.joint]
+        by_joint = np.eye(len(log_ratio))[self.joint]  # sums over the forces of each
         certain = np.einsum("wii->i", inverse)
         taken = np.square(z).sum(axis=0) / variance
-        slope = (len(z) - certain - taken) @ of
+        slope = (len(z) - certain - taken) @ by_joint
         both = np.square(inverse) + 2.0 / variance * z[:, :, None] * inverse * z[:, None]
-        bend = np.diag((certain + taken) @ of) - of.T @ both.sum(axis=0) @ of
+        bend = np.diag((certain + taken) @ by_joint) - by_joint.T @ both.sum(axis=0) @ by_joint
         if variance > least:
-            bend -= np.outer(taken @ of, taken @ of) / self.samples
+            bend -= np.outer(taken @ by_joint, taken @ by_joint) / self.samples
         return float(deviance), slope, bend, variance**0.5
 
     def by_state(self, log_ratio: Float[np.ndarray, " J"]) -> Float[np.ndarray, "4 X"]:

@@ -251,16 +251,17 @@ def _judged(
     wanted = [r[own].ravel() * row for own, row in zip(of, rows, strict=True)]
     A = np.stack([part.T @ part for part in scaled])
     b = np.stack([part.T @ own for part, own in zip(scaled, wanted, strict=True)])
+    whole_A, whole_b = A.sum(axis=0), b.sum(axis=0)
     before = log_misfit(misfit, response.samples)
     unpredicted = np.empty((len(FORCE.learned_strengths), len(response)))
     for k, own in enumerate(of):
-        means = _means(A.sum(axis=0) - A[k], b.sum(axis=0) - b[k])
+        means = _means(whole_A - A[k], whole_b - b[k])
         missed = r[own] - (means @ parts[k].T).reshape(len(means), *r[own].shape)
         squares = np.square(missed).sum(axis=2) + beyond[own]
         unpredicted[:, own] = squares / response.samples[own]
     after = [log_misfit(part, response.samples) for part in unpredicted]
     best = int(np.argmin(after))
-    information = FORCE.learned_strengths[best] ** 2 * A.sum(axis=0)
+    information = FORCE.learned_strengths[best] ** 2 * whole_A
     share = 1.0 - after[best] / before if before > 0.0 else 0.0
     return ForceCandidate(
         joint, prior, usual * FORCE.learned_strengths[best], information, share, unpredicted[best]
