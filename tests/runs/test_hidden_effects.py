@@ -370,6 +370,7 @@ def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
             effect |= {"target": "cart", "probability": 0.99, "family": [effect["name"]]}
             effect["parameters"] = parameters if effect["name"] == "spring" else {}
         told |= {"plant": "mcpilco/CartPoleSwingUp-v0", "velocities": True}
+        told["events"] = [{"recording": "a", "start_s": 1.0, "end_s": 2.0}] * (number == 2)
         return {**told, "seed": seed, "cpu_s": cpu_s, "made": {"digest": "new" if seed else "old"}}
 
     asked = modules["page"].asked
@@ -382,6 +383,7 @@ def test_what_is_asked_of_rough_stands_beside_what_its_newest_code_reaches(
     assert rows["nothing hidden: no wrong name"].endswith(": 2 of 2")
     assert rows["wrong and sure"].endswith(": 1 of 8")
     assert rows["intervals that hold the truth, where it is right"].endswith(": 0 of 5")
+    assert rows["no event is told; nothing pushes them"].endswith(": 6 of 8")
     assert rows["a case takes three CPU minutes or less"].endswith(": 5 of 8")
     assert rows["CPU time in the median"] == "170 s"
     assert asked({"rough": [old]}) == asked({}) == ""
