@@ -134,9 +134,10 @@ def without_spikes(fit: Fit, windows: Windows) -> Windows:
         one_sided = np.isnan(around).any(axis=3)
         usual = EVENT.spike * np.maximum(np.where(one_sided, np.fmax(usual, slope), usual), 1.0)
         strange = _neighbours(_apart_from_all(r, around) > usual, False)
-        strange &= strange.sum(axis=3, keepdims=True) == 1  # another spike; more are a motion,
+        strange &= strange.sum(axis=3, keepdims=True) == 1  # another spike; more are a motion
+        # and so is what goes on to the next sample, if not on the other side
         strange[..., 1:3] &= (_neighbours(off, np.nan) * off[..., None] < 0.0)[..., 1:3]
-        around = np.where(strange, np.nan, around)  # and so is what goes on to the next sample
+        around = np.where(strange, np.nan, around)
         apart = np.abs(r - np.nanmedian(around, axis=3))
         differing = np.nanmax(around, axis=3) - np.nanmin(around, axis=3)
     spikes = apart > np.fmax(usual, EVENT.beyond * differing)
