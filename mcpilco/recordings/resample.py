@@ -87,8 +87,6 @@ Grid = Float[np.ndarray, " T"]
 
 LONG = 5
 """more than so many samples of a position in a row without a value are a gap"""
-ALONE = 0.75
-"""median steps of the log to the next row from which on nothing was measured at a time [-]"""
 AVERAGED = 5
 """a grid so many times coarser than the log takes local polynomials of it"""
 
@@ -232,7 +230,7 @@ def _filled(inputs: Held) -> Held:
 
 
 def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:
-    """One state on the grid; NaN where its neighbours are too far from one another."""
+    """One state on the grid; NaN where its neighbours are far apart, or the nearest row lacks it."""
     known = np.isfinite(values)
     time, values = log.time[known], values[known]
     if len(time) < 4:
@@ -246,12 +244,16 @@ def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:
     cubic = _through_four(time[nodes], values[nodes], grid)
     result = np.where(even, cubic, np.interp(grid, time, values))
     far = time[after] - time[after - 1] > log.jump(dt)
-    nearest = np.minimum(np.abs(time[after] - grid), np.abs(time[after - 1] - grid))
-    near = nearest <= ON_GRID * dt
+    near = np.minimum(np.abs(time[after] - grid), np.abs(time[after - 1] - grid)) <= ON_GRID * dt
     outside = (grid < time[0] - ON_GRID * dt) | (grid > time[-1] + ON_GRID * dt)
-    alone = nearest > ALONE * log.step
-    result[(far & ~near) | alone | outside] = np.nan
+    result[(far & ~near) | ~known[_nearest(log.time, grid)] | outside] = np.nan
     return result
+
+
+def _nearest(time: Channel, grid: Grid) -> Int[np.ndarray, " T"]:
+    """The row next to each time of the grid."""
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    return after - (grid - time[after - 1] < time[after] - grid)
 
 
 def _through_four(

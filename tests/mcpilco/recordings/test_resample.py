@@ -50,11 +50,22 @@ def test_a_lost_row_leaves_the_clock_and_smooth_commands_as_they_are(tmp_path: P
     recording = read(write(tmp_path / "a.csv", lossy(commands, lost, jittering)))
     assert recording.dt == DT
     assert recording.gaps == ()
+    assert np.flatnonzero(np.isnan(recording.states).all(axis=1)).tolist() == lost
+    assert np.isfinite(np.delete(recording.states, lost, axis=0)).all()
     np.testing.assert_allclose(recording.clocked.inputs[:, 0], commands, atol=2e-3)
     assert any(remark.startswith("4 rows are missing") for remark in recording.remarks)
 
 
 @pytest.mark.parametrize("jittering", [False, True])
+def test_a_value_that_is_missing_among_stamps_that_jitter_is_not_made_up(tmp_path: Path):
+    time = DT * np.arange(300) + jitter(300)
+    rows = noisy(log(time))
+    rows[120, 1] = np.nan
+    recording = read(write(tmp_path / "a.csv", rows))
+    assert recording.by_clock is not None
+    assert np.argwhere(np.isnan(recording.states)).tolist() == [[120, 0]]
+
+
 def test_where_a_lost_row_may_have_jumped_nothing_may_be_simulated(tmp_path: Path, jittering):
     commands = np.repeat(np.random.default_rng(2).uniform(-5, 5, 30), 10)
     lost = [49, 95, 150]  # the last of its command, in the midst of one, the first
