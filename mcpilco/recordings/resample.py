@@ -230,7 +230,7 @@ def _filled(inputs: Held) -> Held:
 
 
 def _interpolated(log: Log, values: Channel, grid: Grid, dt: float) -> Grid:
-    """One state on the grid; NaN where its neighbours are far apart, or the nearest row lacks it."""
+    """One state on the grid; NaN where its neighbours are far apart or the nearest row lacks it."""
     known = np.isfinite(values)
     time, values = log.time[known], values[known]
     if len(time) < 4:
