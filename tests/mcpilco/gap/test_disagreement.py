@@ -13,6 +13,7 @@ from mcpilco.gap.data import Event, GapProblem, Windows, cut, usual_scales
 from mcpilco.gap.disagreement import (
     bursts,
     recurring,
+    still_missed,
     unforeseen,
     windows_with_events,
     without_spikes,
@@ -20,6 +21,8 @@ from mcpilco.gap.disagreement import (
 from mcpilco.gap.fit import Fit, on_windows
 from mcpilco.gap.plant_model import PlantModel
 from mcpilco.gap.thresholds import FORCE
+from mcpilco.plant import EffectInstance
+from mcpilco.plant.effects import CATALOGUE
 from mcpilco.recordings import Recording
 from tests.mcpilco.gap.pendulum import STD, Force, Outside, record
 
@@ -188,6 +191,29 @@ def test_two_wrong_readings_beside_one_another_hide_neither(first: int, apart: i
     seen = without_spikes(on_windows(known, wrong), wrong).measured
     assert ((seen | misread) == short.measured).all()
     assert not (seen & misread).any()
+
+
+def test_the_widest_swings_hold_no_event_if_a_model_can_be_fitted_to_them_but_a_push_is_one():
+    """A spring that only these tell, and a hand; the other windows are those of small swings."""
+    rng, plant = np.random.default_rng(3), envs.PLANTS["mcpilco/Pendulum-v0"]()
+    recordings = [
+        record(rng, lambda q, v: -0.04 * q**3, 1, outside=push),
+        record(rng, lambda q, v: -0.04 * q**3, 2),
+    ]
+    windows = cut(recordings, np.array([STD, 1.0]))
+    spring = EffectInstance(CATALOGUE["hardening_spring"], "pendulum")
+    model = PlantModel(plant, (spring,), {}, usual_scales(plant, windows))
+    swing = np.nanmax(np.abs(windows.y[:, 0]), axis=1)
+    pushed = (windows.recording == 0) & (windows.start_s < PUSH_S[1])
+    pushed &= windows.start_s + windows.y.shape[2] * windows.dt > PUSH_S[0]
+    wide, narrow = (swing > 1.45) & ~pushed, (swing < 1.0) & ~pushed
+    small, masked = windows[narrow], windows[wide | pushed]
+    without = Fit(model, np.zeros(1), small.guess, np.zeros(len(small)))
+    before, _ = still_missed(on_windows(without, small), small, masked)
+    assert len(before) == len(masked) > pushed.sum() > 0
+    missed, fine = still_missed(on_windows(without, small), small, masked, train=(0, 1))
+    assert len(fine) == wide.sum()
+    np.testing.assert_array_equal(missed.start_s, windows.start_s[pushed])
 
 
 def test_what_masses_2_percent_off_miss_where_an_elbow_whips_round_is_no_burst() -> None:
