@@ -51,7 +51,8 @@ def plot_confusions(counts: Mapping[tuple[str, str], float], ax: Axes) -> Axes:
     ax.imshow(parts, cmap="Blues", vmin=0.0, vmax=1.0)
     for i, j in zip(*np.nonzero(table), strict=True):
         dark = parts[i, j] > 0.5
-        ax.text(j, i, f"{table[i, j]:.3g}", ha="center", va="center", color="w" if dark else "k")
+        count = f"{table[i, j]:{'.2g' if table[i, j] < 10.0 else '.0f'}}"
+        ax.text(j, i, count, ha="center", va="center", color="w" if dark else "k")
     ax.set_xticks(range(len(columns)), columns, rotation=90)
     ax.set_yticks(range(len(rows)), rows)
     ax.set_xlabel("named")
