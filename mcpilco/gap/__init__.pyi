@@ -1,18 +1,15 @@
 from .comparison import (
     ComparedModels,
     Comparison,
-    MissingForce,
-    TimeMap,
-    missing_force,
     scaled_errors,
     squares_at_end,
-    time_map,
 )
-from .data import Event, GapProblem, Windows, usual_scales
+from .data import Event, GapProblem, Windows, cut, usual_scales
 from .decide import Closest, EstimatedParameter, NamedEffect
 from .disagreement import Disagreement
 from .fit import Fit, fit_initial_states, fit_model, truncated
 from .investigation import investigate
+from .plant_model import PlantModel
 from .report import (
     IN_SAMPLE,
     Gap,
@@ -26,11 +23,11 @@ from .report import (
     write_json,
 )
 from .search import SearchResult
+from .sensitivities import residuals_at, run
 from .stability import Stability, repetitions
-from .thresholds import COMPARISON, DATA
+from .thresholds import DATA
 
 __all__ = [
-    "COMPARISON",
     "DATA",
     "IN_SAMPLE",
     "Closest",
@@ -42,25 +39,25 @@ __all__ = [
     "Fit",
     "Gap",
     "GapProblem",
-    "MissingForce",
     "NamedEffect",
+    "PlantModel",
     "SearchResult",
     "Stability",
-    "TimeMap",
     "Windows",
     "cautions",
     "closed_share",
+    "cut",
     "fit_initial_states",
     "fit_model",
     "investigate",
-    "missing_force",
     "percent",
     "repetitions",
+    "residuals_at",
+    "run",
     "scaled_errors",
     "squares_at_end",
     "summary",
     "three_digits",
-    "time_map",
     "to_json",
     "truncated",
     "usual_scales",

@@ -72,6 +72,10 @@ class Windows:
         white = self.whitening and self.whitening.of(chosen)
         return replace(self, **parts, whitening=white)
 
+    def evenly(self, count: int) -> Windows:
+        """So many of the windows from all over the recordings, or all where they are no more."""
+        return self[np.linspace(0, len(self) - 1, min(count, len(self))).round().astype(int)]
+
     @property
     def plain(self) -> Windows:
         """The same, of which only the measurement noise counts."""
@@ -90,17 +94,6 @@ class Windows:
         order = np.lexsort([both["start_s"], both["recording"]])
         return replace(self, **{name: part[order] for name, part in both.items()})
 
-    def split(self, parts: int) -> Windows:
-        """Each window as so many shorter ones, one after the other in time."""
-        T, each = self.y.shape[2] // parts, []
-        for first in range(0, parts * T, T):
-            part = self.part(first, T)
-            guess = np.stack([first_state(window, self.dt, self.std) for window in part.y])
-            y, start_s = part.y.copy(), self.start_s + first * self.dt
-            y[:, :, : math.ceil(DATA.latency_s / self.dt)] = np.nan
-            each.append(replace(part, y=y, guess=guess, start_s=start_s))
-        return reduce(Windows.joined, each)
-
     def part(self, first: int, samples: int) -> Windows:
         """Some samples of each window, with all the commands that come before them."""
         driven = slice(first * self.every, self.lead + (first + samples) * self.every)
@@ -112,6 +105,11 @@ class Windows:
     def before(self) -> Float[np.ndarray, "W lead_plus_1 X"]:
         """The states at each command before the start, and at it."""
         return np.ascontiguousarray(self.path[:, : self.lead + 1])
+
+    @property
+    def beginning(self) -> int:
+        """Samples from which the start of a window is estimated that are to tell the others."""
+        return min(round(COMPARISON.start_s / self.dt), self.y.shape[2] // 2)
 
     @property
     def held_s(self) -> float:
@@ -204,6 +202,18 @@ def _holds(recordings: Sequence[Recording]) -> int:
     return min(most, max(recording.every for recording in recordings))
 
 
+def split(windows: Windows, parts: int) -> Windows:
+    """Each window as so many shorter ones, one after the other in time."""
+    T, each = windows.y.shape[2] // parts, []
+    for first in range(0, parts * T, T):
+        part = windows.part(first, T)
+        guess = np.stack([first_state(window, windows.dt, windows.std) for window in part.y])
+        y, start_s = part.y.copy(), windows.start_s + first * windows.dt
+        y[:, :, : math.ceil(DATA.latency_s / windows.dt)] = np.nan
+        each.append(replace(part, y=y, guess=guess, start_s=start_s))
+    return reduce(Windows.joined, each)
+
+
 def apart(windows: Windows) -> tuple[Windows, Windows]:
     """Two parts of windows in the order of time that share no sample, cut near the middle.
 
@@ -271,6 +281,8 @@ class GapProblem:
     """integrator steps that it may take, however often data are left out"""
     finer: int = 1
     """times as short a timestep of the plant, so that it does less than the noise"""
+    window_s: float = DATA.window_s
+    """length of a window [s]"""
 
     @classmethod
     def of(
@@ -294,16 +306,14 @@ class GapProblem:
         most = BUDGET.steps * (BUDGET.costly if plant.costly else 1.0)
         held_s = recordings[0].dt / _holds(recordings)
         budget = ComputeBudget.at(held_s, plant.costly, most)
-        found = cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
-        windows = found.windows()
-        given = windows.commands, windows.lead, windows.held_s, windows.every
-        times, error = plant.timesteps(windows.guess, *given, windows.y, std)
-        return replace(found, finer=times, std=np.hypot(std, error))
+        return cls(plant, tuple(recordings), std, priors, tuple(train), tuple(unseen), budget)
 
     @property
     def searched(self) -> int:
         """Windows that a search looks at, for its cost."""
-        return DATA.costly_windows if self.plant.costly else DATA.searched_windows
+        if not self.plant.costly:
+            return DATA.searched_windows
+        return round(DATA.costly_windows * min(DATA.window_s / self.window_s, 3.0))
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -320,7 +330,7 @@ class GapProblem:
             how: as `cut` takes it.
         """
         chosen = self.recordings if numbers is None else [self.recordings[n] for n in numbers]
-        windows = cut(chosen, self.std, **how)
+        windows = cut(chosen, self.std, **({"seconds": self.window_s} | how))
         seen = np.repeat(windows.measured[:, 0::2].any(axis=(0, 2)), 2)
         windows = replace(windows, guess=np.where(seen, windows.guess, self.plant.rest))
         return self._begun_nearer(windows, chosen) if self.plant.costly else windows
@@ -333,7 +343,7 @@ class GapProblem:
         at = zip(windows.recording, np.round(windows.start_s / windows.dt).astype(int), strict=True)
         read = np.stack([recordings[n].states[k] for n, k in at])
         read = np.where(np.isfinite(read), read, windows.guess)
-        plant, few = self.plant, windows.part(0, round(COMPARISON.start_s / windows.dt))
+        plant, few = self.plant, windows.part(0, windows.beginning)
         each, system = np.arange(len(few)), np.zeros(len(few), dtype=np.int64)
         driven = few.commands, few.lead, few.held_s, self.budget.used, few.every
         tables, near = plant.tables(plant.nominal[None]), []
@@ -354,10 +364,14 @@ class GapProblem:
         return replace(self, recordings=tuple(cut_up))
 
     def enough_windows(self) -> Windows:
-        """Windows of all recordings, side by side, or where they are few overlapping by half."""
+        """Windows of all recordings, side by side, or where they are few overlapping by half.
+
+        Where a simulation is dear not all of very many.
+        """
         windows = self.windows()
-        few = len(windows) < self.searched
-        return self.windows(every=0.5 * DATA.window_s) if few else windows
+        if len(windows) < self.searched:
+            return self.windows(every=0.5 * self.window_s)
+        return windows.evenly(2 * self.searched) if self.plant.costly else windows
 
     def model(self, windows: Windows) -> PlantModel:
         """The nominal plant, its uncertain parameters with their priors."""

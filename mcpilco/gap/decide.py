@@ -119,8 +119,8 @@ def slight_effects(best: Fit, null: Fit, windows: Windows) -> list[EffectInstanc
 
     def moved(instance: EffectInstance) -> float:
         model, theta = _taken_out(best, instance, null)
-        y = run(model, windows, theta[None], best.x0[None], rough=True)[0]
-        change = lin.cleaned((residual(windows, y) - lin.rough)[..., None])
+        y = run(model, windows, theta[None], best.x0[None])[0]
+        change = lin.cleaned((residual(windows, y) - lin.r)[..., None])
         return float(weight @ np.square(change).sum(axis=(1, 2)))
 
     return [instance for instance in best.model.effects if moved(instance) < least]

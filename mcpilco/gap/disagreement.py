@@ -363,7 +363,8 @@ def foreseen(spans: Sequence[Event], problem: GapProblem, best: Fit) -> bool:
 
 def _short(problem: GapProblem) -> Windows:
     """Windows that overlap by half, in which a push shows."""
-    return problem.windows(seconds=FORCE.short_s, every=0.5 * FORCE.short_s)
+    short_s = min(problem.window_s, FORCE.short_s)
+    return problem.windows(seconds=short_s, every=0.5 * short_s)
 
 
 def _with_gaps(problem: GapProblem, spans: Sequence[Event]) -> GapProblem:
@@ -393,7 +394,7 @@ def recurring(spans: Sequence[Event], problem: GapProblem) -> Disagreement | Non
 
     Reference: Dunn, Multiple comparisons among means, JASA 56 (1961), for the correction.
     """
-    short = problem.windows(seconds=FORCE.short_s)
+    short = problem.windows(seconds=min(problem.window_s, FORCE.short_s))
     touched = event_of(spans, short, [recording.name for recording in problem.recordings])
     if not spans or not (touched >= 0).any():
         return None

@@ -137,6 +137,7 @@ def fit_model(
         damping = max(0.03 * damping, LEAST_DAMPING)
         wrong = model.plant.costly and temper > SEARCH.least_noise  # whose optimum tells little
         crawling = (hasty or wrong) and now - then < FIT.crawl * now
+        crawling |= model.plant.costly and now - then < FIT.settled * temper
         if crawling or share.used_up or (not kept and now - then < FIT.converged * now):
             break
         if now - then < FIT.converged * now:
@@ -219,7 +220,8 @@ def fit_initial_states(
     x0 = model.invert_sensors(theta, windows.guess) if x0 is None else x0
     y = windows.y.copy()
     y[:, :, y.shape[2] // 3 :] = np.nan
-    x0 = _fit_initial_states(model, replace(windows.plain, y=y), theta, x0)
+    if np.isfinite(y).any():
+        x0 = _fit_initial_states(model, replace(windows.plain, y=y), theta, x0)
     return _fit_initial_states(model, windows, theta, x0)
 
 

@@ -45,6 +45,7 @@ from mcpilco.gap.fit import (
     refit_truncated,
     truncated,
 )
+from mcpilco.gap.horizon import followed
 from mcpilco.gap.learned_force import corrected, with_learned_force
 from mcpilco.gap.plant_model import ComputeBudget
 from mcpilco.gap.report import Gap, experiments, far_from_noise
@@ -97,9 +98,9 @@ def investigate(
     plant = plant.knowing(own_effects(effects))
     require_recordings_of(plant, recordings)
     recordings, off = without_unpowered(plant, recordings)
-    remarks += off
+    remarks, told = remarks + off, noise or {}
     problems = [
-        GapProblem.of(plant, timed, uncertainty, free, noise or {}, held_out)
+        followed(GapProblem.of(plant, timed, uncertainty, free, told, held_out), told)
         for timed in possible_clocks(recordings)
     ]
     problems = [replace(each, budget=problems[0].budget) for each in problems]  # both share one
@@ -112,8 +113,8 @@ def investigate(
     _tell("fit of the nominal plant")
     problem = likelier_clock(problems)
     everything = problem.enough_windows()
-    if len(everything) < DATA.fewest_windows:
-        why = f"{LONGER} {len(everything)}. {MOVE}"
+    if len(everything) * problem.window_s < DATA.fewest_windows * DATA.window_s:
+        why = f"{LONGER} {len(everything) * problem.window_s / DATA.window_s:.0f}. {MOVE}"
         return _too_poor(problem, why, remarks, doubts)
 
     explained = _explain_but_events(problem, everything)
@@ -267,8 +268,7 @@ def _explain(
     `everything` are windows of all recordings, `masked` those of them that seem to hold an event.
     """
     windows = everything[everything.of(problem.train)]
-    searched = min(len(windows), problem.searched)
-    some = windows[np.linspace(0, len(windows) - 1, searched).round().astype(int)]
+    some = windows.evenly(problem.searched)
     _tell("search for effects")
     result = search(problem.model(everything), some, problem.candidates(windows), hints)
     return _Explanation(result, *_fit_all_windows(problem, result.best, everything, masked))
@@ -334,7 +334,7 @@ def _learn_force(
         return _without_spikes(base, truncated(base.model, some, base.theta))
 
     every = windows.joined(masked[masked.of(problem.train)])
-    short = problem.windows(problem.train, seconds=FORCE.short_s)
+    short = problem.windows(problem.train, seconds=min(problem.window_s, FORCE.short_s))
     fit = with_learned_force(base, usable(every), usable(short))
     missed, _ = still_missed(on_windows(fit, windows), windows, masked)
     events = spans_of(missed, problem.recordings)

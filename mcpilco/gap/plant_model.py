@@ -118,7 +118,7 @@ class PlantModel:
     budget: ComputeBudget = field(default_factory=ComputeBudget)
     """of the investigation that simulates it"""
     finer: int = 1
-    """times as short a timestep for motions that are compared; derivatives need no such"""
+    """times as short a timestep: a touch that comes at another time has another derivative too"""
 
     @property
     def effects(self) -> tuple[EffectInstance, ...]:
@@ -277,10 +277,20 @@ class PlantModel:
         return theta
 
     def plausible(self, theta: Float[np.ndarray, " n"]) -> bool:
-        """Whether no effect is larger than is plausible."""
+        """Whether no effect is larger than is plausible, nor quicker than a timestep.
+
+        A reading that is late by a part of a timestep is what another integrator does.
+        """
         values = self.decode(theta[None])[1]
-        both = zip(values, self._largest, strict=True)
-        return all(bool(np.all(value[0] <= largest)) for value, largest in both)
+        each = zip(values, self._least, self._largest, strict=True)
+        return all(bool(np.all((low <= v[0]) & (v[0] <= high))) for v, low, high in each)
+
+    @cached_property
+    def _least(self) -> list[Float[np.ndarray, " symbols"]]:
+        """Values of each effect below which no timestep can tell it."""
+        h = self.plant.finely(self.finer).timestep_s
+        seconds = [[symbol.unit == "s" for symbol in each.effect.symbols] for each in self.added]
+        return [np.where(some, h or -np.inf, -np.inf) for some in seconds]
 
     @cached_property
     def _largest(self) -> list[Float[np.ndarray, " symbols"]]:

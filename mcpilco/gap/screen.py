@@ -215,8 +215,8 @@ def signatures(
     sizes = np.concatenate(by_probe)
     thetas = np.stack([model.appended(fit.theta, size) for size in sizes])
     x0 = np.tile(fit.x0, (len(thetas), 1, 1))
-    y = run(model, windows, thetas, x0, rough=True)
-    change = view.lin.rough - residual(windows, y)
+    y = run(model, windows, thetas, x0)
+    change = view.lin.r - residual(windows, y)
     change[~np.isfinite(change) | (np.abs(change) > _most(windows))] = 0.0
     parts = np.split(change, np.cumsum([len(own) for own in by_probe])[:-1])
     straight = [_straight(probe, part) for probe, part in zip(probes, parts, strict=True)]

@@ -17,7 +17,7 @@ from itertools import combinations, product
 import numpy as np
 from jaxtyping import Float
 
-from mcpilco.gap.data import Windows
+from mcpilco.gap.data import Windows, split
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import (
     Fit,
@@ -114,6 +114,7 @@ class Tried:
             self.evidence.clear()
         self.windows = self.disturbance.whitened(self.judged(best))
         self.fits = {frozenset(f.model.effects): weighed_anew(f, self.windows) for f in followed}
+        self.null = self.fits[frozenset(self.null.model.effects)]
 
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
@@ -416,8 +417,8 @@ def search(
     """
     share = model.budget.share(BUDGET.search)
     tried, scores = _search(model, windows, candidates, share, hints)
-    if tried.judged(tried.best()).deficient and not share.used_up:
-        short, _ = _search(model, windows.split(SEARCH.parts), candidates, share)
+    if windows.y.shape[2] > 32 and tried.judged(tried.best()).deficient and not share.used_up:
+        short, _ = _search(model, split(windows, SEARCH.parts), candidates, share)
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
     if share.used_up:
         scores = _reconsider(tried, model.budget.share(BUDGET.search)) or scores
@@ -564,12 +565,19 @@ def _begun(fit: Fit, score: Score, windows: Windows, lin: Linearised) -> list[St
     begun: list[Start] = [(model, windows, theta, fit.x0) for theta in thetas.values()]
     dear = model.plant.costly
     if dear:  # initial states give way first, and what does not help then never does
-        moves = [initial_state_step(lin.Jx, residuals_at(*start)) for start in begun]
-        begun = [(*start[:3], fit.x0 + move) for start, move in zip(begun, moves, strict=True)]
+        begun = [_given_way(start, lin) for start in begun]
     missed = [misfits(*start) for start in begun]
     order = np.argsort([np.log(np.maximum(each / windows.samples, 1.0)).sum() for each in missed])
     least = np.log(fit.by_window).sum() if dear else np.inf
     return [begun[n] for n in order if np.log(missed[n]).sum() < least]
+
+
+def _given_way(start: Start, lin: Linearised) -> Start:
+    """A start whose initial states give way to what is new where less is missed by it."""
+    r = residuals_at(*start)
+    moved = start[3] + initial_state_step(lin.Jx, r)
+    less = misfits(*start[:3], moved) < np.square(r).sum(axis=1)
+    return *start[:3], np.where(less[:, None], moved, start[3])
 
 
 def without(fit: Fit, gone: Iterable[EffectInstance], windows: Windows, null: Fit) -> Fit:

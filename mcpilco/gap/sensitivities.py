@@ -30,17 +30,12 @@ def run(
     windows: Windows,
     theta: Float[np.ndarray, "S p"],
     x0: Float[np.ndarray, "S W X"],
-    rough: bool = False,
 ) -> Float[np.ndarray, "S W X T"]:
-    """Simulated measurements of S parameter vectors, each on all windows.
-
-    They are `rough` in the plant's own timesteps, which suffice for differences between them.
-    """
+    """Simulated measurements of S parameter vectors, each on all windows."""
     S, W = x0.shape[:2]
     theta, system = distinct_rows(theta)  # many starts of one system
     system, window = np.repeat(system, W), np.tile(np.arange(W), S)
-    plant = model.plant if rough else model.plant.finely(model.finer)
-    y = plant.run(
+    y = model.plant.finely(model.finer).run(
         model.tables(theta),
         system,
         np.ascontiguousarray(x0.reshape(S * W, -1)),
@@ -74,6 +69,11 @@ def residuals_at(
     return residual(windows, run(model, windows, theta[None], x0[None]))[0]
 
 
+def start_nudges(X: int) -> Float[np.ndarray, " X"]:
+    """Steps of finite differences over X initial states, each in its unit."""
+    return np.tile(START_STEPS, X // 2)
+
+
 def _lost(windows: Windows, y: Float[np.ndarray, "S W X T"]) -> Bool[np.ndarray, "W n"]:
     """Samples that one of some simulations did not reach.
 
@@ -98,8 +98,6 @@ class Linearised:
     """with theta"""
     lost: Bool[np.ndarray, "W n"]
     """where a simulation ran away before; the columns are 0 there"""
-    rough: Float[np.ndarray, "W n"]
-    """the residuals in the plant's own timesteps, from which differences count"""
 
     def __getitem__(self, chosen: Int[np.ndarray, " V"]) -> Linearised:
         """Some of the windows."""
@@ -147,7 +145,7 @@ def linearise(
     X = 0 if near else x0.shape[1]
     known = near.Jp.shape[2] if near else 0
     p = len(theta) - model.coordinates - known if over_theta else 0
-    nudges = np.tile(START_STEPS, X // 2)
+    nudges = start_nudges(X)
     nudged = np.eye(X, x0.shape[1]) * nudges[:, None]
     steps = model.steps(theta)[known : known + p]
     thetas = np.tile(theta, (1 + 2 * X + 2 * p, 1))
@@ -158,7 +156,7 @@ def linearise(
         thetas[first : first + p] += sign * np.eye(p, len(theta), known) * steps[:, None]
     low, high = model.bounds
     thetas = np.clip(thetas, low, high)
-    y = run(model, windows, thetas, moved, rough=True)
+    y = run(model, windows, thetas, moved)
     r = residual(windows, y)
     ups, downs = np.split(thetas[1 + 2 * X :, known : known + p], 2)
     spans = np.diag(ups - downs).copy() if p else np.zeros(0)
@@ -172,20 +170,10 @@ def linearise(
         learned = learned_force_columns(model, windows, theta, x0, y[0])
         learned[lost] = 0.0
         columns = np.concatenate([columns, learned], axis=2)
-    now = _compared(model, windows, theta, x0, r[0])
     if near:
         columns = np.concatenate([near.Jp, columns], axis=2)
-        return Linearised(now, near.Jx, columns, lost | near.lost, r[0])
-    return Linearised(now, Jx.transpose(1, 2, 0), columns, lost, r[0])
-
-
-def _compared(
-    model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates, rough: np.ndarray
-) -> Float[np.ndarray, "W n"]:
-    """Residuals in the timesteps in which motions are compared, where these are not the rough."""
-    if model.finer == 1:
-        return rough
-    return residuals_at(model, windows, theta, x0)
+        return Linearised(r[0], near.Jx, columns, lost | near.lost)
+    return Linearised(r[0], Jx.transpose(1, 2, 0), columns, lost)
 
 
 def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -> Linearised:
@@ -194,16 +182,15 @@ def lean(model: PlantModel, windows: Windows, theta: Theta, x0: InitialStates) -
     They are enough for steps of the initial states, each judged by the misfit that follows.
     """
     X = x0.shape[1]
-    nudges = np.tile(START_STEPS, X // 2)
+    nudges = start_nudges(X)
     moved = np.tile(x0, (1 + X, 1, 1))
     moved[1:] += np.diag(nudges)[:, None]
-    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved, rough=True)
+    y = run(model, windows, np.tile(theta, (1 + X, 1)), moved)
     r = residual(windows, y)
     Jx = (r[0] - r[1:]) / nudges[:, None, None]
     lost = _lost(windows, y)
     Jx[:, lost] = 0.0
-    now = _compared(model, windows, theta, x0, r[0])
-    return Linearised(now, Jx.transpose(1, 2, 0), np.zeros((*now.shape, 0)), lost, r[0])
+    return Linearised(r[0], Jx.transpose(1, 2, 0), np.zeros((*r[0].shape, 0)), lost)
 
 
 def motion(windows: Windows) -> Float[np.ndarray, "W T D"]:
@@ -264,7 +251,7 @@ def impulse_responses(
         hold: samples for which a pulse is held; K of them follow one another.
     """
     (W, X, T), every, lead, J = windows.y.shape, windows.every, windows.lead, len(joints)
-    tables, plant = model.tables(theta[None]), model.plant
+    tables, plant = model.tables(theta[None]), model.plant.finely(model.finer)
     added = np.tile(np.array(IDEAL_ACTUATOR), (len(tables.actuators), J, 1))  # one a joint
     actuators = np.concatenate([tables.actuators, added], axis=1)
     tables = tables._replace(drives=np.append(tables.drives, joints), actuators=actuators)

@@ -16,6 +16,10 @@ class DataThresholds:
 
     window_s: float = 1.06
     """length of a window [s]: an effect shows far above the noise, and no pole has diverged yet"""
+    shortest_s: float = 0.26
+    """the same where a motion does not answer smoothly to its start for longer [s]"""
+    bent: float = 0.1
+    """part of an answer to a start that is out of proportion, up to which it is smooth [-]"""
     past_s: float = 0.4
     """of commands that a recording must have before a window [s]: lags and delays answer to them"""
     memory_s: float = 3.0
@@ -34,7 +38,7 @@ class DataThresholds:
     searched_windows: int = 28
     """windows that a search looks at, of all recordings, for its cost; the last fit has all"""
     costly_windows: int = 14
-    """the same where MuJoCo simulates: a second of contacts costs as much as ten of a chain"""
+    """the same where MuJoCo simulates, for its cost: three times as many where they are short"""
     held_out: float = 0.42
     """most of the samples that are held out [-]"""
     fewest_to_split: int = 3
@@ -89,6 +93,8 @@ class FitThresholds:
     """relative change of the cost below which a fit ends [-]"""
     crawl: float = 0.02
     """relative change of the cost below which a hasty fit ends [-]"""
+    settled: float = 1.0
+    """change of the cost below which a dear fit ends [misfit of a sample]; a name needs 15"""
     tolerated: float = 9.0
     """times the median misfit up to which a window counts in full [-]: three standard deviations
     (Huber & Ronchetti, Robust Statistics, 2009, chapter 7, with windows for samples)"""
@@ -312,14 +318,6 @@ class ComparisonThresholds:
     """windows that must be left when those are dropped whose motion diverges"""
     end: float = 0.1
     """last part of a window, whose error counts as that at its end [-]"""
-    map_cell_s: float = 0.25
-    """of a map over time, and from the start of one window to that of the next [s]"""
-    map_windows: int = 400
-    """of a map over time, at most; long recordings have longer cells"""
-    force_span_s: float = 0.1
-    """over which the missing force is a mean [s]"""
-    force_spans: int = 6000
-    """at most; of long recordings not every sample begins one"""
 
 
 @dataclass(frozen=True)

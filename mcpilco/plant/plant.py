@@ -325,6 +325,11 @@ class Plant(ABC):
         return 1, np.zeros(len(std))
 
     @property
+    def timestep_s(self) -> float:
+        """Of a simulation that does not choose its timesteps for their error [s]; else 0."""
+        return 0.0
+
+    @property
     def costly(self) -> bool:
         """Whether a second of it takes far longer to simulate than one of a pendulum."""
         return len(self.layout.joints) > MANY

@@ -13,6 +13,7 @@ from .plots.training import (
 )
 from .recorder import Recorder, run_callbacks
 from .recording import write_recording
+from .report.gap_maps import MissingForce, TimeMap, missing_force, time_map
 from .report.gap_page import write_gap_report
 from .scene import Pose, Scene, Shape, chain_scene
 from .side_by_side import write_crossing_film, write_gap_film
@@ -21,16 +22,19 @@ from .viewer import ended_by_signals, has_display, live_viewer, open_viewer, scr
 
 __all__ = [
     "Follower",
+    "MissingForce",
     "Pose",
     "Recorder",
     "Reel",
     "Scene",
     "Shape",
+    "TimeMap",
     "chain_scene",
     "ended_by_signals",
     "estimate_cell",
     "has_display",
     "live_viewer",
+    "missing_force",
     "open_viewer",
     "plot_costs",
     "plot_coverage",
@@ -46,6 +50,7 @@ __all__ = [
     "scene_of",
     "screenshot",
     "solved_table",
+    "time_map",
     "write_collision_film",
     "write_comparison",
     "write_crossing_film",

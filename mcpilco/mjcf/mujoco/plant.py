@@ -114,6 +114,10 @@ class MujocoPlant(Plant):
         return np.sqrt(np.median(np.square(apart).mean(axis=2), axis=0))
 
     @property
+    def timestep_s(self) -> float:
+        return float(self.model.opt.timestep)
+
+    @property
     def costly(self) -> bool:
         return True
 

@@ -10,24 +10,20 @@ import numpy as np
 from jaxtyping import Float
 
 from mcpilco.gap import (
-    COMPARISON,
     IN_SAMPLE,
     Closest,
     ComparedModels,
     Comparison,
     EstimatedParameter,
     Gap,
-    MissingForce,
     NamedEffect,
     SearchResult,
     cautions,
     closed_share,
-    missing_force,
     percent,
     scaled_errors,
     squares_at_end,
     three_digits,
-    time_map,
     verdict_sentence,
 )
 from mcpilco.plant import Plant
@@ -42,6 +38,7 @@ from mcpilco.show.report.document import (
     made,
     write_document,
 )
+from mcpilco.show.report.gap_maps import FORCE_SPAN_S, MissingForce, missing_force, time_map
 
 
 def write_gap_report(gap: Gap, path: Path) -> Path:
@@ -207,7 +204,8 @@ def worth(gap: Gap, found: Comparison) -> Section:
             if gap.held_out
             else f"of the recordings, which were fitted too ({IN_SAMPLE}). "
         )
-        + f"Each starts from a state that is fitted to its first {COMPARISON.start_s:g} s. The "
+        + "Each starts from a state that is fitted to its first "
+        f"{found.windows.beginning * found.windows.dt:g} s. The "
         "bands are 95 % intervals, by a jackknife over windows that may overlap.",
         [
             draw("Error over the time since the start, by plant", plots.plot_growth, *growth),
@@ -227,7 +225,7 @@ def force(gap: Gap, models: ComparedModels) -> Section:
     pictures = [picture for j in _worst_joints(gap) for picture in _force_at(j, gap.plant, left)]
     return Section(
         f"The force that the {models.shown[0]} plant would need at a joint to reproduce the "
-        f"recorded motion, averaged over {COMPARISON.force_span_s:g} s. A curve over the velocity "
+        f"recorded motion, averaged over {FORCE_SPAN_S:g} s. A curve over the velocity "
         "is friction, one over the position a spring or the weight, one over the command the "
         "actuator; the lines are medians, half of all values lie within the bands."
         + (" That of the corrected plant should be flat." if gap.mended else ""),
@@ -323,7 +321,7 @@ def windows(gap: Gap, found: Comparison) -> Section:
             title = f"{recording}, from {found.windows.start_s[w]:.1f} s"
             runs = {name: found.runs[name][w, x] for name in names}
             measured = found.windows.y[w, x]
-            of = times, measured, runs, label, title, COMPARISON.start_s
+            of = times, measured, runs, label, title, times[found.windows.beginning]
             pictures.append(draw(f"{state} in {title}", plots.plot_window, *of, top=0.91))
     return Section(
         f"Windows in which the {names[0]} plant is worse than in 90, 50 and 10 % of all. In the "

@@ -1,4 +1,4 @@
-"""Errors of free runs on held-out windows, and maps of what a model misses."""
+"""Errors of free runs on held-out windows, with their intervals."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from mcpilco.gap.comparison import (
     error_reduction,
     free_run,
     misfit_over_expected,
-    missing_force,
     rms_interval,
     scaled_errors,
     squares_at_end,
-    time_map,
 )
 from mcpilco.gap.disturbance import Disturbance, Evidence
 from mcpilco.gap.fit import Fit, on_windows
@@ -26,8 +24,6 @@ from mcpilco.gap.report import cautions, summary
 from mcpilco.gap.search import SearchResult, nested_fits
 from mcpilco.gap.sensitivities import run
 from mcpilco.plant import EffectInstance
-from tests.mcpilco.gap.pendulum import DT, dry_friction, record
-from tests.mcpilco.gap.pushed import HIDDEN_FRICTION, PUSH_S, pushed
 
 
 def test_errors_shrink_step_by_step_from_the_nominal_plant_to_the_corrected_one(found: Gap) -> None:
@@ -163,37 +159,6 @@ def test_the_way_to_three_effects_leads_over_the_best_one_and_the_best_two_with_
         fits[0],
     )
     assert [known.model.effects for known in way] == [(c,), (b, c)]
-
-
-@pytest.mark.parametrize("dt", [DT, pytest.param(0.005, marks=pytest.mark.slow)])
-def test_the_force_left_over_is_the_hidden_one_and_nothing_once_it_is_added(
-    found: Gap, dt: float
-) -> None:
-    assert found.models is not None
-    assert found.comparison is not None
-    plants = found.models.plants()
-    friction = dry_friction(HIDDEN_FRICTION)
-    recordings = [record(np.random.default_rng(1), friction, number, dt=dt) for number in range(2)]
-    for name, size in (("nominal", HIDDEN_FRICTION), ("corrected", 0.0)):
-        left = missing_force(*plants[name], recordings, found.comparison.windows.std)
-        fast = np.abs(left.v[:, 0]) > 1.0
-        along = np.median(left.force[fast, 0] * np.sign(left.v[fast, 0]))
-        assert along == pytest.approx(-size, abs=0.015)
-
-
-def test_the_misfit_is_noise_where_the_correction_holds_and_large_at_a_push(found: Gap) -> None:
-    assert found.models is not None
-    assert found.comparison is not None
-    models = found.models.plants()
-    std = found.comparison.windows.std
-    recordings = [found.recordings[0], pushed(found.recordings[1])]
-    maps = {name: time_map(*models[name], recordings, std) for name in ("nominal", "corrected")}
-    edges, (quiet, disturbed) = maps["corrected"].edges, maps["corrected"].misfit[0]
-    inside = (edges[:-1] < PUSH_S[1]) & (edges[1:] > PUSH_S[0])
-    assert np.all(disturbed[inside] > 5.0)
-    assert np.nanmax(quiet) < 2.0
-    assert np.nanmedian(maps["nominal"].misfit[0]) > 3.0
-    assert np.isnan(maps["nominal"].misfit[1]).all()  # velocities were not measured
 
 
 def ends_of_windows(

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mcpilco.gap.data import GapProblem, Windows, apart, cut
+from mcpilco.gap.data import GapProblem, Windows, apart, cut, split
 from mcpilco.gap.fit import Fit, misfits
 from mcpilco.gap.sensitivities import run
 from tests.mcpilco.gap.test_sensitivities import hopping
@@ -18,7 +18,7 @@ def test_the_parts_of_a_window_are_driven_and_measured_as_it_is(
 ) -> None:
     """Simulated from the states on the way, they go where the whole window goes."""
     _, windows, null = lagging
-    parts = windows.split(4)
+    parts = split(windows, 4)
     T = windows.y.shape[2] // 4
     assert len(parts) == 4 * len(windows)
     assert parts.y.shape[2] == T
@@ -39,7 +39,7 @@ def test_the_start_of_each_part_is_estimated_from_it(
     lagging: tuple[GapProblem, Windows, Fit],
 ) -> None:
     _, windows, _ = lagging
-    parts = windows.split(3)
+    parts = split(windows, 3)
     first = np.nanargmax(np.isfinite(parts.y[:, 0]), axis=1)
     seen = parts.y[np.arange(len(parts)), 0, first]
     near = seen - parts.guess[:, 1] * parts.dt * first
@@ -94,7 +94,8 @@ def test_recordings_are_parted_whole_where_each_part_has_enough_of_them(
 def test_windows_of_a_machine_that_hits_the_ground_begin_at_their_readings() -> None:
     """Through an impact no cubic goes; from the readings the plant stays near."""
     problem = hopping(HOPPER, HOPPER)
-    windows, smoothed = problem.windows(), cut(problem.recordings, problem.std)
+    windows = problem.windows()
+    smoothed = cut(problem.recordings, problem.std, problem.window_s)
     model = problem.model(windows)
     near, far = (
         misfits(model, windows.part(0, 15), np.zeros(model.nuisances), each.guess)

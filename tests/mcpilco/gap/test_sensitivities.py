@@ -9,6 +9,7 @@ import pytest
 
 import envs
 from mcpilco.gap.data import GapProblem
+from mcpilco.gap.horizon import followed
 from mcpilco.gap.sensitivities import impulse_responses, linearise, run
 from mcpilco.plant import CATALOGUE, EffectInstance
 from mcpilco.recordings import Recording
@@ -20,7 +21,7 @@ FALLING = HOPPER.replace('integrator="implicitfast"/>', '><flag contact="disable
 
 
 def hopping(text: str, truth: str, seconds: float = 4.0) -> GapProblem:
-    """A hopper that MuJoCo simulates, and recordings of another one."""
+    """A hopper that MuJoCo simulates, and recordings of another one with noise of 2e-3."""
     plant, rng = plant_of_text(text), np.random.default_rng(0)
     recordings = []
     for n in range(3):
@@ -29,7 +30,7 @@ def hopping(text: str, truth: str, seconds: float = 4.0) -> GapProblem:
         y += rng.normal(0.0, 2e-3, y.shape)
         time, u = 0.02 * np.arange(len(y)), np.append(u, u[-1:], axis=0)
         recordings.append(Recording(f"{n}", time, y, u, plant.layout.states, plant.layout.inputs))
-    return GapProblem.of(plant, recordings, 0.01, (), {})
+    return followed(GapProblem.of(plant, recordings, 0.01, (), {}), {})
 
 
 @pytest.mark.slow
@@ -44,7 +45,7 @@ def test_responses_to_pulses_are_those_to_forces_along_the_whole_motion() -> Non
     (found,) = impulse_responses(model, windows, theta, windows.guess, [3], 3)
     pushed, more = model.grown(theta, push, [1e-4])
     with_push, without = (
-        run(each, windows, at[None], windows.guess[None], rough=True)[0]
+        run(each, windows, at[None], windows.guess[None])[0]
         for each, at in ((pushed, more), (model, theta))
     )
     change = np.where(windows.measured, (with_push - without) / 1e-4, 0.0)
@@ -75,7 +76,8 @@ def test_motions_are_compared_in_timesteps_that_do_less_than_the_noise() -> None
     model = coarse.model(windows)
     theta = np.zeros((1, model.nuisances))
     rough, compared = (
-        run(model, windows, theta, windows.guess[None], rough=each) for each in (True, False)
+        run(replace(model, finer=times), windows, theta, windows.guess[None])
+        for times in (1, model.finer)
     )
     fine = coarse.plant.finely(27)
     least = run(replace(model, plant=fine, finer=1), windows, theta, windows.guess[None])
