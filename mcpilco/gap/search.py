@@ -114,7 +114,7 @@ class Tried:
             self.evidence.clear()
         self.windows = self.disturbance.whitened(self.judged(best))
         self.fits = {frozenset(f.model.effects): weighed_anew(f, self.windows) for f in followed}
-        self.null = self.fits[frozenset(self.null.model.effects)]
+        self.null = weighed_anew(self.null, self.windows)
 
     def keep(self, fit: Fit) -> Fit:
         """The better of a fit and the one of these effects that there was."""
