@@ -34,7 +34,7 @@ from mcpilco.gap.fit import (
 from mcpilco.gap.plant_model import BudgetShare, ComputeBudget, InitialStates, PlantModel, Theta
 from mcpilco.gap.screen import Score, screen
 from mcpilco.gap.sensitivities import Linearised, linearise, residuals_at
-from mcpilco.gap.thresholds import BUDGET, SEARCH, VERDICT
+from mcpilco.gap.thresholds import BUDGET, DATA, SEARCH, VERDICT
 from mcpilco.plant import EffectInstance
 
 Effects = frozenset[EffectInstance]
@@ -417,7 +417,8 @@ def search(
     """
     share = model.budget.share(BUDGET.search)
     tried, scores = _search(model, windows, candidates, share, hints)
-    if windows.y.shape[2] > 32 and tried.judged(tried.best()).deficient and not share.used_up:
+    longer = windows.y.shape[2] // SEARCH.parts * windows.dt > DATA.latency_s  # else none is left
+    if longer and tried.judged(tried.best()).deficient and not share.used_up:
         short, _ = _search(model, split(windows, SEARCH.parts), candidates, share)
         scores = _improve(tried.following(short.ranked[: SEARCH.hints]), share) or scores
     if share.used_up:
